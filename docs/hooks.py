@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parent.parent
 TEXTS = {
     "plant.md": "workbench/car/README.md",
+    "rig.md": "workbench/rig/README.md",
     "aerodynamics.md": "workbench/aero/README.md",
     "optimiser.md": "optimisation/swing/README.md",
     "safety.md": "hardware/README.md",

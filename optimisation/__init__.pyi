@@ -1,6 +1,7 @@
 """What `aerodima.optimisation` promises; the modules behind it may move."""
 
 from .identify.fit_figures import plot_curves as plot_curves
+from .identify.fit_options import FitOptions as FitOptions
 from .identify.fit_pipeline import fit as fit
 from .identify.fit_program import FitProgram as FitProgram
 from .identify.fit_report import format_estimate as format_estimate
@@ -9,7 +10,6 @@ from .identify.gauss_newton import solve_rollout as solve_rollout
 from .identify.least_squares import Parameter as Parameter
 from .identify.least_squares import Parameters as Parameters
 from .identify.least_squares import Problem as Problem
-from .identify.log_rig import FitOptions as FitOptions
 from .identify.noise import independent_noise as independent_noise
 from .identify.noise import serial_noise as serial_noise
 from .identify.static_fit import fit_static_log as fit_static_log

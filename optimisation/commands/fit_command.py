@@ -18,8 +18,8 @@ from aerodima.workbench.core.errors import FitError, UserError
 if TYPE_CHECKING:
     import pandas as pd
 
+    from aerodima.optimisation.identify.fit_options import FitOptions
     from aerodima.optimisation.identify.fit_result import FitResult
-    from aerodima.optimisation.identify.log_rig import FitOptions
 
     Extra = tuple[dict[str, pd.DataFrame], list[str]]
     """Tables by name, and a line for each that is left out."""
@@ -66,13 +66,10 @@ class LogFit:
         """The choices for logs of some kinds; what is wrong with them is refused here, once and not
         for every log.
         """
+        from aerodima.optimisation.identify.fit_options import KNOWLEDGE
         from aerodima.optimisation.identify.huber import LOSSES
-        from aerodima.optimisation.identify.log_rig import (
-            KNOWLEDGE,
-            constant_names,
-            named_rig,
-            require_constants,
-        )
+        from aerodima.optimisation.identify.log_rig import named_rig
+        from aerodima.optimisation.identify.rig_constants import constant_names, require_constants
 
         names = tuple(dict.fromkeys(name.strip() for name in self.free.split(",") if name.strip()))
         require_constants(

@@ -23,6 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from aerodima.optimisation.identify.car_log import CarDrive, car_drive
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.fit_program import FitProgram
 from aerodima.optimisation.identify.fit_result import FitResult, make_result
 from aerodima.optimisation.identify.gauss_newton import SolverOptions, solve_from
@@ -33,7 +34,6 @@ from aerodima.optimisation.identify.least_squares import (
     Solution,
     StartResult,
 )
-from aerodima.optimisation.identify.log_rig import FREE, FitOptions
 from aerodima.optimisation.identify.noise import Noise, serial_noise
 from aerodima.optimisation.identify.uncertainty import uncertainty
 from aerodima.workbench.core.array_types import FloatArray

@@ -22,11 +22,11 @@ from aerodima.optimisation.identify.fit_pipeline import fit
 from aerodima.optimisation.identify.fit_result import FitResult, make_curve
 from aerodima.optimisation.identify.huber import Loss, huber
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem
-from aerodima.optimisation.identify.log_rig import with_values
 from aerodima.optimisation.identify.noise import Noise, independent_noise
-from aerodima.optimisation.identify.static_fit import StaticBalance
+from aerodima.optimisation.identify.rig_constants import with_values
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.resources import published_rows, published_table
+from aerodima.workbench.rig.pendulum import StaticBalance
 from aerodima.workbench.scenario.rig_scenario import RigScenario, rig_scenario_from_dict
 
 OUTLIER = 0.03
@@ -258,7 +258,7 @@ def _unknown(section: str, key: str) -> Parameter:
 def balances() -> dict[int, StaticBalance]:
     """The held rig with each of the three tails, with the parameters of `models/`."""
     return {
-        tail: StaticBalance.of(
+        tail: StaticBalance.from_scenario(
             rig_scenario_from_dict({"experiment": {"kind": "static", "tail": tail}})
         )
         for tail in _TAILS
@@ -272,7 +272,7 @@ def with_constants(balance: StaticBalance, tail: int, values: dict[str, float]) 
         "tunnel": {"jet_edge_depth": values["jet_edge_depth"]},
         f"tail_{tail}": {key: values[f"tail_{tail}_{key}"] for key in ("com_distance", "gap")},
     }
-    return StaticBalance.of(with_values(balance.scenario, changes))
+    return StaticBalance.from_scenario(with_values(balance.scenario, changes))
 
 
 def predicted_currents(rigs: dict[int, StaticBalance], rows: pd.DataFrame) -> FloatArray:

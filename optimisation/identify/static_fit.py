@@ -8,37 +8,27 @@ which the tail would creep against its friction if the current did not hold it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.fit_pipeline import fit
 from aerodima.optimisation.identify.fit_result import FitResult
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution
-from aerodima.optimisation.identify.log_rig import (
-    BIASES,
-    FREE,
-    FitOptions,
-    accuracies,
-    differences,
-    shifted,
-    speed_accuracy,
-)
+from aerodima.optimisation.identify.log_rig import differences
 from aerodima.optimisation.identify.noise import Noise
+from aerodima.optimisation.identify.rig_constants import BIASES, accuracies, shifted, speed_accuracy
 from aerodima.optimisation.identify.static_log import REACTIONS, StaticData, static_data
 from aerodima.optimisation.identify.uncertain_constants import UncertainRig
-from aerodima.workbench.aero.polar_law import PolarLaw
-from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.core.resources import published_table
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.rig.rig_layout import bar_layout, pivot_position, tail_layout
-from aerodima.workbench.scenario.rig_scenario import RigScenario
+from aerodima.workbench.rig.pendulum import StaticBalance
 
 UNKNOWNS = {
     "cd": Parameter("cd", "1", 0.0, -0.1, 3.0, scale=1.0),
@@ -52,14 +42,6 @@ _MAX_SIGMA = 3.0
 """Standard deviations beyond which a prediction is not that of the log."""
 _TURN = 1e-5
 """Step of the central difference over psi3, rad: its error is of the order of 1e-11."""
-Vector3 = tuple[float, float, float]
-UPRIGHT_MARGIN = math.radians(0.5)
-"""A tail that hangs straight within this has its lift to the root, on whichever side of 0 an
-encoder reads it."""
-_DRAG = PolarLaw(1.0, 0.0)
-"""Drag alone, with a coefficient of 1."""
-_LIFT = PolarLaw(0.0, 1.0, lift_blend=0.0)
-"""Lift alone, with a coefficient of 1."""
 
 
 def static_parameters(data: StaticData, options: FitOptions = FREE) -> Parameters:
@@ -92,7 +74,7 @@ class StaticResidual:
 
     def __init__(self, data: StaticData) -> None:
         self._data = data
-        self._balance = StaticBalance.of(data.scenario)
+        self._balance = StaticBalance.from_scenario(data.scenario)
         self._rows = [i for i in range(6) if data.present[i]]
         self._weights = accuracies()[self._rows]
         speed = speed_accuracy()
@@ -201,7 +183,9 @@ def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:
     facts: dict[str, Any] = dict(data.facts)
     if math.isfinite(data.current):
         facts["logged_current_a"] = data.current
-    facts["exposed_length_m"] = exposed = StaticBalance.of(data.scenario).exposed_length(data.angle)
+    facts["exposed_length_m"] = exposed = StaticBalance.from_scenario(data.scenario).exposed_length(
+        data.angle
+    )
     result = fit(
         problem,
         residual.noise,
@@ -261,7 +245,7 @@ def _against_logged_current(result: FitResult, data: StaticData) -> list[str]:
     A held tail sticks: within its Coulomb friction the motor need not hold it.
     """
     current = result["current"]
-    if not (math.isfinite(data.current) and current.identifiable) or current.frozen:
+    if not (math.isfinite(data.current) and current.identifiable) or current.fixed:
         return []
     motor = data.scenario.maxon.torque_constant
     stuck = data.scenario.friction.coulomb / motor
@@ -290,146 +274,3 @@ def fit_static_log(
     """
     options.require_known(list(UNKNOWNS))
     return fit_static(static_data(read_run_log(path), rest, options), options)
-
-
-@dataclass(frozen=True)
-class StaticBalance:
-    """A held rig.
-
-    Attributes:
-        scenario: masses, places, air.
-        pivot: p_WP (3), m.
-        tail, bar: sections, each in its own frame with the axis hanging down.
-    """
-
-    scenario: RigScenario
-    pivot: Vector3
-    tail: SectionLayout
-    bar: SectionLayout
-
-    @classmethod
-    def of(cls, scenario: RigScenario) -> StaticBalance:
-        """The balance of a scenario with a cheetah tail."""
-        if not scenario.has_cheetah_tail:
-            raise FitError(
-                f"static fit: experiment {scenario.experiment.kind!r} has no cheetah tail on the "
-                "rig"
-            )
-        x, y, z = pivot_position(scenario.mount).tolist()
-        return cls(scenario, (x, y, z), tail_layout(scenario), bar_layout(scenario))
-
-    @property
-    def torque_constant(self) -> float:
-        """Torque constant of the motor at the bar, N m/A."""
-        return self.scenario.maxon.torque_constant
-
-    @property
-    def root_distance(self) -> float:
-        """From the pivot to the root of the tail, m."""
-        return self.scenario.bar.tail_distance + self.scenario.cheetah_tail.gap
-
-    def tail_axis(self, angle: float) -> Vector3:
-        """Unit vector from root to tip in W (3): that of the bar and the misalignment."""
-        return hanging_axis(angle + self.scenario.tunnel.misalignment)
-
-    def jet(self, psi: float) -> Jet:
-        """The jet below the pivot, turned by psi (rad) about z."""
-        tunnel = self.scenario.tunnel
-        return Jet.below_pivot(self.pivot, tunnel.jet_edge_depth, psi, tunnel.jet_slope)
-
-    def hanging(self, angle: float) -> tuple[FloatArray, float]:
-        """Reactions (6: N, N m) and the torque about the motor axis (positive downstream, N m) of
-        the weight alone.
-        """
-        a = np.array(hanging_axis(angle))
-        root = self.root_distance * a
-        pivot = np.asarray(self.pivot)
-        scenario = self.scenario
-        mount = scenario.mount
-        bar = scenario.bar
-        tail = scenario.cheetah_tail
-        bodies = [
-            (mount.mass, np.array([mount.com_x, mount.com_y, mount.com_z])),
-            (bar.mass, pivot + bar.com_distance * a),
-            (tail.mass, pivot + root + tail.com_distance * np.array(self.tail_axis(angle))),
-        ]
-        mass = sum(m for m, _ in bodies)
-        first = np.sum([m * p for m, p in bodies], axis=0)
-        g = scenario.environment.gravity
-        swinging = sum(m * (p[1] - pivot[1]) for m, p in bodies[1:])
-        reactions = np.array([0.0, 0.0, mass * g, g * first[1], -g * first[0], 0.0])
-        return reactions, float(g * swinging)
-
-    def wind_effect(self, angle: float, wind_speed: float, psi: float) -> FloatArray:
-        """What the wind adds: rows bar, unit C_D and unit C_L of the tail; columns reactions (6)
-        and axis torque.
-
-        Args:
-            angle: rad; a tail that hangs within half a degree of straight down has its lift to the
-                root.
-            wind_speed: m/s.
-            psi: rad.
-        """
-        wind = (wind_speed * math.sin(psi), -wind_speed * math.cos(psi), 0.0)
-        jet = self.jet(psi)
-        misalignment = self.scenario.tunnel.misalignment
-        a = hanging_axis(angle)
-        b = self.tail_axis(angle)
-        bar = self._forces((_DRAG,), self.bar, 0.0, a, a, wind, jet)[0]
-        tail = self._forces((_DRAG, _LIFT), self.tail, self.root_distance, a, b, wind, jet)
-        if -UPRIGHT_MARGIN < angle < 0.0 <= misalignment and angle + misalignment < 0.0:
-            tail[1] = [-value for value in tail[1]]
-        return np.array([[self.scenario.bar.drag_coefficient * value for value in bar], *tail])
-
-    def _forces(
-        self,
-        laws: Sequence[PolarLaw],
-        layout: SectionLayout,
-        root: float,
-        a: Vector3,
-        b: Vector3,
-        wind: Vector3,
-        jet: Jet,
-    ) -> list[list[float]]:
-        """Rows of reactions and axis torque per law, for sections along b that begin at the
-        distance `root` along a.
-        """
-        p_WR = tuple(p + root * d for p, d in zip(self.pivot, a, strict=True))
-        interval = jet.exposed_interval(layout, p_WR, b)
-        if interval is None:
-            return [[0.0] * 7] * len(laws)
-        begin, end = interval
-        area = (end - begin) * layout.chord
-        middle = 0.5 * (begin + end)
-        x, y, z = (p + middle * d for p, d in zip(p_WR, b, strict=True))
-        _, pivot_y, pivot_z = self.pivot
-        arm_y = y - pivot_y
-        arm_z = z - pivot_z
-        density = self.scenario.environment.air_density
-        rows = []
-        for law in laws:
-            f, g, h = law.section_force(wind, b, layout.normal_B, area, density)
-            moment = (z * g - y * h, x * h - z * f, y * f - x * g)
-            rows.append([-f, -g, -h, *moment, arm_z * g - arm_y * h])
-        return rows
-
-    def exposed_length(self, angle: float, psi: float = 0.0) -> float:
-        """How much of the tail is in the jet, m."""
-        root = np.asarray(self.pivot) + self.root_distance * np.array(hanging_axis(angle))
-        interval = self.jet(psi).exposed_interval(self.tail, root.tolist(), self.tail_axis(angle))
-        if interval is None:
-            return 0.0
-        return float(interval[1] - interval[0])
-
-    def holding_current(
-        self, angle: float, wind_speed: float, cd: float, cl: float, psi: float
-    ) -> float:
-        """The current that holds the tail still, A."""
-        effect = self.wind_effect(angle, wind_speed, psi)
-        torque = self.hanging(angle)[1] + float(np.array([1.0, cd, cl]) @ effect[:, 6])
-        return torque / self.torque_constant
-
-
-def hanging_axis(angle: float) -> Vector3:
-    """Unit vector from the pivot to the tip in W (3): down at 0, downstream (-y) at 90 degrees."""
-    return (0.0, -math.sin(angle), -math.cos(angle))

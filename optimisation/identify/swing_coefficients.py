@@ -16,16 +16,9 @@ from typing import Literal
 
 import numpy as np
 
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.fit_result import FitResult
 from aerodima.optimisation.identify.least_squares import Parameter
-from aerodima.optimisation.identify.log_rig import FREE, FitOptions
-from aerodima.optimisation.identify.pendulum import (
-    Pendulum,
-    Torque,
-    air_torque,
-    friction_torque,
-    known_friction,
-)
 from aerodima.optimisation.identify.swing_fit import SwingModel, TorqueLaw, Values
 from aerodima.optimisation.identify.swing_log import SwingData, swing_data
 from aerodima.workbench.aero.laws import NormalForceLaw, SpeedLine, SpeedTable
@@ -33,6 +26,13 @@ from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS, LEAST_INERTIA_LE
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.core.resources import published_table
 from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.rig.pendulum import (
+    PendulumModel,
+    Torque,
+    air_torque,
+    friction_torque,
+    known_friction,
+)
 from aerodima.workbench.scenario.rig_scenario import RigScenario
 
 Shape = Literal["constant", "line", "bins"]
@@ -129,7 +129,7 @@ def friction_law(data: SwingData) -> TorqueLaw:
         fixed.append(air)
     if scenario.is_robot:
         fixed.append(motor_of(scenario))
-    gain = (scenario.robot_friction if scenario.is_robot else scenario.friction).tanh_gain
+    gain = scenario.joint_friction.tanh_gain
     return lambda values: [*fixed, friction_torque(values["coulomb"], values["viscous"], gain)]
 
 
@@ -166,8 +166,8 @@ def still_tail_law(data: SwingData) -> TorqueLaw:
 
 
 def added_mass_parameter(data: SwingData) -> Parameter:
-    """Added mass from 0, up to 1 kg per part; at least 3 % of the inertia must be left."""
-    least = (1.0 - LEAST_INERTIA_LEFT) * Pendulum.of(data.scenario).least_added_mass
+    """Seed 0, up to 1 kg per part; at least 3 % of the inertia must be left."""
+    least = (1.0 - LEAST_INERTIA_LEFT) * PendulumModel.from_scenario(data.scenario).min_added_mass
     return Parameter("added_mass", "kg", 0.0, least, _MAX_ADDED_MASS, scale=0.02)
 
 
@@ -207,10 +207,9 @@ def coarse_scan(model: SwingModel, low: float, high: float) -> float:
     """
     data = model.data
     pendulum = model.pendulum
-    arms = sum(s * s for s in pendulum.part_distances)
     inertia = np.array([pendulum.total_inertia(low), pendulum.total_inertia(high)])
     frequencies = np.linspace(inertia[1] ** -0.5, inertia[0] ** -0.5, _SCANNED)
-    masses = np.clip((frequencies**-2.0 - pendulum.inertia) / arms, low, high)
+    masses = np.clip((frequencies**-2.0 - pendulum.inertia) / pendulum.added_arms, low, high)
     count = min(int(_SCANNED_LENGTH / data.step) + 1, len(data.time))
     start = {"start_angle": data.angle[0], "start_rate": data.start_rate}
 

@@ -15,21 +15,18 @@ from typing import Any
 
 import numpy as np
 
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.fit_pipeline import fit
 from aerodima.optimisation.identify.fit_result import FitResult, make_curve
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution
-from aerodima.optimisation.identify.log_rig import (
-    FREE,
-    FitOptions,
-    differences,
-    shifted,
-    speed_accuracy,
-)
+from aerodima.optimisation.identify.log_rig import differences
 from aerodima.optimisation.identify.noise import Noise, serial_noise
-from aerodima.optimisation.identify.pendulum import Pendulum, Torque, roll_out, torque_response
+from aerodima.optimisation.identify.rig_constants import shifted, speed_accuracy
 from aerodima.optimisation.identify.swing_log import SwingData, motor_torque
 from aerodima.optimisation.identify.uncertain_constants import UncertainRig
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.rig.pendulum import PendulumModel, Torque
+from aerodima.workbench.rig.swing_motion import simulate_swing, torque_response
 
 Values = Mapping[str, float]
 TorqueLaw = Callable[[Values], Sequence[Torque]]
@@ -53,9 +50,9 @@ class SwingModel:
     law: Callable[[SwingData], TorqueLaw]
 
     @cached_property
-    def pendulum(self) -> Pendulum:
+    def pendulum(self) -> PendulumModel:
         """Its inertia and weight."""
-        return Pendulum.of(self.data.scenario)
+        return PendulumModel.from_scenario(self.data.scenario)
 
     @cached_property
     def torques(self) -> TorqueLaw:
@@ -65,7 +62,7 @@ class SwingModel:
     def motion(self, values: Values, count: int | None = None) -> tuple[FloatArray, FloatArray]:
         """Angles (rad), rates (rad/s) on the data's grid, or its first `count` times (n each)."""
         data = self.data
-        return roll_out(
+        return simulate_swing(
             self.pendulum,
             self.torques(values),
             (values["start_angle"], values["start_rate"]),

@@ -31,7 +31,7 @@ from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.logs.schema import write_run_log
 from aerodima.workbench.rig.rig_plant import Rig
-from aerodima.workbench.rig.rig_station import simulate_static_log
+from aerodima.workbench.rig.static_hold import simulate_static_log
 from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 from tests.benchmarks.rows import BenchRow
 

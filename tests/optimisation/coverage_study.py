@@ -9,7 +9,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from aerodima.optimisation.identify.log_rig import FitOptions
+from aerodima.optimisation.identify.fit_options import FitOptions
 from aerodima.optimisation.identify.static_fit import fit_static
 from aerodima.optimisation.identify.static_log import static_data
 from aerodima.optimisation.identify.swing_coefficients import fit_added_mass, fit_friction

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.logs.schema import write_run_log
-from aerodima.workbench.rig.rig_station import simulate_static_log
+from aerodima.workbench.rig.static_hold import simulate_static_log
 from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 
 

@@ -12,7 +12,7 @@ import yaml
 from scipy.signal import butter, sosfiltfilt
 from typer.testing import CliRunner
 
-from aerodima.optimisation.identify.log_rig import FitOptions
+from aerodima.optimisation.identify.fit_options import FitOptions
 from aerodima.optimisation.identify.residual_check import chance_of, check_residual
 from aerodima.optimisation.identify.static_fit import fit_static
 from aerodima.optimisation.identify.static_log import static_data
@@ -27,7 +27,7 @@ from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.logs.importers import import_log
 from aerodima.workbench.logs.mapping import mapping_from
-from aerodima.workbench.rig.rig_station import simulate_static_log
+from aerodima.workbench.rig.static_hold import simulate_static_log
 from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 from tests.optimisation import coverage_study
 from tests.optimisation.coverage import assert_standard

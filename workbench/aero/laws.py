@@ -65,11 +65,13 @@ def dot(a: Vector, b: Vector) -> Scalar:
 
 def cross(a: Vector, b: Vector) -> tuple[Scalar, Scalar, Scalar]:
     """Cross product of two vectors of three scalars."""
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+    a_x, a_y, a_z = a
+    b_x, b_y, b_z = b
+    return a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x
 
 
 class SectionLaw(ABC):
-    """What `TailForce` asks of a law.
+    """Force law of a section, as `TailForce` asks for it.
 
     Attributes:
         knows_normal: the force depends on the normal n, so that the air can turn a sail about its
@@ -94,8 +96,8 @@ class SectionLaw(ABC):
 
     @abstractmethod
     def covers(self, speed: float, angle: float) -> bool:
-        """Whether a speed (m/s) and an angle of attack (rad) lie inside the measured range of the
-        coefficients.
+        """Tells whether a speed (m/s) and an angle of attack (rad) lie inside the measured range
+        of the coefficients.
         """
 
 
@@ -176,7 +178,9 @@ def plate_force(
         along, against: C_N when the air blows along +n, and along -n.
     """
     (ux, uy, uz), (kx, ky, kz), (ax, ay, az), (nx, ny, nz) = line
-    cx, cy, cz = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax  # chord direction n x a
+    cx = ny * az - nz * ay  # chord direction n x a
+    cy = nz * ax - nx * az
+    cz = nx * ay - ny * ax
     u_n = ux * nx + uy * ny + uz * nz
     k_n = kx * nx + ky * ny + kz * nz
     u_c = ux * cx + uy * cy + uz * cz
@@ -202,9 +206,9 @@ def plate_force(
             total += f
             moment += s * f
     total = scale * total
-    moment = scale * moment
     # The moment s a x (f n) lies along a x n = -c.
-    return (total * nx, total * ny, total * nz, -moment * cx, -moment * cy, -moment * cz)
+    moment = -(scale * moment)
+    return total * nx, total * ny, total * nz, moment * cx, moment * cy, moment * cz
 
 
 def require_increasing(name: str, values: Sequence[float], where: str) -> None:
@@ -264,12 +268,11 @@ class SpeedTable:
         if speed >= speeds[-1]:
             return values[-1]
         i = bisect_right(speeds, float_of(speed)) - 1
-        return values[i] + (values[i + 1] - values[i]) / (speeds[i + 1] - speeds[i]) * (
-            speed - speeds[i]
-        )
+        slope = (values[i + 1] - values[i]) / (speeds[i + 1] - speeds[i])
+        return values[i] + slope * (speed - speeds[i])
 
     def covers(self, speed: float) -> bool:
-        """Whether the speed lies inside the table."""
+        """Tells whether the speed lies inside the table."""
         return self.speeds[0] <= speed <= self.speeds[-1]
 
 
@@ -302,7 +305,7 @@ class SpeedLine:
         return self.intercept + self.slope * speed
 
     def covers(self, speed: float) -> bool:
-        """Whether the speed lies inside the range."""
+        """Tells whether the speed lies inside the range."""
         return self.speed_range[0] <= speed <= self.speed_range[1]
 
 
@@ -333,8 +336,10 @@ class NormalForceLaw(SectionLaw):
         if not callable(coefficient):
             return plate_force(line, distances, areas, density, coefficient, coefficient)
         u, k, _, _ = line
-        speeds = (length((u[0] + s * k[0], u[1] + s * k[1], u[2] + s * k[2])) for s in distances)
-        weighted = [area * coefficient(speed) for area, speed in zip(areas, speeds, strict=True)]
+        weighted = []
+        for s, area in zip(distances, areas, strict=True):
+            v = (u[0] + s * k[0], u[1] + s * k[1], u[2] + s * k[2])
+            weighted.append(area * coefficient(length(v)))
         return plate_force(line, distances, weighted, density, 1.0, 1.0)
 
     def covers(self, speed: float, angle: float) -> bool:

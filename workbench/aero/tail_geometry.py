@@ -13,7 +13,7 @@ straight, tapered, bent or swept.
   pieces, the normal leaves the round side (as the sail in models/tail/tail.sdf), the material is
   pi/2 of the opening.
 
-All integrals are closed forms. Areas are planform areas. The centre of pressure is that of even
+Inertias are exact (`tail_mass`). Areas are planform areas. The centre of pressure is that of even
 pressure, which is where sections put the force of a steady broadside wind; how it moves with the
 angle of attack is not modelled. Sections do not shade one another. Behind a plate with C_D the air
 is slower by 0.976 sqrt(C_D c / x) of its speed, x behind a chord c (Schlichting, Boundary-Layer
@@ -22,16 +22,34 @@ Theory): a second row of plates is worth less than its sections say.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import combinations, pairwise
+from itertools import combinations, pairwise, product
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
+from pydrake.math import RotationMatrix
+from pydrake.multibody.tree import SpatialInertia
 
 from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.aero.tail_mass import (
+    inertia_of_inertial,
+    inertial_of_inertia,
+    placed,
+    plate_inertia,
+    rod_inertia,
+    shell_inertia,
+    total_inertia,
+)
+from aerodima.workbench.aero.tail_pieces import (
+    Piece,
+    Vector,
+    as_tuple,
+    gap,
+    overlap,
+    trapezoid_centre,
+    unit_vector,
+)
 from aerodima.workbench.core.checked_files import QuantityModel, lines_of, quantity
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.sdf_model import Inertial
@@ -40,161 +58,12 @@ SCHEMA: Literal["aerodima/tail/1"] = "aerodima/tail/1"
 
 SAME_PLANE = 1e-3
 """m; plates nearer than this, measured along their normal, count as lying in one plane."""
-Vector = tuple[float, float, float]
+_ALONG = 1e-3
+"""Sine of an angle below which a normal counts as running along its axis."""
 UP: Vector = (0.0, 0.0, 1.0)
 """z of the frame T: along a straight tail, from root to tip."""
 _Vector = Annotated[Vector, Field(strict=False)]
 _Sizes = Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(strict=False, min_length=1)]
-
-
-@dataclass(frozen=True)
-class MassMoments:
-    """Mass (kg), first (3, kg m) and second moments (3 x 3, kg m2) about an origin."""
-
-    mass: float
-    first: np.ndarray
-    second: np.ndarray
-
-    @classmethod
-    def zero(cls) -> MassMoments:
-        """The moments of no mass."""
-        return cls(0.0, np.zeros(3), np.zeros((3, 3)))
-
-    @classmethod
-    def of(cls, inertial: Inertial) -> MassMoments:
-        """The moments of a body whose centre of mass and inertia about it are known."""
-        inertia = inertial.matrix
-        com = np.asarray(inertial.com)
-        about_com = np.trace(inertia) / 2 * np.eye(3) - inertia
-        return cls(
-            inertial.mass, inertial.mass * com, about_com + inertial.mass * np.outer(com, com)
-        )
-
-    def __add__(self, other: MassMoments) -> MassMoments:
-        return MassMoments(
-            self.mass + other.mass, self.first + other.first, self.second + other.second
-        )
-
-    def moved(self, frame: np.ndarray, origin: np.ndarray) -> MassMoments:
-        """The same body in another frame: `frame` has its own axes as columns (3 x 3), `origin` its
-        origin (3), m.
-        """
-        first = frame @ self.first
-        mixed = np.outer(origin, first)
-        second = (
-            frame @ self.second @ frame.T + mixed + mixed.T + self.mass * np.outer(origin, origin)
-        )
-        return MassMoments(self.mass, first + self.mass * origin, second)
-
-    def inertial(self) -> Inertial:
-        """Mass, centre of mass, and inertia about it."""
-        com = self.first / self.mass
-        second = self.second - np.outer(self.first, com)
-        inertia = np.trace(second) * np.eye(3) - second
-        x, y, z = com.tolist()
-        xx, yy, zz = np.diag(inertia).tolist()
-        xy, xz, yz = (_whole(inertia[i, j], inertia) for i, j in ((0, 1), (0, 2), (1, 2)))
-        return Inertial(self.mass, (x, y, z), (xx, yy, zz), (xy, xz, yz))
-
-
-def _whole(product: float, inertia: np.ndarray) -> float:
-    """A product of inertia; that of a symmetric body, which is rounding, as 0."""
-    if abs(product) < 1e-14 * float(np.trace(inertia)):
-        return 0.0
-    return float(product)
-
-
-def rod_moments(density: float, length: float, radius: float) -> MassMoments:
-    """A thin rod along z of `density` kg/m, with the moment m r^2 / 2 of a solid cylinder about its
-    own axis.
-    """
-    mass = density * length
-    # m r^2 / 2 about z is x^2 + y^2; as a thin rod's, its transverse moments leave that out.
-    about_z = 0.5 * mass * radius**2
-    second = np.diag([about_z / 2, about_z / 2, mass * length**2 / 3 - about_z / 2])
-    return MassMoments(mass, np.array([0.0, 0.0, mass * length / 2]), second)
-
-
-def plate_moments(
-    density: float, length: float, chords: tuple[float, float], depth: float
-) -> MassMoments:
-    """A flat trapezoid of `density` kg/m2, its mass spread evenly over `depth`."""
-    near, far = chords
-    mass = density * length * (near + far) / 2
-    along = density * length**3 * (near + 3 * far) / 12
-    across = density / 12 * length * (near + far) * (near**2 + far**2) / 4
-    first = np.array([0.0, 0.0, density * length**2 * (near + 2 * far) / 6])
-    return MassMoments(mass, first, np.diag([across, mass * depth**2 / 12, along]))
-
-
-def shell_moments(
-    density: float,
-    length: float,
-    chords: tuple[float, float],
-    cap_density: float,
-    closed: tuple[bool, bool],
-) -> MassMoments:
-    """Half a cone of `density` kg/m2, round towards +y, with half discs of `cap_density` at the
-    closed ends.
-    """
-    near = chords[0] / 2
-    far = chords[1] / 2
-    slant = density * math.hypot(1.0, (far - near) / length)
-    around = slant * math.pi
-    mass = around * length * (near + far) / 2
-    deep = slant * 2 * length * (near**2 + near * far + far**2) / 3
-    along = around * length**2 * (near + 2 * far) / 6
-    across = around / 2 * length * (near + far) * (near**2 + far**2) / 4
-    second = np.diag([across, across, around * length**3 * (near + 3 * far) / 12])
-    mixed = slant * 2 * length**2 * (near**2 + 2 * near * far + 3 * far**2) / 12
-    second[1, 2] = mixed
-    second[2, 1] = mixed
-    total = MassMoments(mass, np.array([0.0, deep, along]), second)
-    for radius, place, is_closed in zip((near, far), (0.0, length), closed, strict=True):
-        if is_closed and cap_density > 0.0:
-            mass = cap_density * math.pi * radius**2 / 2
-            first = np.array([0.0, mass * 4 * radius / (3 * math.pi), 0.0])
-            square = mass * radius**2 / 4
-            disc = MassMoments(mass, first, np.diag([square, square, 0.0]))
-            total = total + disc.moved(np.eye(3), np.array([0.0, 0.0, place]))
-    return total
-
-
-@dataclass(frozen=True)
-class Piece:
-    """One straight piece of a plate.
-
-    Attributes:
-        start: middle of its near edge in T, m.
-        axis, normal, across: unit vectors; the outline lies in the plane of axis and across.
-        length: m.
-        chords: widths at the near and at the far end, m.
-    """
-
-    start: np.ndarray
-    axis: np.ndarray
-    normal: np.ndarray
-    across: np.ndarray
-    length: float
-    chords: tuple[float, float]
-
-    @property
-    def area(self) -> float:
-        """Planform, m2."""
-        return self.length * (self.chords[0] + self.chords[1]) / 2
-
-    @property
-    def centre(self) -> np.ndarray:
-        """Centroid of the planform in T (3), m."""
-        near, far = self.chords
-        return self.start + self.length * (near + 2 * far) / (3 * (near + far)) * self.axis
-
-    @property
-    def corners(self) -> np.ndarray:
-        """Outline in T (4, 3), m, in order."""
-        near, far = (chord / 2 * self.across for chord in self.chords)
-        end = self.start + self.length * self.axis
-        return np.array([self.start - near, self.start + near, end + far, end - far])
 
 
 def _with_length(vector: Vector) -> Vector:
@@ -240,22 +109,28 @@ class TailArm(TailPart):
     @property
     def points(self) -> np.ndarray:
         """Ends of its pieces in T (n + 1, 3), m, from the origin on."""
-        steps = [
-            length * unit_vector(self.axes[n % len(self.axes)])
-            for n, length in enumerate(self.lengths)
-        ]
-        return np.cumsum([np.zeros(3), *steps], axis=0)
+        return np.cumsum([np.zeros(3), *_steps(self)], axis=0)
 
     @property
-    def moments(self) -> MassMoments:
-        """Mass and its moments from the density."""
-        total = MassMoments.zero()
-        for number, (near, length) in enumerate(zip(self.points, self.lengths, strict=False)):
-            axis = unit_vector(self.axes[number % len(self.axes)])
-            across = unit_vector(np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))]))
-            frame = np.column_stack([across, np.cross(axis, across), axis])
-            total = total + rod_moments(self.density, length, self.radius).moved(frame, near)
-        return total
+    def inertia(self) -> SpatialInertia:
+        """Inertia about the origin of T from the density."""
+        parts = []
+        for start, step, length in zip(self.points, _steps(self), self.lengths, strict=False):
+            rod = rod_inertia(self.density, length, self.radius)
+            frame = RotationMatrix.MakeFromOneVector(step, 2)
+            parts.append(placed(rod, frame, start))
+        return total_inertia(parts)
+
+
+def _steps(part: TailArm | Plate) -> list[np.ndarray]:
+    """Vectors from end to end of the straight pieces of a part (3 each), m."""
+    axes = part.axes
+    if len(axes) == 1:
+        axes = axes * len(part.lengths)
+    steps = []
+    for length, axis in zip(part.lengths, axes, strict=True):
+        steps.append(length * unit_vector(axis))
+    return steps
 
 
 class Plate(TailPart):
@@ -300,7 +175,8 @@ class Plate(TailPart):
         if value > 0.0:
             raise ValueError(f"{where}: {unused} is {value:g}; allowed: 0 for a {self.kind}")
         for axis in self.axes:
-            if np.linalg.norm(np.cross(unit_vector(axis), unit_vector(self.normal))) < 1e-3:
+            sine = np.linalg.norm(np.cross(unit_vector(axis), unit_vector(self.normal)))
+            if sine < _ALONG:
                 raise ValueError(
                     f"{where}: normal {self.normal} runs along its axis; allowed: across it"
                 )
@@ -317,7 +193,7 @@ class Plate(TailPart):
             normal = unit_vector(normal - (normal @ axis) * axis)
             ends = (self.chords[number], self.chords[number + 1])
             pieces.append(Piece(start, axis, normal, np.cross(normal, axis), length, ends))
-            start = start + length * axis
+            start = pieces[-1].end
         return pieces
 
     @property
@@ -328,24 +204,24 @@ class Plate(TailPart):
     @property
     def centre_of_pressure(self) -> np.ndarray:
         """Centroid of the planform in T (3), m."""
-        return np.asarray(sum(piece.area * piece.centre for piece in self.pieces) / self.area)
+        moment = sum(piece.area * piece.centre for piece in self.pieces)
+        return np.asarray(moment / self.area)
 
     @property
-    def moments(self) -> MassMoments:
-        """Mass and its moments from the densities."""
-        total = MassMoments.zero()
+    def inertia(self) -> SpatialInertia:
+        """Inertia about the origin of T from the densities."""
+        parts = []
         pieces = self.pieces
-        for number, piece in enumerate(pieces):
-            frame = np.column_stack([piece.across, piece.normal, piece.axis])
+        for piece in pieces:
+            size = (self.density, piece.length, piece.chords)
             if self.kind == "plate":
-                own = plate_moments(self.density, piece.length, piece.chords, self.depth)
+                part = plate_inertia(*size, self.depth)
             else:
-                closed = (number == 0, number == len(pieces) - 1)
-                own = shell_moments(
-                    self.density, piece.length, piece.chords, self.cap_density, closed
-                )
-            total = total + own.moved(frame, piece.start)
-        return total
+                closed = (piece is pieces[0], piece is pieces[-1])
+                part = shell_inertia(*size, self.cap_density, closed)
+            frame = RotationMatrix(np.column_stack([piece.across, piece.normal, piece.axis]))
+            parts.append(placed(part, frame, piece.start))
+        return total_inertia(parts)
 
     def section_layouts(self) -> list[SectionLayout]:
         """Sections for `TailForce` in T: one layout per straight run, since those of a layout lie
@@ -383,9 +259,9 @@ def _layout(run: list[Piece], sections: int) -> SectionLayout:
     near = start
     for piece in run:
         part = piece.length / sections
-        for inner, outer in pairwise(np.linspace(*piece.chords, sections + 1).tolist()):
-            distances.append(near + part * (inner + 2 * outer) / (3 * (inner + outer)))
-            areas.append(part * (inner + outer) / 2)
+        for chords in pairwise(np.linspace(*piece.chords, sections + 1).tolist()):
+            distances.append(near + trapezoid_centre(part, *chords))
+            areas.append(part * sum(chords) / 2)
             near += part
     return SectionLayout(
         p_BoRo_B,
@@ -397,32 +273,6 @@ def _layout(run: list[Piece], sections: int) -> SectionLayout:
         start,
         start + length,
     )
-
-
-def gap(one: Piece, other: Piece) -> float:
-    """Distance of the other piece's middle ahead of the first one's plane, m; infinite where their
-    normals differ.
-    """
-    if abs(float(one.normal @ other.normal)) < 0.99:
-        return math.inf
-    return float(one.normal @ (other.centre - one.start))
-
-
-def overlap(one: Piece, other: Piece) -> bool:
-    """Whether two outlines share area, seen along the first one's normal (separating axes of convex
-    outlines).
-    """
-    plane = np.column_stack([one.across, one.axis])
-    shapes = [piece.corners @ plane for piece in (one, other)]
-    for shape in shapes:
-        for edge in np.roll(shape, -1, axis=0) - shape:
-            if np.linalg.norm(edge) < 1e-9:
-                continue
-            side = np.array([-edge[1], edge[0]]) / np.linalg.norm(edge)
-            first, second = (points @ side for points in shapes)
-            if first.max() < second.min() + 1e-6 or second.max() < first.min() + 1e-6:
-                return False
-    return True
 
 
 class _KnownInertial(QuantityModel):
@@ -474,8 +324,7 @@ class TailGeometry(TailPart):
         for one, other in combinations(self.plates, 2):
             if any(
                 overlap(a, b) and abs(gap(a, b)) < SAME_PLANE
-                for a in one.pieces
-                for b in other.pieces
+                for a, b in product(one.pieces, other.pieces)
             ):
                 raise ValueError(
                     f"tail {self.name!r}: plates {one.name!r} and {other.name!r} overlap: the air "
@@ -491,25 +340,29 @@ class TailGeometry(TailPart):
     @property
     def arm_mass(self) -> Inertial:
         """Mass and inertia of the arm in T."""
-        return self.arm_inertial or self.arm.moments.inertial()
+        return self.arm_inertial or inertial_of_inertia(self.arm.inertia)
 
     @property
     def sail_mass(self) -> Inertial:
         """Mass and inertia of all plates in T."""
         if self.sail_inertial:
             return self.sail_inertial
-        return sum((plate.moments for plate in self.plates), MassMoments.zero()).inertial()
+        return inertial_of_inertia(total_inertia(plate.inertia for plate in self.plates))
+
+    @property
+    def inertia(self) -> SpatialInertia:
+        """Inertia of the whole tail about the origin of T."""
+        return total_inertia(map(inertia_of_inertial, (self.arm_mass, self.sail_mass)))
 
     @property
     def inertial(self) -> Inertial:
         """Mass and inertia of the whole tail in T."""
-        return (MassMoments.of(self.arm_mass) + MassMoments.of(self.sail_mass)).inertial()
+        return inertial_of_inertia(self.inertia)
 
     @property
     def inertia_about_joints(self) -> np.ndarray:
         """Inertia of the whole tail about the origin of T (3 x 3), kg m2."""
-        second = MassMoments.of(self.inertial).second
-        return np.trace(second) * np.eye(3) - second
+        return self.inertia.CalcRotationalInertia().CopyToFullMatrix3()
 
     @property
     def area(self) -> float:
@@ -555,8 +408,8 @@ class TailGeometry(TailPart):
             for piece in plate.pieces:
                 points.append(piece.corners)
                 if plate.kind == "half_shell":
-                    ends = np.array([piece.start, piece.start + piece.length * piece.axis])
-                    points.append(ends + np.outer(piece.chords, piece.normal) / 2)
+                    crowns = np.outer(piece.chords, piece.normal) / 2
+                    points.append(crowns + np.array([piece.start, piece.end]))
         return np.vstack(points)
 
     def section_layouts(self) -> list[SectionLayout]:
@@ -576,24 +429,10 @@ class TailGeometry(TailPart):
                 f"tail {self.name!r}: added mass needs a straight arm; this one is bent"
             )
         (axis,) = axes
-        if abs(axis[1]) < 0.9:
-            sideways = np.eye(3)[1]
-        else:
-            sideways = np.eye(3)[0]
+        x, y, _ = np.eye(3)
+        sideways = y if abs(axis[1]) < 0.9 else x
         normal = unit_vector(sideways - (sideways @ axis) * np.asarray(axis))
         return SectionLayout.strip(
             start=0.0, length=sum(self.arm.lengths), width=self.plates[0].chords[0], number=parts,
             axis_B=axis, normal_B=as_tuple(normal),
         )  # fmt: skip
-
-
-def unit_vector(vector: Sequence[float] | np.ndarray) -> np.ndarray:
-    """The vector (3) over its length."""
-    values = np.asarray(vector, float)
-    return np.asarray(values / np.linalg.norm(values))
-
-
-def as_tuple(values: np.ndarray) -> Vector:
-    """Three floats."""
-    x, y, z = (float(value) for value in values)
-    return x, y, z

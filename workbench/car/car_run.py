@@ -8,7 +8,7 @@ from typing import Any
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
-from aerodima.workbench.aero.tail_force import SectionWatch
+from aerodima.workbench.aero.section_watch import SectionWatch
 from aerodima.workbench.car.car_diagram import Build, CarDiagram, assemble, build_name, plant_facts
 from aerodima.workbench.car.car_model import axle_statics
 from aerodima.workbench.car.car_station import (

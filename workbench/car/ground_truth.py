@@ -15,7 +15,8 @@ from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from aerodima.workbench.aero.laws import cross
-from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX, SECTION_COLUMNS
+from aerodima.workbench.aero.section_watch import SECTION_COLUMNS
+from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX
 from aerodima.workbench.car.car_plant import CarPlant
 from aerodima.workbench.car.car_sensors import (
     CHASSIS_MOTION_SIZE,

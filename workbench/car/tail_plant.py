@@ -19,7 +19,8 @@ import numpy as np
 import yaml
 
 from aerodima.workbench.aero.sections import SectionLayout
-from aerodima.workbench.aero.tail_geometry import SCHEMA, Piece, Plate, TailArm, TailGeometry
+from aerodima.workbench.aero.tail_geometry import SCHEMA, Plate, TailArm, TailGeometry
+from aerodima.workbench.aero.tail_pieces import Piece
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.checked_files import checked, read_yaml
 from aerodima.workbench.core.errors import ModelError

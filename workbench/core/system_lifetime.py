@@ -6,7 +6,7 @@ import sys
 import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pydrake.systems.framework
 from pydrake.autodiffutils import AutoDiffXd
@@ -19,19 +19,44 @@ LeafSystem_: Any = vars(pydrake.systems.framework)["LeafSystem_"]
 """Drake's template of leaf systems."""
 
 
-def system_template(name: str, module: str) -> Callable[[Callable[[Any], Any]], Any]:
-    """Decorator of a function f(T) that returns a system class, for T = float and AutoDiffXd (see
-    `TemplateSystem`).
+class SystemParts:
+    """Base of what a `scalar_template` makes systems from: a `LeafSystem` of some scalar type.
+
+    A subclass has `declare(T, ...)`, which declares ports and state with the arguments of the
+    system, and `arguments(T)`, which gives those of the same system of scalar type T.
+    """
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any: ...
+
+
+def scalar_template(name: str, module: str, parts: type[SystemParts]) -> Any:
+    """Template of a system for T = float and AutoDiffXd (see `TemplateSystem`).
 
     Args:
         name: of the template.
         module: `__name__` of the caller. To find it by itself Drake reads the source of the whole
             call stack, which takes seconds where imports are nested deeply.
+        parts: of the system.
     """
-    decorator: Callable[[Callable[[Any], Any]], Any] = TemplateSystem.define(  # type: ignore[no-untyped-call]
-        name, T_list=[float, AutoDiffXd], scope=sys.modules[module]
-    )
-    return decorator
+
+    def instantiation(T: Any) -> Any:
+        class Impl(parts, LeafSystem_[T]):  # type: ignore[misc, valid-type]  # known at run time
+            __doc__ = parts.__doc__
+
+            def _construct(self, *args: Any, converter: Any = None, **settings: Any) -> None:
+                LeafSystem_[T].__init__(self, converter=converter)
+                self.declare(T, *args, **settings)
+
+            def _construct_copy(self, other: Any, converter: Any = None) -> None:
+                Impl._construct(self, *other.arguments(T), converter=converter)
+
+        return Impl
+
+    scalars = [float, AutoDiffXd]
+    define: Any = TemplateSystem.define
+    return define(name, T_list=scalars, scope=sys.modules[module])(instantiation)
 
 
 def weak_callback(calc: Callable[[Any, Any], None]) -> Callable[[Any, Any], None]:

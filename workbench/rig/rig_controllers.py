@@ -1,4 +1,4 @@
-"""What drives a rig: it rests at the start angle and swings (thesis sections 4.4, 4.7, 6.3)."""
+"""Controllers of a rig that rests at the start angle and swings (thesis sections 4.4, 4.7, 6.3)."""
 
 from pydrake.systems.framework import (
     Context,

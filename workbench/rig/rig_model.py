@@ -57,16 +57,15 @@ def robot_tail_properties(tail: TailParameters) -> Inertial:
     """
     sail = tail.mass * tail.sail_mass_fraction
     rod = tail.mass - sail
+    rod_centre = tail.length / 2
     sail_centre = tail.length - tail.sail_length / 2
-    centre = (rod * tail.length / 2 + sail * sail_centre) / tail.mass
-    spread = (
-        rod * (tail.length**2 / 12 + (tail.length / 2 - centre) ** 2)
-        + sail * (sail_centre - centre) ** 2
-    )
+    centre = (rod * rod_centre + sail * sail_centre) / tail.mass
+    rod_across = rod * (tail.length**2 / 12 + (rod_centre - centre) ** 2)
+    spread = rod_across + sail * (sail_centre - centre) ** 2
     along = sail * tail.sail_length**2 / 12
     across = sail * tail.sail_width**2 / 12
-    own = 0.5 * rod * ROD_RADIUS**2
-    moments = (spread + along, spread + along + across, own + across)
+    rod_along = 0.5 * rod * ROD_RADIUS**2
+    moments = (spread + along, spread + along + across, rod_along + across)
     return Inertial(tail.mass, (0.0, 0.0, -centre), moments)
 
 

@@ -5,8 +5,7 @@ Frame W: origin at the force sensor's point, z up, x along the motor axis, wind 
 angle is 0 hanging and positive downstream: a revolute joint about -x (design section 4).
 
 The plant is continuous: its acceleration and its six reactions are those of the equations of motion
-at any state and torque. A discrete plant has reactions only after a step; README.md beside this
-file has the figures.
+at any state and torque. A discrete plant has reactions only after a step.
 """
 
 import math
@@ -39,9 +38,8 @@ from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS, FrictionLaw, smo
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_wiring import add_and_connect, declare_spatial_forces, vector_of
 from aerodima.workbench.core.system_lifetime import weak_callback
-from aerodima.workbench.rig.rig_layout import bar_layout, tail_layout
+from aerodima.workbench.rig.rig_layout import bar_layout, rig_jet, rig_law, tail_layout
 from aerodima.workbench.rig.rig_model import cheetah_rig_sdf, robot_rig_sdf
-from aerodima.workbench.rig.rig_motion import rig_jet, rig_law
 from aerodima.workbench.scenario.rig_scenario import RigScenario
 
 
@@ -69,7 +67,7 @@ class RigPlant:
 
 @dataclass(frozen=True)
 class RigReaction:
-    """What the rig does at one state and torque.
+    """Acceleration and reactions of the rig at one state and torque.
 
     Attributes:
         acceleration: of the angle, rad/s2.
@@ -122,7 +120,7 @@ def add_rig_plant(
 
 def _add_torques(builder: DiagramBuilder, plant: MultibodyPlant, scenario: RigScenario) -> Adder:
     """Friction and an open input for the motor, added into the actuation."""
-    settings = scenario.robot_friction if scenario.is_robot else scenario.friction
+    settings = scenario.joint_friction
     law = smooth_friction(settings.coulomb, settings.viscous, settings.tanh_gain)
     friction = add_and_connect(
         builder, JointFriction(law), "friction", joint_state=plant.get_state_output_port()
@@ -170,7 +168,7 @@ def _added_mass(plant: MultibodyPlant, scenario: RigScenario) -> AddedMass | Non
 
 
 class Rig:
-    """One rig, built once and asked many times.
+    """A rig as a diagram that is built once and evaluated many times.
 
     Args:
         scenario: which rig, tail, wind and coefficients.
@@ -214,7 +212,7 @@ class Rig:
         return RigReaction(float(acceleration[0]), np.array(wrench))
 
     def reaction_at_current(self, angle: float, rate: float, current: float) -> RigReaction:
-        """Like `reaction`, driven by a motor current (A); positive pushes upstream.
+        """Evaluates `reaction` for a motor current (A); positive pushes upstream.
 
         UserError beyond the limit.
         """
@@ -251,7 +249,7 @@ class Rig:
         return current
 
     def is_exposed(self, angle: float) -> bool:
-        """Whether any of the tail is inside the jet at an angle (rad)."""
+        """Tells whether any of the tail is inside the jet at an angle (rad)."""
         if self._rig.tail_force is None:
             return False
         self.set_state(angle, 0.0, 0.0)

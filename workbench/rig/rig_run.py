@@ -1,4 +1,4 @@
-"""From a rig scenario to a log: static hold, flick, free bar swing, robot swing."""
+"""Runs of a rig scenario to a log: static hold, flick, free bar swing, robot swing."""
 
 from pathlib import Path
 
@@ -19,15 +19,11 @@ from aerodima.workbench.logs.recorder import (
 )
 from aerodima.workbench.logs.schema import RunLog, read_run_log, write_run_log
 from aerodima.workbench.rig.rig_controllers import CurrentController, TailCommander
+from aerodima.workbench.rig.rig_log import known_truth, rig_log_metadata
 from aerodima.workbench.rig.rig_plant import Rig
 from aerodima.workbench.rig.rig_sensors import force_errors
-from aerodima.workbench.rig.rig_station import (
-    known_truth,
-    make_rig_station,
-    rig_log_metadata,
-    sensor_offsets,
-    simulate_static_log,
-)
+from aerodima.workbench.rig.rig_station import make_rig_station
+from aerodima.workbench.rig.static_hold import simulate_static_log
 from aerodima.workbench.scenario.rig_scenario import RigScenario
 from aerodima.workbench.scenario.signal_table import RIG_PORTS, RIG_TRUTH
 
@@ -62,7 +58,7 @@ def run_rig(
     view = view or LiveView()
     builder, station = assemble_rig(scenario, view.meshcat)
     signals = signals_of({**RIG_PORTS, **RIG_TRUTH}, output_ports(station))
-    errors = force_errors(scenario.force_sensor, sensor_offsets(scenario), scenario.seed)
+    errors = force_errors(scenario.force_sensor, scenario.sensor_offsets, scenario.seed)
     metadata = rig_log_metadata(scenario, truth=known_truth(scenario), bias=errors.bias.tolist())
     with (
         break_reference_cycles(builder),

@@ -47,8 +47,8 @@ class SensorErrors:
         self, values: np.ndarray, time: FloatArray | float, noise: np.ndarray
     ) -> np.ndarray:
         """Readings (..., n) of true values at times (..., 1), s; numbers (..., n) of the stream."""
-        found = values - self.offset + self.bias + self.drift * time + self.noise * noise
-        return np.clip(found, -self.limits, self.limits)
+        shifted = values - self.offset + self.bias + self.drift * time
+        return np.clip(shifted + self.noise * noise, -self.limits, self.limits)
 
     def first_readings(self, values: np.ndarray, count: int, rate: float) -> np.ndarray:
         """The first readings of a log at once (count, n): the same numbers as a `RigSensor` gives
@@ -67,12 +67,12 @@ def force_errors(
 ) -> SensorErrors:
     """The errors that a seed gives a log of the force sensor."""
     accuracy = np.array(settings.accuracies)
+    bias = CounterNoise(seed, "force_sensor_bias", AXES).constant()
+    drift = CounterNoise(seed, "force_sensor_drift", AXES).constant()
     return SensorErrors(
         offset=np.asarray(offsets, dtype=float),
-        bias=accuracy * CounterNoise(seed, "force_sensor_bias", AXES).constant(),
-        drift=accuracy
-        * settings.drift_fraction
-        * CounterNoise(seed, "force_sensor_drift", AXES).constant(),
+        bias=accuracy * bias,
+        drift=accuracy * settings.drift_fraction * drift,
         noise=accuracy * settings.noise_fraction,
         limits=np.array(settings.ranges),
         stream=CounterNoise(seed, "force_sensor", AXES),
@@ -114,7 +114,7 @@ class RigSensor(SampledSensor):
         self._value = self.DeclareVectorInputPort("value", size)
 
     def measure(self, context: Context, index: int) -> np.ndarray:
-        """One sample (n,)."""
+        """Takes one sample (n,)."""
         value = vector_of(self._value, context)
         noise = self._errors.stream.at(index)
         return self._errors.readings(value, index / self.rate, noise)

@@ -10,7 +10,7 @@ origin at the force sensor's measuring point, z up, x along the motor axis, the 
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -25,24 +25,32 @@ from aerodima.workbench.scenario.scenario import Scenario, ScenarioFile
 
 WRENCH_AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 """Order of forces and torques."""
+_COM = quantity("m", "centre of mass in W", ge=-1, le=1)
+_PIVOT = quantity("m", "pivot from the mount's centre of mass", ge=-1, le=1)
+_MOMENT = quantity("kg m2", "about the centre of mass, W axes", gt=0, le=10)
+_PRODUCT = quantity("kg m2", "element of the inertia matrix", ge=-10, le=10)
+_FORCE_OFFSET = quantity("N", "to add to a reading", ge=-1000, le=1000)
+_TORQUE_OFFSET = quantity("N m", "to add to a reading", ge=-100, le=100)
+_FORCE_BIAS = quantity("N", "standard deviation of the constant bias of a log", ge=0, le=1000)
+_TORQUE_BIAS = quantity("N m", "standard deviation of the constant bias of a log", ge=0, le=100)
 
 
 class MountParameters(QuantityModel):
     """Mounting structure between force sensor and motor axis (thesis Tables 4.5 and 4.6)."""
 
     mass: float = quantity("kg", "mounting structure with the motor", gt=0, le=50)
-    com_x: float = quantity("m", "centre of mass in W", ge=-1, le=1)
-    com_y: float = quantity("m", "centre of mass in W", ge=-1, le=1)
-    com_z: float = quantity("m", "centre of mass in W", ge=-1, le=1)
-    inertia_xx: float = quantity("kg m2", "about the centre of mass, W axes", gt=0, le=10)
-    inertia_yy: float = quantity("kg m2", "about the centre of mass, W axes", gt=0, le=10)
-    inertia_zz: float = quantity("kg m2", "about the centre of mass, W axes", gt=0, le=10)
-    inertia_xy: float = quantity("kg m2", "element of the inertia matrix", ge=-10, le=10)
-    inertia_xz: float = quantity("kg m2", "element of the inertia matrix", ge=-10, le=10)
-    inertia_yz: float = quantity("kg m2", "element of the inertia matrix", ge=-10, le=10)
-    pivot_x: float = quantity("m", "pivot from the mount's centre of mass", ge=-1, le=1)
-    pivot_y: float = quantity("m", "pivot from the mount's centre of mass", ge=-1, le=1)
-    pivot_z: float = quantity("m", "pivot from the mount's centre of mass", ge=-1, le=1)
+    com_x: float = _COM
+    com_y: float = _COM
+    com_z: float = _COM
+    inertia_xx: float = _MOMENT
+    inertia_yy: float = _MOMENT
+    inertia_zz: float = _MOMENT
+    inertia_xy: float = _PRODUCT
+    inertia_xz: float = _PRODUCT
+    inertia_yz: float = _PRODUCT
+    pivot_x: float = _PIVOT
+    pivot_y: float = _PIVOT
+    pivot_z: float = _PIVOT
     angle_limit: float = quantity("rad", "range of the angle to either side", gt=0, le=3.1416)
 
 
@@ -62,7 +70,7 @@ class BarParameters(QuantityModel):
 
 
 class CheetahTailParameters(QuantityModel):
-    """One cheetah tail (thesis Table 4.2) and the readings that the force sensor was zeroed at with
+    """A cheetah tail (thesis Table 4.2) and the readings that the force sensor was zeroed at with
     it (Table 4.4).
     """
 
@@ -74,12 +82,12 @@ class CheetahTailParameters(QuantityModel):
     mass: float = quantity("kg", "tail", gt=0, le=5)
     com_distance: float = quantity("m", "centre of mass beyond the root", gt=0, le=3)
     gap: float = quantity("m", "root beyond the end of the bar", ge=0, le=0.5)
-    fx_offset: float = quantity("N", "to add to a reading", ge=-1000, le=1000)
-    fy_offset: float = quantity("N", "to add to a reading", ge=-1000, le=1000)
-    fz_offset: float = quantity("N", "to add to a reading", ge=-1000, le=1000)
-    tx_offset: float = quantity("N m", "to add to a reading", ge=-100, le=100)
-    ty_offset: float = quantity("N m", "to add to a reading", ge=-100, le=100)
-    tz_offset: float = quantity("N m", "to add to a reading", ge=-100, le=100)
+    fx_offset: float = _FORCE_OFFSET
+    fy_offset: float = _FORCE_OFFSET
+    fz_offset: float = _FORCE_OFFSET
+    tx_offset: float = _TORQUE_OFFSET
+    ty_offset: float = _TORQUE_OFFSET
+    tz_offset: float = _TORQUE_OFFSET
 
     @property
     def offsets(self) -> tuple[float, ...]:
@@ -129,24 +137,12 @@ class ForceSensorParameters(QuantityModel):
     """Axia80-M20 under the rig (thesis section 4.3, Table 4.8; errors: design section 11)."""
 
     rate: float = quantity("Hz", "samples per second", gt=0, le=100000)
-    fx_accuracy: float = quantity(
-        "N", "standard deviation of the constant bias of a log", ge=0, le=1000
-    )
-    fy_accuracy: float = quantity(
-        "N", "standard deviation of the constant bias of a log", ge=0, le=1000
-    )
-    fz_accuracy: float = quantity(
-        "N", "standard deviation of the constant bias of a log", ge=0, le=1000
-    )
-    tx_accuracy: float = quantity(
-        "N m", "standard deviation of the constant bias of a log", ge=0, le=100
-    )
-    ty_accuracy: float = quantity(
-        "N m", "standard deviation of the constant bias of a log", ge=0, le=100
-    )
-    tz_accuracy: float = quantity(
-        "N m", "standard deviation of the constant bias of a log", ge=0, le=100
-    )
+    fx_accuracy: float = _FORCE_BIAS
+    fy_accuracy: float = _FORCE_BIAS
+    fz_accuracy: float = _FORCE_BIAS
+    tx_accuracy: float = _TORQUE_BIAS
+    ty_accuracy: float = _TORQUE_BIAS
+    tz_accuracy: float = _TORQUE_BIAS
     noise_fraction: float = quantity(
         "1", "standard deviation of a sample's noise over that accuracy", ge=0, le=10
     )
@@ -173,6 +169,11 @@ class ForceSensorParameters(QuantityModel):
         )
 
 
+def _deviation(unit: str, of: str, max_value: float) -> Any:
+    """Field of a standard deviation in a unit; 0 is exact."""
+    return quantity(unit, of, ge=0, le=max_value)
+
+
 class RigUncertaintyParameters(QuantityModel):
     """Standard deviations of the rig's constants and of its instruments' errors: what every
     interval of a fit holds.
@@ -181,42 +182,36 @@ class RigUncertaintyParameters(QuantityModel):
     their value.
     """
 
-    mount_mass: float = quantity("kg", "of mount.mass", ge=0, le=1)
-    mount_com_x: float = quantity(
-        "m", "of mount.com_x, the pivot staying where it is", ge=0, le=0.1
+    mount_mass: float = _deviation("kg", "of mount.mass", 1)
+    mount_com_x: float = _deviation("m", "of mount.com_x, the pivot staying where it is", 0.1)
+    mount_com_y: float = _deviation("m", "of mount.com_y, the pivot staying where it is", 0.1)
+    pivot_x: float = _deviation("m", "of the pivot from the sensor's measuring point", 0.1)
+    pivot_y: float = _deviation("m", "of the pivot from the sensor's measuring point", 0.1)
+    pivot_z: float = _deviation(
+        "m", "of the height of the pivot over the sensor's measuring point", 0.1
     )
-    mount_com_y: float = quantity(
-        "m", "of mount.com_y, the pivot staying where it is", ge=0, le=0.1
-    )
-    pivot_x: float = quantity("m", "of the pivot from the sensor's measuring point", ge=0, le=0.1)
-    pivot_y: float = quantity("m", "of the pivot from the sensor's measuring point", ge=0, le=0.1)
-    pivot_z: float = quantity(
-        "m", "of the height of the pivot over the sensor's measuring point", ge=0, le=0.1
-    )
-    bar_mass: float = quantity("kg", "of bar.mass", ge=0, le=1)
-    bar_com: float = quantity("m", "of bar.com_distance", ge=0, le=0.1)
-    bar_inertia: float = quantity("kg m2", "of bar.inertia_xx", ge=0, le=0.1)
-    bar_width: float = quantity("m", "of bar.width", ge=0, le=0.1)
-    bar_drag: float = quantity("1", "of bar.drag_coefficient", ge=0, le=2)
-    tail_mass: float = quantity("kg", "of the tail's mass", ge=0, le=1)
-    tail_com: float = quantity("m", "of the tail's com_distance", ge=0, le=0.2)
-    tail_gap: float = quantity("m", "of the tail's gap", ge=0, le=0.1)
-    tail_length: float = quantity("m", "of the tail's length", ge=0, le=0.1)
-    tail_width: float = quantity("m", "of the tail's reference width", ge=0, le=0.1)
-    rotor_inertia: float = quantity("kg m2", "of maxon.reflected_inertia", ge=0, le=0.1)
-    torque_constant: float = quantity("N m/A", "of maxon.torque_constant", ge=0, le=1)
-    jet_edge_depth: float = quantity("m", "of tunnel.jet_edge_depth", ge=0, le=0.2)
-    wind_speed: float = quantity("1", "of the wind speed, a part of it", ge=0, le=0.2)
-    air_density: float = quantity("kg/m3", "of environment.air_density", ge=0, le=0.5)
-    coulomb: float = quantity("N m", "of friction.coulomb, where it is not fitted", ge=0, le=1)
-    viscous: float = quantity(
-        "N m s/rad", "of friction.viscous, where it is not fitted", ge=0, le=1
-    )
-    encoder_zero: float = quantity("rad", "angle of a reading of zero", ge=0, le=0.5)
-    encoder_gain: float = quantity("1", "of the encoder's scale, a part of it", ge=0, le=0.2)
-    current_bias: float = quantity("A", "of a logged current", ge=0, le=10)
-    current_delay: float = quantity("s", "by which a logged current comes late", ge=0, le=0.1)
-    force_gain: float = quantity("1", "of the force sensor's scale, a part of it", ge=0, le=0.2)
+    bar_mass: float = _deviation("kg", "of bar.mass", 1)
+    bar_com: float = _deviation("m", "of bar.com_distance", 0.1)
+    bar_inertia: float = _deviation("kg m2", "of bar.inertia_xx", 0.1)
+    bar_width: float = _deviation("m", "of bar.width", 0.1)
+    bar_drag: float = _deviation("1", "of bar.drag_coefficient", 2)
+    tail_mass: float = _deviation("kg", "of the tail's mass", 1)
+    tail_com: float = _deviation("m", "of the tail's com_distance", 0.2)
+    tail_gap: float = _deviation("m", "of the tail's gap", 0.1)
+    tail_length: float = _deviation("m", "of the tail's length", 0.1)
+    tail_width: float = _deviation("m", "of the tail's reference width", 0.1)
+    rotor_inertia: float = _deviation("kg m2", "of maxon.reflected_inertia", 0.1)
+    torque_constant: float = _deviation("N m/A", "of maxon.torque_constant", 1)
+    jet_edge_depth: float = _deviation("m", "of tunnel.jet_edge_depth", 0.2)
+    wind_speed: float = _deviation("1", "of the wind speed, a part of it", 0.2)
+    air_density: float = _deviation("kg/m3", "of environment.air_density", 0.5)
+    coulomb: float = _deviation("N m", "of friction.coulomb, where it is not fitted", 1)
+    viscous: float = _deviation("N m s/rad", "of friction.viscous, where it is not fitted", 1)
+    encoder_zero: float = _deviation("rad", "angle of a reading of zero", 0.5)
+    encoder_gain: float = _deviation("1", "of the encoder's scale, a part of it", 0.2)
+    current_bias: float = _deviation("A", "of a logged current", 10)
+    current_delay: float = _deviation("s", "by which a logged current comes late", 0.1)
+    force_gain: float = _deviation("1", "of the force sensor's scale, a part of it", 0.2)
 
 
 class RigAeroParameters(QuantityModel):
@@ -238,7 +233,7 @@ class RigAeroParameters(QuantityModel):
 
 
 class ExperimentParameters(QuantityModel):
-    """What is done on the rig (thesis sections 4.4, 4.7 and 6.3)."""
+    """Experiment on the rig (thesis sections 4.4, 4.7 and 6.3)."""
 
     kind: Literal["static", "swing", "bar_swing", "robot_swing"] = quantity(
         "1", "experiment, as in the log's metadata"
@@ -348,24 +343,23 @@ class RigScenario(ScenarioFile):
         require(is_static or done.rest < done.duration, "experiment.rest", shorter)
         require(not is_static or done.wind_off < done.duration, "experiment.wind_off", shorter)
         require(is_static or done.wind_off == 0.0, "experiment.wind_off", still)
-        if self.robot_tail.has_own_geometry:
+        tail = self.robot_tail
+        if tail.has_own_geometry:
+            raise ValueError(f"robot_tail.geometry: {tail.geometry!r}; allowed: none, on a rig")
+        if tail.sail_shape != "built":
             raise ValueError(
-                f"robot_tail.geometry: {self.robot_tail.geometry!r}; allowed: none, on a rig"
-            )
-        if self.robot_tail.sail_shape != "built":
-            raise ValueError(
-                f"robot_tail.sail_shape: {self.robot_tail.sail_shape!r}; allowed: built, on a rig"
+                f"robot_tail.sail_shape: {tail.sail_shape!r}; allowed: built, on a rig"
             )
         return self
 
     @property
     def has_cheetah_tail(self) -> bool:
-        """Whether a cheetah tail is mounted: not on the bare bar, not on the robot's rig."""
+        """Tells whether a cheetah tail is mounted: not on the bare bar, not on the robot's rig."""
         return self.experiment.kind in ("static", "swing")
 
     @property
     def is_robot(self) -> bool:
-        """Whether the robot's tail and motor are on the rig."""
+        """Tells whether the robot's tail and motor are on the rig."""
         return self.experiment.kind == "robot_swing"
 
     @property
@@ -375,17 +369,29 @@ class RigScenario(ScenarioFile):
         return tails[self.experiment.tail - 1]
 
     @property
+    def joint_friction(self) -> FrictionParameters:
+        """Friction of the swinging joint: of the bar's, or of the robot's motor."""
+        return self.robot_friction if self.is_robot else self.friction
+
+    @property
+    def sensor_offsets(self) -> tuple[float, ...]:
+        """Readings that the force sensor was zeroed at (6), N and N m: add them to a reading.
+
+        Zeros on the bare bar and with the robot's tail, for which none are published.
+        """
+        return self.cheetah_tail.offsets if self.has_cheetah_tail else (0.0,) * 6
+
+    @property
     def count_angle(self) -> float:
         """Angle of one count of the encoder at the output, rad: 2 pi / (512 x 4 x 26) = 1.180e-4
         (ERRATA E19).
         """
-        return (
-            2.0 * math.pi / (self.encoder.pulses * self.encoder.quadrature * self.maxon.gear_ratio)
-        )
+        encoder = self.encoder
+        return 2.0 * math.pi / (encoder.pulses * encoder.quadrature * self.maxon.gear_ratio)
 
     @property
     def tail_name(self) -> str:
-        """What stands in a log's metadata: `1`, `2`, `3`, `none` or `robot`."""
+        """Name of the tail in a log's metadata: `1`, `2`, `3`, `none` or `robot`."""
         if self.is_robot:
             return "robot"
         if self.has_cheetah_tail:

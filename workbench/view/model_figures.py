@@ -18,7 +18,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from aerodima.workbench.aero.tail_geometry import TailGeometry, unit_vector
+from aerodima.workbench.aero.tail_geometry import TailGeometry
+from aerodima.workbench.aero.tail_pieces import unit_vector
 from aerodima.workbench.car.clearance import PARTS, RangeOfMotion
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.view.figure_style import (

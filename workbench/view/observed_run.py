@@ -14,7 +14,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType
 
-from aerodima.workbench.aero.tail_force import SectionWatch
+from aerodima.workbench.aero.section_watch import SectionWatch
 from aerodima.workbench.car.car_diagram import plant_facts, truth_signals
 from aerodima.workbench.car.roll_estimator import RollEstimator
 from aerodima.workbench.control.controller_systems import TailController, TurnDriver

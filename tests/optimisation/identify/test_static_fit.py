@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from aerodima.optimisation.identify.log_rig import FitOptions
+from aerodima.optimisation.identify.fit_options import FitOptions
 from aerodima.optimisation.identify.static_fit import (
-    StaticBalance,
     StaticResidual,
     fit_static,
     shifted_data,
@@ -21,8 +20,9 @@ from aerodima.optimisation.identify.static_fit import (
 )
 from aerodima.optimisation.identify.static_log import static_data
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.rig.pendulum import StaticBalance
 from aerodima.workbench.rig.rig_plant import Rig
-from aerodima.workbench.rig.rig_station import simulate_static_log
+from aerodima.workbench.rig.static_hold import simulate_static_log
 from tests.optimisation.coverage import assert_held, draws
 from tests.optimisation.identify import static_truth as truth
 from tests.refusals import assert_refused
@@ -48,7 +48,7 @@ def changed(log, **columns):
 def test_balance_is_that_of_the_plant(tail, degrees):
     scenario = truth.static_scenario(tail, "major", degrees, 20.0, -0.08)
     rig = Rig(scenario)
-    balance = StaticBalance.of(scenario)
+    balance = StaticBalance.from_scenario(scenario)
     angle = math.radians(degrees)
     current = balance.holding_current(angle, 20.0, truth.CD, truth.CL, -0.08)
     assert current == pytest.approx(rig.holding_current(angle), abs=1e-10)
@@ -61,7 +61,7 @@ def test_balance_is_that_of_the_plant(tail, degrees):
 
 
 def test_hanging_rig_weighs_its_mass_and_turns_it_about_the_sensor():
-    balance = StaticBalance.of(truth.static_scenario(1, "major", 0.0, 10.0, 0.0))
+    balance = StaticBalance.from_scenario(truth.static_scenario(1, "major", 0.0, 10.0, 0.0))
     wrench, torque = balance.hanging(0.0)
     mass = 1.189 + 0.313 + 0.0982
     assert wrench[2] == pytest.approx(mass * 9.81)

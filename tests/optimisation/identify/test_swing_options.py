@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from aerodima.optimisation.identify.fit_options import FitOptions
 from aerodima.optimisation.identify.gauss_newton import best_start
-from aerodima.optimisation.identify.least_squares import StartResult
-from aerodima.optimisation.identify.log_rig import FitOptions
-from aerodima.optimisation.identify.pendulum import Pendulum
+from aerodima.optimisation.identify.least_squares import (
+    StartResult,
+)
 from aerodima.optimisation.identify.swing_coefficients import (
     added_mass_parameter,
     fit_added_mass,
@@ -17,6 +18,9 @@ from aerodima.optimisation.identify.swing_coefficients import (
 )
 from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.workbench.core.errors import FitError
+from aerodima.workbench.rig.pendulum import (
+    PendulumModel,
+)
 from tests.optimisation.identify import swing_truth as truth
 from tests.refusals import assert_refused
 
@@ -49,7 +53,7 @@ def test_it_starts_from_zero_and_a_scan_and_from_the_table_where_that_leaves_ine
 
 @pytest.mark.slow
 def test_bounds_leave_some_inertia_and_move_the_start_inside(short):
-    least = Pendulum.of(short.scenario).least_added_mass
+    least = PendulumModel.from_scenario(short.scenario).min_added_mass
     free = added_mass_parameter(short)
     assert least < free.lower < 0.95 * least
     assert free.upper == 1.0

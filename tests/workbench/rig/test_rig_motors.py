@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.car.ak70 import MitMotor
-from aerodima.workbench.rig.rig_station import MaxonMotor
+from aerodima.workbench.rig.maxon_motor import MaxonMotor
 from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 
 SCENARIO = load_rig_scenario("robot")

@@ -10,8 +10,9 @@ import pytest
 from aerodima.workbench.core.errors import ScenarioError
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.logs.schema import read_run_log, write_run_log
+from aerodima.workbench.rig.rig_log import RIG_COLUMN_NAMES
 from aerodima.workbench.rig.rig_plant import Rig
-from aerodima.workbench.rig.rig_station import RIG_COLUMN_NAMES, simulate_static_log
+from aerodima.workbench.rig.static_hold import simulate_static_log
 from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 from tests.refusals import assert_refused
 from tests.workbench.made_up_runs import signals_equal

@@ -7,11 +7,8 @@ import pytest
 from pydrake.systems.framework import LeafSystem
 
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.rig.rig_station import (
-    make_rig_station,
-    sensor_offsets,
-    static_coefficients,
-)
+from aerodima.workbench.rig.rig_log import static_coefficients
+from aerodima.workbench.rig.rig_station import make_rig_station
 from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 from aerodima.workbench.scenario.signal_table import MOTOR_CURRENT, RIG_OUTPUTS, ROBOT_RIG_INPUTS
 from tests.refusals import assert_refused
@@ -87,10 +84,10 @@ def test_rig_without_hardware_and_interface_with_other_ports_are_refused(name, i
 
 def test_offsets_of_the_sensor_are_the_published_ones_of_a_cheetah_tail():
     static = load_rig_scenario("static")
-    assert sensor_offsets(static) == static.tail_1.offsets
-    assert sensor_offsets(static.varied(experiment={"tail": 3})) == static.tail_3.offsets
+    assert static.sensor_offsets == static.tail_1.offsets
+    assert static.varied(experiment={"tail": 3}).sensor_offsets == static.tail_3.offsets
     assert any(static.tail_1.offsets)
-    assert not any(sensor_offsets(load_rig_scenario("robot")))
+    assert not any(load_rig_scenario("robot").sensor_offsets)
 
 
 def test_coefficients_of_a_hold_are_those_at_its_angle_against_the_wind():
