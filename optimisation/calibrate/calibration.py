@@ -14,26 +14,26 @@ import numpy as np
 from scipy.special import expit, log_expit, log_ndtr, logit
 
 from aerodima.optimisation.calibrate.calibration_plan import (
+    DISCREPANCY,
     FRICTION,
-    KEPT,
     LIFT,
-    OFF,
-    OFF_ROLL,
+    MAX_POSTERIOR_SAMPLES,
+    ROLL_DISCREPANCY,
     CalibrationPlan,
     CarPrior,
     Figure,
     figures_of,
     lift_of,
 )
-from aerodima.optimisation.calibrate.surrogate import METRICS, Emulator
+from aerodima.optimisation.calibrate.surrogate import METRICS, Surrogate
 from aerodima.optimisation.calibrate.turn_runs import (
-    Piece,
+    WorkItem,
     prior_of,
     run_full,
     run_reduced,
     search_full,
 )
-from aerodima.optimisation.studies.runs import Runs
+from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.workbench.batch.row_store import Row, content_key
 from aerodima.workbench.core.array_types import FloatArray
 
@@ -57,7 +57,7 @@ TurnResults = dict[str, dict[str, Any]]
 """Name of a turn -> lists of what its cars came to, by name."""
 
 
-def emulate(plan: CalibrationPlan, runs: Runs) -> Emulator:
+def emulate(plan: CalibrationPlan, runs: CachedRunner) -> Surrogate:
     """Runs the reduced cars and the full cars of a plan, and fits the emulator to them.
 
     The first wave of reduced cars is spread over the prior; a rough posterior says where the second
@@ -69,7 +69,7 @@ def emulate(plan: CalibrationPlan, runs: Runs) -> Emulator:
     seed = plan.seed
     first = prior.spread(size.cars // 2, seed)
     wide = _reduced(plan, runs, first, WIDE)
-    emulator = Emulator.of_reduced(prior, first, wide)
+    emulator = Surrogate.of_reduced(prior, first, wide)
     # The rough posterior is wide, so it settles later.
     rough = sample(emulator, figures, seed, steps=2 * size.steps)
     second = _different(rough.cars, size.cars, seed)
@@ -78,13 +78,15 @@ def emulate(plan: CalibrationPlan, runs: Runs) -> Emulator:
         turn: {name: wide[turn][name] + narrow[turn][name] for name in narrow[turn]}
         for turn in narrow
     }
-    emulator = Emulator.of_reduced(prior, np.vstack([first, second]), both)
+    emulator = Surrogate.of_reduced(prior, np.vstack([first, second]), both)
     posterior = sample(emulator, figures, seed)
     full = _different(posterior.cars, size.full, seed)
     return emulator.corrected(full, _full_flips(plan, runs, full, emulator))
 
 
-def _reduced(plan: CalibrationPlan, runs: Runs, cars: FloatArray, reach: float) -> TurnResults:
+def _reduced(
+    plan: CalibrationPlan, runs: CachedRunner, cars: FloatArray, reach: float
+) -> TurnResults:
     """`run_reduced` of cars (m, n) by name of the turn; the flip is searched around the friction of
     each car.
 
@@ -100,7 +102,7 @@ def _reduced(plan: CalibrationPlan, runs: Runs, cars: FloatArray, reach: float) 
 
 
 def _full_flips(
-    plan: CalibrationPlan, runs: Runs, cars: FloatArray, emulator: Emulator
+    plan: CalibrationPlan, runs: CachedRunner, cars: FloatArray, emulator: Surrogate
 ) -> TurnResults:
     """`search_full` of cars (m, n) by name of the turn, around the friction at which the emulator
     has them flip.
@@ -124,9 +126,9 @@ def _different(cars: FloatArray, number: int, seed: int) -> FloatArray:
 
 
 def _by_turn(
-    work: Callable[[Piece], Any],
+    work: Callable[[WorkItem], Any],
     plan: CalibrationPlan,
-    runs: Runs,
+    runs: CachedRunner,
     cars: Mapping[str, FloatArray],
     at_once: int,
     reaches: Mapping[str, float] = MappingProxyType({}),
@@ -144,7 +146,7 @@ def _by_turn(
             part = slice(first, first + at_once)
             numbers = tuple(map(tuple, own[part].tolist()))
             begins = tuple(margins[turn.name][part].tolist()) if margins else ()
-            pieces.append(Piece(plan, turn, numbers, reach, step, begins))
+            pieces.append(WorkItem(plan, turn, numbers, reach, step, begins))
     rounds = (plan.size.rounds, plan.size.full_rounds)
     keys = [
         content_key(
@@ -180,7 +182,7 @@ class Posterior:
     length: float
 
 
-def log_likelihood(emulator: Emulator, figures: Sequence[Figure], cars: FloatArray) -> FloatArray:
+def log_likelihood(emulator: Surrogate, figures: Sequence[Figure], cars: FloatArray) -> FloatArray:
     """Logarithm of the probability (m) of figures and of all outcomes, given cars (m, n).
 
     The trigger of the thesis' law is the yaw rate up to which the inner wheels stay on the ground:
@@ -204,7 +206,7 @@ def log_likelihood(emulator: Emulator, figures: Sequence[Figure], cars: FloatArr
 
 
 def log_density(
-    emulator: Emulator, figure: Figure, cars: FloatArray, values: FloatArray | None = None
+    emulator: Surrogate, figure: Figure, cars: FloatArray, values: FloatArray | None = None
 ) -> FloatArray:
     """Logarithm of the density of a published figure given cars (m, n), per share of the figure
     (m).
@@ -224,7 +226,7 @@ def log_density(
 
 
 def spread_of(
-    emulator: Emulator, figure: Figure, cars: FloatArray, values: FloatArray
+    emulator: Surrogate, figure: Figure, cars: FloatArray, values: FloatArray
 ) -> FloatArray:
     """How far (m) the published figure may lie from what cars (m, n) show (m): one standard
     deviation, in its unit.
@@ -232,14 +234,14 @@ def spread_of(
     A rate and its integral are off by different shares; the integral of a gyro gathers what the
     rate averages out.
     """
-    name = OFF_ROLL if figure.metric == "roll_integral_rad" else OFF
+    name = ROLL_DISCREPANCY if figure.metric == "roll_integral_rad" else DISCREPANCY
     share = cars[:, emulator.prior.column(name)]
     found: FloatArray = np.hypot(share * values, emulator.deviation(figure))
     return found
 
 
 def sample(
-    emulator: Emulator,
+    emulator: Surrogate,
     figures: Sequence[Figure],
     seed: int,
     prior: CarPrior | None = None,
@@ -291,7 +293,9 @@ def sample(
         longest = float(np.nanmax(emcee.autocorr.integrated_time(chain, tol=0)))
     flat = chain.reshape(-1, chain.shape[2])
     number = len(flat)
-    drawn = np.random.default_rng(seed).choice(number, min(KEPT, number), replace=False)
+    drawn = np.random.default_rng(seed).choice(
+        number, min(MAX_POSTERIOR_SAMPLES, number), replace=False
+    )
     return Posterior(flat[drawn], number / longest, len(chain) / longest)
 
 
@@ -305,7 +309,7 @@ class FineRuns:
     rows: dict[str, list[Row]]
 
 
-def run_fine(plan: CalibrationPlan, posterior: Posterior, runs: Runs) -> FineRuns:
+def run_fine(plan: CalibrationPlan, posterior: Posterior, runs: CachedRunner) -> FineRuns:
     """Runs cars of a posterior through every turn with the full car at the plan's fine step."""
     cars = _different(posterior.cars, plan.size.ensemble, plan.seed)
     runs.stage = "full cars"

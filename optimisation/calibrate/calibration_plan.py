@@ -43,15 +43,15 @@ from aerodima.workbench.scenario.scenario import (
 FRICTION = "car.tyre_friction"
 SLIP = "car.tyre_slip_angle"
 NUISANCES = ("window", "latency", "gyro_bias", "forward")
-OF_THE_FIELD = NUISANCES[1:]
-FORWARD = 0.5
+FIELD_NUISANCES = NUISANCES[1:]
+CAUSAL_FILTER_THRESHOLD = 0.5
 """Value of `forward` above which the filter runs in one direction."""
-LONGEST = {"window": 1.2, "latency": 0.3}
+MAX_NUISANCES = {"window": 1.2, "latency": 0.3}
 """s; what is recorded around the steering allows no more."""
-KEPT = 2000
+MAX_POSTERIOR_SAMPLES = 2000
 """Cars of a posterior that are kept."""
-OFF = "discrepancy"
-OFF_ROLL = "discrepancy of roll"
+DISCREPANCY = "discrepancy"
+ROLL_DISCREPANCY = "discrepancy of roll"
 LIFT = "lift_yaw_rate_rad_per_s"
 FIGURES = (
     "max_yaw_rate_rad_per_s",
@@ -85,7 +85,7 @@ class Turn(StrictModel):
         return f"{self.system} {self.tail} {self.speed:g}"
 
 
-class Density(StrictModel):
+class NormalPrior(StrictModel):
     """A normal prior in place of a uniform one, cut at the range of the parameter."""
 
     mean: float
@@ -93,7 +93,7 @@ class Density(StrictModel):
     reason: str = Field(min_length=1)
 
 
-class Size(StrictModel):
+class Budget(StrictModel):
     """How much is run.
 
     Attributes:
@@ -126,7 +126,7 @@ class CalibrationPlan(StrictModel):
     body: tuple[str, ...] = Field(min_length=1)
     each: tuple[Literal["car.tyre_friction"], Literal["car.tyre_slip_angle"]]
     ranges: dict[str, Range]
-    density: dict[str, Density]
+    density: dict[str, NormalPrior]
     nuisances: dict[str, Range]
     discrepancy: Range
     discrepancy_of_roll: Range
@@ -134,7 +134,7 @@ class CalibrationPlan(StrictModel):
     turns: tuple[Turn, ...] = Field(min_length=1)
     settings: dict[Platform, tuple[str, ...]]
     left_out: dict[str, str]
-    size: Size
+    size: Budget
 
     @model_validator(mode="after")
     def _names_are_known(self) -> Self:
@@ -161,12 +161,12 @@ class CalibrationPlan(StrictModel):
             raise ValueError(
                 f"outcome_width: {tail!r} is missing; needed is one for the tail of every turn"
             )
-        off = ((OFF, self.discrepancy), (OFF_ROLL, self.discrepancy_of_roll))
+        off = ((DISCREPANCY, self.discrepancy), (ROLL_DISCREPANCY, self.discrepancy_of_roll))
         ranges = [*self.ranges.items(), *self.nuisances.items(), *off]
         for name, (low, high) in ranges:
             if not low < high:
                 raise ValueError(f"{name}: {low:g} to {high:g}; allowed: the lower end first")
-        for name, most in LONGEST.items():
+        for name, most in MAX_NUISANCES.items():
             low, high = self.nuisances[name]
             if low < 0.0 or high > most:
                 raise ValueError(
@@ -191,7 +191,7 @@ class CalibrationPlan(StrictModel):
                 f"size: walkers: {size.walkers}; allowed: at least {2 * cars}, twice the unknowns"
             )
         together = size.cars + size.full
-        most = min(KEPT, size.walkers * size.steps)
+        most = min(MAX_POSTERIOR_SAMPLES, size.walkers * size.steps)
         if together > most:
             raise ValueError(f"size: cars and full: {together}; allowed: {most} together")
         return self
@@ -292,7 +292,7 @@ class CarPrior:
             ranges.append(plan.ranges.get(key) or plan.ranges.get(name) or _prior_range(name))
         ranges += [plan.nuisances[name] for name in NUISANCES]
         ranges += [plan.discrepancy, plan.discrepancy_of_roll]
-        object.__setattr__(self, "names", (*keys, *NUISANCES, OFF, OFF_ROLL))
+        object.__setattr__(self, "names", (*keys, *NUISANCES, DISCREPANCY, ROLL_DISCREPANCY))
         object.__setattr__(self, "ranges", np.array(ranges))
         object.__setattr__(self, "_base", load_scenario("turn_swing"))
 
@@ -317,14 +317,14 @@ class CarPrior:
         low, high = self.ranges.T
         scaled: FloatArray = 2.0 * (cars - low) / (high - low) - 1.0
         forward = self.column("forward")
-        scaled[:, forward] = np.where(cars[:, forward] > FORWARD, 1.0, -1.0)
+        scaled[:, forward] = np.where(cars[:, forward] > CAUSAL_FILTER_THRESHOLD, 1.0, -1.0)
         return scaled
 
     def log_density(self, cars: FloatArray) -> FloatArray:
         """Logarithm of the density (m), up to a constant; -inf where a car cannot be."""
         low, high = self.ranges.T
         inside = np.all((cars >= low) & (cars <= high), axis=1)
-        off = cars[:, [self.column(OFF), self.column(OFF_ROLL)]]
+        off = cars[:, [self.column(DISCREPANCY), self.column(ROLL_DISCREPANCY)]]
         total = -np.sum(np.log(np.maximum(off, 1e-9)), axis=1)
         for key, density in self.plan.density.items():
             for index in (number for number, name in enumerate(self.names) if name.endswith(key)):

@@ -17,10 +17,10 @@ from scipy.special import log_ndtr
 from scipy.stats import norm
 
 from aerodima.optimisation.calibrate.calibration_plan import (
+    FIELD_NUISANCES,
     FIGURES,
     FRICTION,
     LIFT,
-    OF_THE_FIELD,
     CarPrior,
     Figure,
     Turn,
@@ -29,23 +29,23 @@ from aerodima.workbench.core.array_types import FloatArray, IntArray
 from aerodima.workbench.core.errors import UserError
 
 METRICS = (*FIGURES, LIFT)
-SIZES = (1e-2, 1e3)
+VARIANCE_BOUNDS = (1e-2, 1e3)
 """Bounds of the variance that a process is tuned in."""
-LENGTHS = (0.3, 100.0)
+LENGTH_BOUNDS = (0.3, 100.0)
 """Bounds of its lengths over scaled columns."""
-NOISES = (1e-5, 1.0)
+NOISE_BOUNDS = (1e-5, 1.0)
 """Bounds of the variance of its noise."""
-TUNED = 250
+HYPERPARAMETER_SAMPLES = 250
 """Most rows by which a process is tuned."""
-FITTED = 1200
+TRAINING_SAMPLES = 1200
 """Most rows to which a process is fitted."""
-LEAST = 8
+MIN_REDUCED_CARS = 8
 """Cars that a process needs."""
-LEAST_FULL = 3
+MIN_FULL_CARS = 3
 """Full cars that a correction needs."""
 RIDGES = np.logspace(0.0, 4.0, 9)
 """Ridges of a correction that are tried."""
-CLOSEST = 0.005
+MIN_MARGIN = 0.005
 """Margin that counts as none."""
 NODES = np.linspace(-6.0, 6.0, 121)
 WEIGHTS = np.log(norm.pdf(NODES) / norm.pdf(NODES).sum())[:, None]
@@ -54,7 +54,7 @@ weights."""
 
 
 @dataclass(frozen=True)
-class Surface:
+class Regression:
     """A regression over some columns of scaled cars.
 
     Attributes:
@@ -73,7 +73,7 @@ class Surface:
     @classmethod
     def process(
         cls, columns: list[int], scaled: FloatArray, values: FloatArray, cars: IntArray
-    ) -> Surface:
+    ) -> Regression:
         """A Gaussian process with a length for every column, fitted to values (m, k) at scaled cars
         (m, n).
 
@@ -84,18 +84,22 @@ class Surface:
         from sklearn.gaussian_process import GaussianProcessRegressor
         from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-        rows = np.random.default_rng(len(values)).permutation(len(values))[:FITTED]
+        rows = np.random.default_rng(len(values)).permutation(len(values))[:TRAINING_SAMPLES]
         middle = values.mean(axis=0)
         spread = values.std(axis=0) + 1e-9
         chosen = scaled[rows][:, columns]
         target = (values[rows] - middle) / spread
-        kernel = ConstantKernel(1.0, SIZES) * RBF(
-            np.full(len(columns), 2.0), LENGTHS
-        ) + WhiteKernel(0.01, NOISES)
+        kernel = ConstantKernel(1.0, VARIANCE_BOUNDS) * RBF(
+            np.full(len(columns), 2.0), LENGTH_BOUNDS
+        ) + WhiteKernel(0.01, NOISE_BOUNDS)
         with warnings.catch_warnings():
             # The length of a column without influence is at its bound.
             warnings.simplefilter("ignore")
-            tuned = GaussianProcessRegressor(kernel).fit(chosen[:TUNED], target[:TUNED]).kernel_
+            tuned = (
+                GaussianProcessRegressor(kernel)
+                .fit(chosen[:HYPERPARAMETER_SAMPLES], target[:HYPERPARAMETER_SAMPLES])
+                .kernel_
+            )
         fitted = GaussianProcessRegressor(tuned, optimizer=None).fit(chosen, target)
         size = tuned.k1.k1.constant_value
         lengths = tuned.k1.k2.length_scale
@@ -113,7 +117,7 @@ class Surface:
     @classmethod
     def line(
         cls, columns: list[int], scaled: FloatArray, values: FloatArray, cars: IntArray
-    ) -> Surface:
+    ) -> Regression:
         """A plane with a ridge, for rows of few cars; arguments as those of `process`."""
         from sklearn.linear_model import Ridge
         from sklearn.model_selection import GridSearchCV, GroupKFold, cross_val_predict
@@ -154,7 +158,7 @@ def _plane_at(slopes: FloatArray, offset: FloatArray, inputs: FloatArray) -> Flo
 
 
 @dataclass(frozen=True)
-class Emulator:
+class Surrogate:
     """What every turn of a plan shows, for any car.
 
     Attributes:
@@ -167,50 +171,50 @@ class Emulator:
     """
 
     prior: CarPrior
-    flips: dict[str, Surface]
-    figures: dict[str, Surface]
-    shifts: dict[str, Surface] = field(default_factory=dict)
-    corrections: dict[str, Surface] = field(default_factory=dict)
+    flips: dict[str, Regression]
+    figures: dict[str, Regression]
+    shifts: dict[str, Regression] = field(default_factory=dict)
+    corrections: dict[str, Regression] = field(default_factory=dict)
 
     @classmethod
     def of_reduced(
         cls, prior: CarPrior, cars: FloatArray, found: Mapping[str, Mapping[str, Any]]
-    ) -> Emulator:
+    ) -> Surrogate:
         """From `run_reduced` of all cars (m, n), by name of the turn."""
         flips = {}
         figures = {}
         for turn in prior.plan.turns:
             name = turn.name
-            known, flip, tried, shown, whose = _search(turn, cars, found[name], LEAST)
+            known, flip, tried, shown, whose = _search(turn, cars, found[name], MIN_REDUCED_CARS)
             scaled = prior.scaled(cars[known])
             columns = _of_the_flip(prior, turn)
-            surface = Surface.process(columns, scaled, flip[known, None], known)
+            surface = Regression.process(columns, scaled, flip[known, None], known)
             flips[name] = surface
             if turn.table:
                 margin = _unseen(prior, turn, flip, surface, tried, whose)
                 inputs = _with_margin(prior.scaled(tried), margin)
                 columns = _of_a_figure(prior, turn)
-                figures[name] = Surface.process(columns, inputs, shown, whose)
+                figures[name] = Regression.process(columns, inputs, shown, whose)
         return cls(prior, flips, figures)
 
-    def corrected(self, cars: FloatArray, found: Mapping[str, Mapping[str, Any]]) -> Emulator:
+    def corrected(self, cars: FloatArray, found: Mapping[str, Mapping[str, Any]]) -> Surrogate:
         """By `search_full` of all cars (m, n), by name of the turn."""
         prior = self.prior
         shifts = {}
         corrections = {}
         for turn in prior.plan.turns:
             name = turn.name
-            known, flip, tried, shown, whose = _search(turn, cars, found[name], LEAST_FULL)
+            known, flip, tried, shown, whose = _search(turn, cars, found[name], MIN_FULL_CARS)
             scaled = prior.scaled(cars[known])
             missed = flip[known, None] - self.flips[name](scaled)
-            surface = Surface.line(_of_the_flip(prior, turn), scaled, missed, known)
+            surface = Regression.line(_of_the_flip(prior, turn), scaled, missed, known)
             shifts[name] = surface
             if turn.table:
                 margin = _unseen(prior, turn, flip, surface, tried, whose)
                 inputs = _with_margin(prior.scaled(tried), margin)
                 missed = shown - self.figures[name](inputs)
                 columns = _of_a_figure(prior, turn)
-                corrections[name] = Surface.line(columns, inputs, missed, whose)
+                corrections[name] = Regression.line(columns, inputs, missed, whose)
         return replace(self, shifts=shifts, corrections=corrections)
 
     def margin(self, cars: FloatArray, turn: Turn) -> FloatArray:
@@ -289,7 +293,7 @@ def _kind(turn: Turn) -> tuple[str, str]:
 
 def _of_the_flip(prior: CarPrior, turn: Turn) -> list[int]:
     columns = prior.inputs(turn.system)[:-1]
-    left = {prior.column(name) for name in ("window", *OF_THE_FIELD) if name != "gyro_bias"}
+    left = {prior.column(name) for name in ("window", *FIELD_NUISANCES) if name != "gyro_bias"}
     return [column for column in columns if column not in left]
 
 
@@ -297,7 +301,7 @@ def _unseen(
     prior: CarPrior,
     turn: Turn,
     flip: FloatArray,
-    surface: Surface,
+    surface: Regression,
     tried: FloatArray,
     whose: IntArray,
 ) -> FloatArray:
@@ -318,7 +322,7 @@ def _with_margin(scaled: FloatArray, margin: FloatArray) -> FloatArray:
     """Scaled cars (m, n) and the logarithm of their margin (m): a car leans ever further as the
     margin goes to 0.
     """
-    return np.column_stack([scaled, np.log(0.5 * (margin + np.hypot(margin, 2.0 * CLOSEST)))])
+    return np.column_stack([scaled, np.log(0.5 * (margin + np.hypot(margin, 2.0 * MIN_MARGIN)))])
 
 
 def _search(

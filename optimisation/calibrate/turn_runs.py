@@ -15,8 +15,8 @@ from scipy.integrate import cumulative_trapezoid, trapezoid
 from scipy.signal import butter, lfilter
 
 from aerodima.optimisation.calibrate.calibration_plan import (
+    CAUSAL_FILTER_THRESHOLD,
     FIGURES,
-    FORWARD,
     FRICTION,
     LIFT,
     CalibrationPlan,
@@ -82,7 +82,7 @@ def figures_of_motion(motion: Motion, turn: Turn, nuisances: dict[str, float]) -
     if of_the_field:
         start -= nuisances["latency"]
         signals[0] = signals[0] + nuisances["gyro_bias"]
-        if nuisances["forward"] > FORWARD:
+        if nuisances["forward"] > CAUSAL_FILTER_THRESHOLD:
             b, a = butter(IMU_FILTER.order, IMU_FILTER.cutoff_hz, fs=1.0 / SAMPLE_TIMES["physical"])
             signals = [lfilter(b, a, values - values[0]) + values[0] for values in signals]
         else:
@@ -110,7 +110,7 @@ def nuisances_of(prior: CarPrior, car: FloatArray) -> dict[str, float]:
 
 
 @dataclass(frozen=True)
-class Piece:
+class WorkItem:
     """Work for the engine: cars (m, n) in one turn.
 
     Attributes:
@@ -138,7 +138,7 @@ def prior_of(plan: CalibrationPlan) -> CarPrior:
     return _prior(plan.model_dump_json(by_alias=True))
 
 
-def run_reduced(piece: Piece) -> dict[str, Any]:
+def run_reduced(piece: WorkItem) -> dict[str, Any]:
     """Searches the friction at which each reduced car flips; figures of every run of the search
     that survived.
 
@@ -224,7 +224,7 @@ def _motions(driven: Turns, x: FloatArray, z: FloatArray) -> list[Motion]:
     return [Motion(*signals) for signals in zip(yaw, lateral, roll, both, strict=True)]
 
 
-def search_full(piece: Piece) -> dict[str, Any]:
+def search_full(piece: WorkItem) -> dict[str, Any]:
     """Searches the friction at which each full car flips; returns what `run_reduced` does.
 
     The search begins at the margin of each car and goes up or down, by the reach of the piece and
@@ -274,7 +274,7 @@ def search_full(piece: Piece) -> dict[str, Any]:
     return found
 
 
-def run_full(piece: Piece) -> list[Row]:
+def run_full(piece: WorkItem) -> list[Row]:
     """Runs full cars (m) in a turn, each at its own friction.
 
     Returns:

@@ -20,15 +20,15 @@ from scipy.stats import norm, t
 
 from aerodima.optimisation.calibrate.calibration import Posterior, log_density, sample, spread_of
 from aerodima.optimisation.calibrate.calibration_plan import (
-    OFF,
-    OFF_ROLL,
+    DISCREPANCY,
+    ROLL_DISCREPANCY,
     SLIP,
     CarPrior,
     Figure,
     figures_of,
 )
-from aerodima.optimisation.calibrate.surrogate import Emulator
-from aerodima.optimisation.studies.runs import Runs
+from aerodima.optimisation.calibrate.surrogate import Surrogate
+from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.workbench.batch.row_store import content_key
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
@@ -66,14 +66,14 @@ class Question(NamedTuple):
     emulator's.
     """
 
-    emulator: Emulator
+    emulator: Surrogate
     figures: Sequence[Figure]
     table: str
     seed: int
     prior: CarPrior | None = None
 
 
-def predictions(questions: Sequence[Question], runs: Runs) -> list[LeftOut]:
+def predictions(questions: Sequence[Question], runs: CachedRunner) -> list[LeftOut]:
     """`leave_out` of each question, each once."""
     keys = [
         content_key("leave_out", hashlib.sha256(pickle.dumps(question)).hexdigest())
@@ -91,7 +91,7 @@ def _answer(question: Question) -> dict[str, Any]:
 
 
 def leave_out(
-    emulator: Emulator,
+    emulator: Surrogate,
     figures: Sequence[Figure],
     table: str,
     seed: int,
@@ -119,20 +119,20 @@ def leave_out(
 
 
 def predicted(
-    emulator: Emulator, figure: Figure, cars: FloatArray, rng: np.random.Generator
+    emulator: Surrogate, figure: Figure, cars: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
     """Draws (m) of what the thesis would have printed for cars (m, n)."""
     values = emulator.value(cars, figure)
     return values + spread_of(emulator, figure, cars, values) * rng.standard_normal(len(cars))
 
 
-def joint_density(emulator: Emulator, figures: Sequence[Figure], cars: FloatArray) -> float:
+def joint_density(emulator: Surrogate, figures: Sequence[Figure], cars: FloatArray) -> float:
     """Logarithm of the density of figures together, averaged over cars (m, n)."""
     logs = np.sum([log_density(emulator, figure, cars) for figure in figures], axis=0)
     return float(logsumexp(logs) - np.log(len(cars)))
 
 
-def _survivors(emulator: Emulator, cars: FloatArray, figure: Figure, seed: int) -> FloatArray:
+def _survivors(emulator: Surrogate, cars: FloatArray, figure: Figure, seed: int) -> FloatArray:
     """Cars of the prior, drawn by their probability to survive the turn, as the printed one did."""
     weight = emulator.survival(cars, figure.turn)
     return cars[np.random.default_rng(seed).choice(len(cars), len(cars), p=weight / weight.sum())]
@@ -174,7 +174,7 @@ def rigid(prior: CarPrior) -> CarPrior:
 
 
 def _playing(
-    emulator: Emulator, posterior: Posterior, rng: np.random.Generator
+    emulator: Surrogate, posterior: Posterior, rng: np.random.Generator
 ) -> tuple[FloatArray, dict[str, bool]]:
     """A posterior car (1, n) and how its turns end, one that survives every turn with a table."""
     for _ in range(TRIES):
@@ -186,12 +186,12 @@ def _playing(
 
 
 def perfect_model(
-    emulator: Emulator,
+    emulator: Surrogate,
     posterior: Posterior,
     tables: Sequence[str],
     number: int,
     seed: int,
-    runs: Runs,
+    runs: CachedRunner,
 ) -> float:
     """Share of the figures of tables that lie in their 90 % interval when posterior cars play the
     thesis.
@@ -280,7 +280,9 @@ def combinations(
     five of them.
     """
     physical = [
-        index for index, name in enumerate(prior.names) if name not in ("forward", OFF, OFF_ROLL)
+        index
+        for index, name in enumerate(prior.names)
+        if name not in ("forward", DISCREPANCY, ROLL_DISCREPANCY)
     ]
     before, after = (prior.scaled(c)[:, physical] for c in (prior.draw(4000, seed), cars))
     ratios, vectors = eigh(np.cov(after.T), np.cov(before.T))
@@ -295,7 +297,7 @@ def combinations(
     return found
 
 
-def brier(emulator: Emulator, cars: FloatArray) -> tuple[float, Mapping[str, float]]:
+def brier(emulator: Surrogate, cars: FloatArray) -> tuple[float, Mapping[str, float]]:
     """Brier score of the published outcomes, and the probability of surviving each turn."""
     chances = {
         turn.name: float(np.mean(emulator.survival(cars, turn)))

@@ -23,14 +23,14 @@ from aerodima.optimisation.calibrate.calibration import (
     sample,
 )
 from aerodima.optimisation.calibrate.calibration_plan import (
-    OFF,
-    OFF_ROLL,
+    DISCREPANCY,
+    ROLL_DISCREPANCY,
     CalibrationPlan,
     CarPrior,
     Turn,
     figures_of,
 )
-from aerodima.optimisation.calibrate.surrogate import Emulator
+from aerodima.optimisation.calibrate.surrogate import Surrogate
 from aerodima.optimisation.calibrate.validation import (
     BAND,
     LeftOut,
@@ -43,7 +43,7 @@ from aerodima.optimisation.calibrate.validation import (
     predictions,
     rigid,
 )
-from aerodima.optimisation.studies.runs import Runs
+from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.logs.schema import software_versions
@@ -89,7 +89,7 @@ class Result:
         fine: cars of the ensemble, run with the full car at the fine step.
     """
 
-    emulator: Emulator
+    emulator: Surrogate
     posterior: Posterior
     left_out: Sequence[LeftOut]
     rigid_density: float
@@ -106,7 +106,7 @@ def require_extra() -> None:
             )
 
 
-def calibrate(plan: CalibrationPlan, runs: Runs, out: Path, played: int) -> Path:
+def calibrate(plan: CalibrationPlan, runs: CachedRunner, out: Path, played: int) -> Path:
     """Carries out a plan and writes its pages; runs that are kept are not made again.
 
     Returns the path of the page.
@@ -249,8 +249,8 @@ def _findings(
     of_the_field = figures[figures.figure.str.startswith(FIELD_TABLES)]
     missing = sum(name.startswith(FIELD_TABLES) for name in plan.left_out)
     posterior = result.posterior
-    off = np.quantile(posterior.cars[:, prior.column(OFF)], BAND)
-    off_roll = np.quantile(posterior.cars[:, prior.column(OFF_ROLL)], BAND)
+    off = np.quantile(posterior.cars[:, prior.column(DISCREPANCY)], BAND)
+    off_roll = np.quantile(posterior.cars[:, prior.column(ROLL_DISCREPANCY)], BAND)
     played = []
     if not np.isnan(result.perfect):
         played.append(

@@ -118,7 +118,7 @@ def judge(
             "swing, or a file of "
             "candidates; may be repeated; by default the first seven. The car without tail always "
             "takes part.",
-            autocompletion=lambda: _suite("NAMED"),
+            autocompletion=lambda: _suite("NAMED_CANDIDATES"),
         ),
     ] = None,
     law: cli.Laws = None,
@@ -143,7 +143,9 @@ def judge(
     out/judge
     """
     from aerodima.optimisation.judge import suite
-    from aerodima.optimisation.judge.entry_speed import ERROR, EntrySearch, climb
+    from aerodima.optimisation.judge.entry_rule import ERROR
+    from aerodima.optimisation.judge.entry_search import EntrySearch
+    from aerodima.optimisation.judge.entry_speed import find_entry_speeds
     from aerodima.optimisation.judge.entry_table import (
         entry_lines,
         entry_page,
@@ -153,12 +155,12 @@ def judge(
     from aerodima.workbench.view.report_page import write_files
 
     search = EntrySearch(start=start, step=step, ceiling=ceiling)
-    driven = suite.manoeuvres(manoeuvre or suite.TRAINED_ON, tail)
-    who = suite.candidates(candidate or list(suite.CANDIDATES), law or ())
+    driven = suite.select_manoeuvres(manoeuvre or suite.TRAINING_MANOEUVRES, tail)
+    who = suite.select_candidates(candidate or list(suite.CANDIDATES), law or ())
     split = workbench.load_ensemble(ensemble).split(seed)
-    cases = suite.floors(_first(split.test, cars), floors or [1.0])
+    cases = suite.make_surfaces(_first(split.test, cars), floors or [1.0])
     with runs_in(out, work) as runs:
-        table = climb(driven, who, cases, runs, search)
+        table = find_entry_speeds(driven, who, cases, runs, search)
     summary = summarise_entries(table)
     page = entry_page(table, summary)
     write_files(
@@ -207,15 +209,15 @@ def train(
     """
     from aerodima.optimisation.judge import suite
     from aerodima.optimisation.judge.candidate import write_candidates
-    from aerodima.optimisation.swing.feedback_search import LawSearch, search_feedback
+    from aerodima.optimisation.swing.feedback_training import LawSearch, train_feedback
 
     path = out / "candidates.yaml"
     refuse_existing(path, work.force, SwingError)
     split = workbench.load_ensemble(ensemble).split(seed)
-    cases = suite.floors(_first(split.training, cars), floors or [1.0])
+    cases = suite.make_surfaces(_first(split.training, cars), floors or [1.0])
     asked = LawSearch(laws=laws, generations=generations, seed=seed, around=around)
     with runs_in(out, work) as runs:
-        found = search_feedback(cases, tail, asked, runs)
+        found = train_feedback(cases, tail, asked, runs)
     options = {
         "ensemble": ensemble,
         "tail": tail,
@@ -268,7 +270,7 @@ def bound(
 
     names = bounds.paths(manoeuvre or ())
     split = workbench.load_ensemble(ensemble).split(seed)
-    cases = suite.floors(_first(split.test, cars), floors or [1.0])
+    cases = suite.make_surfaces(_first(split.test, cars), floors or [1.0])
     with runs_in(out, work) as runs:
         table = bounds.search_bound(names, cases, tail, starts, generations, runs)
     write_files(out, {"bound.csv": table}, error=SweepError)

@@ -12,7 +12,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from aerodima.optimisation.judge.candidate import HELD, LOW_BALLAST, NO_TAIL, THESIS
-from aerodima.optimisation.judge.entry_speed import ERROR, NO_REFERENCE, NOT_PROVED
+from aerodima.optimisation.judge.entry_rule import ERROR
+from aerodima.optimisation.judge.entry_speed import NO_REFERENCE, NOT_CONFIRMED
 from aerodima.optimisation.studies.runs import make_frame
 from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.core.array_types import FloatArray
@@ -29,7 +30,7 @@ REFERENCES: Mapping[str, tuple[str, ...]] = {
     "better_tail": (HELD.name, THESIS.name),
 }
 """What gains are over, each time the fastest of these candidates in the same case."""
-UNKNOWN = (ERROR, NO_REFERENCE, NOT_PROVED)
+UNKNOWN = (ERROR, NO_REFERENCE, NOT_CONFIRMED)
 """How `ended_by` begins where an entry speed is not known."""
 RESAMPLES = 4000
 """Draws of cars in a bootstrap."""

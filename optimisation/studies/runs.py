@@ -25,8 +25,8 @@ from aerodima.workbench.batch.row_store import (
     Row,
     RowStore,
     content_key,
-    saying_how_to_go_on,
-    silent,
+    no_progress,
+    print_resume_hint,
 )
 from aerodima.workbench.control.law_of_scenario import NO_SWING, find_swing, in_words, load_law
 from aerodima.workbench.core.checked_files import read_yaml
@@ -38,7 +38,7 @@ from aerodima.workbench.scenario.scenario import Scenario, default_values
 WORKER_LOST = "its worker process was lost"
 """Begins the error of a run whose worker died under it again and again."""
 
-DRIVING = 0.9
+MIN_SPEED_SHARE = 0.9
 """Share of the commanded speed that a car must have reached when its turn begins."""
 
 FINE_STEP = 0.0005
@@ -149,7 +149,7 @@ def tipped_before_turn(row: Mapping[Any, Any]) -> bool:
     commanded = row.get("commanded_speed_m_per_s")
     if row["outcome"] != "flipped" or speed is None or commanded is None:
         return False
-    return float(speed) < DRIVING * float(commanded)
+    return float(speed) < MIN_SPEED_SHARE * float(commanded)
 
 
 def failed_row(task: RunTask, error: str, scenario: Scenario | RigScenario | None = None) -> Row:
@@ -232,7 +232,7 @@ def open_run_engine(
     return open_engine(workers, scheduler, module="aerodima.workbench.car.car_run", **options)
 
 
-class Runs:
+class CachedRunner:
     """Rows of tasks, each run once.
 
     Args:
@@ -247,7 +247,7 @@ class Runs:
         self,
         engine: Engine | None = None,
         store: RowStore | None = None,
-        progress: ProgressLine = silent,
+        progress: ProgressLine = no_progress,
         stage: str = "",
     ) -> None:
         self._engine = engine or Engine()
@@ -314,9 +314,9 @@ class Runs:
 
 
 @contextmanager
-def kept_runs(
-    out: Path, engine: Engine, *, force: bool = False, progress: ProgressLine = silent
-) -> Iterator[Runs]:
+def cached_runs(
+    out: Path, engine: Engine, *, force: bool = False, progress: ProgressLine = no_progress
+) -> Iterator[CachedRunner]:
     """Runs that are kept in `runs.jsonl` of a folder, with these parameters and versions.
 
     Raises:
@@ -329,8 +329,8 @@ def kept_runs(
         "versions": software_versions(),
     }
     with RowStore(out / "runs.jsonl", identity, force=force) as store:
-        runs = Runs(engine, store, progress)
-        with saying_how_to_go_on(progress, lambda: f"{len(store.rows)} runs"):
+        runs = CachedRunner(engine, store, progress)
+        with print_resume_hint(progress, lambda: f"{len(store.rows)} runs"):
             yield runs
         progress(f"{runs.ran} runs made; {len(store.rows)} are in {out}")
 

@@ -16,10 +16,10 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import differential_evolution
 
-from aerodima.optimisation.judge.entry_speed import EntryFloor
-from aerodima.optimisation.judge.suite import CANDIDATES, FEEDBACK, MANOEUVRES, manoeuvres
-from aerodima.optimisation.studies.runs import Runs, make_frame, scenario_content
-from aerodima.optimisation.swing.feedback_search import gains_of, reduced_cars
+from aerodima.optimisation.judge.entry_speed import Surface
+from aerodima.optimisation.judge.suite import CANDIDATES, FEEDBACK, MANOEUVRES, select_manoeuvres
+from aerodima.optimisation.studies.runs import CachedRunner, make_frame, scenario_content
+from aerodima.optimisation.swing.feedback_training import gains_of, reduced_cars
 from aerodima.workbench.batch.row_store import content_key
 from aerodima.workbench.car.reduced.entry_runs import PathMotion, at_speeds, enter
 from aerodima.workbench.core.array_types import FloatArray
@@ -29,22 +29,22 @@ from aerodima.workbench.scenario.scenario import load_scenario
 
 BOUND = "bound"
 """Name of the motion that is known beforehand; the other names are those of `suite.CANDIDATES`."""
-SEARCHED = ("none", "low-ballast", "feedback", BOUND)
-DRIVER = [(0.15, 0.6), (0.0, 3.0), (0.02, 0.3)]
+CANDIDATE_NAMES = ("none", "low-ballast", "feedback", BOUND)
+DRIVER_RANGES = [(0.15, 0.6), (0.0, 3.0), (0.02, 0.3)]
 """Ranges of the driver's preview, s, correction and lag, s."""
-MOTION = [(-1.45, 1.45)] * 12 + [(-1.25, 0.6)] * 4
+MOTION_RANGES = [(-1.45, 1.45)] * 12 + [(-1.25, 0.6)] * 4
 """Ranges of the tail's roll and pitch at places of the path, rad."""
-ROLLS = len(DRIVER) + 12
+ROLLS = len(DRIVER_RANGES) + 12
 """Where the rolls end among the searched numbers."""
-FIRST = 2.0
+FIRST_SPEED = 2.0
 """First speed that is expected, m/s."""
 STEP = 0.1
 """Between two speeds, m/s."""
-AROUND = STEP * np.arange(-4, 4)
+SPEED_OFFSETS = STEP * np.arange(-4, 4)
 """Speeds of each member of a generation, from the best one so far, m/s."""
 POPULATION = 40
 """Members of a generation."""
-OTHER_STARTS = 2
+RESTARTS = 2
 """Of the candidates beside the bound."""
 
 
@@ -55,7 +55,7 @@ class BoundStart:
     Attributes:
         manoeuvre, tail: of the suite.
         car: settings.
-        who: of `SEARCHED`.
+        who: of `CANDIDATE_NAMES`.
         seed: of all draws; `generations` beside the first one.
     """
 
@@ -80,14 +80,14 @@ def paths(names: Sequence[str] = ()) -> list[str]:
 
 def search_bound(
     names: Sequence[str],
-    cases: Sequence[tuple[Member, EntryFloor]],
+    cases: Sequence[tuple[Member, Surface]],
     tail: str,
     starts: int,
     generations: int,
-    runs: Runs,
+    runs: CachedRunner,
 ) -> pd.DataFrame:
     """Entry speeds of reduced cars on paths, m/s: a row for each manoeuvre, car and floor, a column
-    for `SEARCHED`.
+    for `CANDIDATE_NAMES`.
 
     The bound has so many starts, and is never below the law, which is a motion, too.
     """
@@ -98,8 +98,8 @@ def search_bound(
         settings = (*car.settings_on(MANOEUVRES[name].scenario), *floor.settings)
         for who, seed in [
             (one, seed)
-            for one in SEARCHED
-            for seed in range(starts if one == BOUND else OTHER_STARTS)
+            for one in CANDIDATE_NAMES
+            for seed in range(starts if one == BOUND else RESTARTS)
         ]:
             wanted.append(BoundStart(name, tail, settings, who, seed, generations))
             places.append(
@@ -133,22 +133,24 @@ def best_speed(start: BoundStart) -> float:
     A member of a generation keeps the path from 0.4 m/s below the best speed before that generation
     on.
     """
-    (chosen,) = manoeuvres([start.manoeuvre], start.tail)
+    (chosen,) = select_manoeuvres([start.manoeuvre], start.tail)
     moves = start.who == BOUND
     car = reduced_cars(chosen, [start.car], CANDIDATES.get(start.who, FEEDBACK))
     scenario = load_scenario(chosen.scenario, (*chosen.settings, *FEEDBACK.settings))
-    low, high = np.array(DRIVER + MOTION * moves).T[..., None]
+    low, high = np.array(DRIVER_RANGES + MOTION_RANGES * moves).T[..., None]
     follows = float(start.who != "none" and start.who != "low-ballast")
     best = 0.0
 
     def cost(shares: FloatArray) -> FloatArray:
         nonlocal best
         members = shares.shape[1]
-        speeds = np.round(max(best, FIRST) + AROUND, 2)
+        speeds = np.round(max(best, FIRST_SPEED) + SPEED_OFFSETS, 2)
         numbers = np.repeat(low + shares * (high - low), len(speeds), axis=1)
         cars = at_speeds(car.take(np.zeros(numbers.shape[1], int)), np.tile(speeds, members))
-        preview, correction, lag = numbers[: len(DRIVER)]
-        motion = PathMotion(preview, correction, lag, numbers[len(DRIVER) : ROLLS], numbers[ROLLS:])
+        preview, correction, lag = numbers[: len(DRIVER_RANGES)]
+        motion = PathMotion(
+            preview, correction, lag, numbers[len(DRIVER_RANGES) : ROLLS], numbers[ROLLS:]
+        )
         gains = gains_of([{}] * cars.count, scenario)
         found = enter(cars, scenario, gains, np.full(cars.count, follows), motion)
         kept = np.cumprod(found.upright.reshape(members, -1), axis=1).sum(axis=1)
@@ -160,7 +162,7 @@ def best_speed(start: BoundStart) -> float:
 
     ends = [(0.0, 1.0)] * len(low)
     first = np.random.default_rng(start.seed).random((POPULATION, len(low)))
-    first[0, len(DRIVER) :] = 0.5  # a tail that lies still
+    first[0, len(DRIVER_RANGES) :] = 0.5  # a tail that lies still
     settings = {
         "polish": False,
         "vectorized": True,

@@ -15,16 +15,21 @@ from typing import Any
 import numpy as np
 
 from aerodima.optimisation.judge.candidate import HELD
-from aerodima.optimisation.studies.runs import Runs
-from aerodima.optimisation.swing.task import AFTER, Floor, Task, find_floors
+from aerodima.optimisation.studies.runs import CachedRunner
+from aerodima.optimisation.swing.task import RUN_OUT_TIME, Task, TaskSurface, find_surfaces
 from aerodima.optimisation.swing.turn_nlp import (
-    FEASIBLE,
-    TurnProgramme,
+    FEASIBILITY_TOL,
+    TurnNlp,
     TurnSolution,
     best_of,
 )
-from aerodima.optimisation.swing.turn_shooting import FOLLOW, HOLD, RELEASE_STEERING, TurnShooting
-from aerodima.workbench.batch.row_store import ProgressLine, silent
+from aerodima.optimisation.swing.turn_shooting import (
+    FOLLOW_GAINS,
+    HOLD_GAINS,
+    RELEASE_STEERING,
+    TurnShooting,
+)
+from aerodima.workbench.batch.row_store import ProgressLine, no_progress
 from aerodima.workbench.car.ak70 import torque_speed_limits
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SwingError
@@ -33,7 +38,7 @@ from aerodima.workbench.scenario.ensemble import Member
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 from aerodima.workbench.scenario.swing_file import SCHEMA, SwingFile, swing_from_dict
 
-FASTEST_TICK = 0.005
+MAX_STEP = 0.005
 """Longest step of the reduced cars, s; the controller's ticks must be whole steps."""
 KNOT_ROUNDING = 1e-2
 """How far the curve between two knots on a stop may bulge beyond it, rad: the tail then rests on
@@ -57,7 +62,7 @@ CAR_KEYS = (
     "tail.pitch_limit",
 )
 """Parameters that make it another car for a swing."""
-OWN_CAR = Member("car", 1.0, {})
+SCENARIO_CAR = Member("car", 1.0, {})
 """The car of the scenario, for a task without training cars."""
 
 
@@ -90,7 +95,12 @@ class MotionSearch:
 
 
 def search_motion(
-    name: str, task: Task, search: MotionSearch, runs: Runs, *, progress: ProgressLine = silent
+    name: str,
+    task: Task,
+    search: MotionSearch,
+    runs: CachedRunner,
+    *,
+    progress: ProgressLine = no_progress,
 ) -> SwingFile:
     """The swing with which the training cars of a task turn furthest, each with its own steering.
 
@@ -104,7 +114,7 @@ def search_motion(
     Raises:
         UserError: what the reduced car does not know, no floor, no turn that keeps all limits.
     """
-    floors, without = find_floors(task, task.training_cars or (OWN_CAR,), runs)
+    floors, without = find_surfaces(task, task.training_cars or (SCENARIO_CAR,), runs)
     for words in without:
         progress(f"{words}: no floor; left out")
     turns = [turn_on(task, floor) for floor in floors]
@@ -117,14 +127,14 @@ def search_motion(
         solutions.append(solution)
         progress(_line(number, solution))
     best = best_of(solutions)
-    if best.violation > FEASIBLE:
+    if best.violation > FEASIBILITY_TOL:
         raise SwingError(f"no start came to a turn that keeps its limits; nearest: {best.worst}")
     return swing_of(name, task, list(zip(floors, turns, strict=True)), programme, solutions, search)
 
 
 def turn_programme(
     turns: Sequence[Scenario], search: MotionSearch | None = None, task: Task | None = None
-) -> TurnProgramme:
+) -> TurnNlp:
     """The programme of turns, not solved yet: costs and constraints may be added to its `prog` over
     its `x`.
 
@@ -142,26 +152,26 @@ def turn_programme(
     if any(turn.tail.mode == "none" for turn in turns):
         raise SwingError("tail.mode: none; allowed: a tail that can swing")
     rate = turns[0].controller.rate
-    steps = math.ceil(1.0 / (rate * FASTEST_TICK) - 1e-9)
+    steps = math.ceil(1.0 / (rate * MAX_STEP) - 1e-9)
     length = 1.0 / (rate * steps)
     interval = search.length / (search.knots - 1)
     shooting = TurnShooting.of(turns, search.knots - 2, interval, task, length)
-    return TurnProgramme(shooting)
+    return TurnNlp(shooting)
 
 
-def turn_on(task: Task, floor: Floor) -> Scenario:
+def turn_on(task: Task, floor: TaskSurface) -> Scenario:
     """The turn of a task's car on its floor, with the tail of the scenario."""
     settings = task.settings(HELD, floor.car, floor.speed)
     turn = load_scenario(task.scenario, (*settings, floor.setting))
-    duration = turn.manoeuvre.turn_start + task.pulse + AFTER
+    duration = turn.manoeuvre.turn_start + task.pulse + RUN_OUT_TIME
     return turn.varied(manoeuvre={"turn_hold": task.pulse, "duration": duration})
 
 
 def swing_of(
     name: str,
     task: Task,
-    turns: Sequence[tuple[Floor, Scenario]],
-    programme: TurnProgramme,
+    turns: Sequence[tuple[TaskSurface, Scenario]],
+    programme: TurnNlp,
     solutions: list[TurnSolution],
     search: MotionSearch,
 ) -> SwingFile:
@@ -250,7 +260,10 @@ def steered_swing(
             "direction": scenario.manoeuvre.direction,
             "trigger": {"kind": "steering", "threshold_rad": RELEASE_STEERING},
             "knots": knots,
-            "gains": {"hold": HOLD, "phases": [{"start_s": 0.0, "roll": FOLLOW, "pitch": FOLLOW}]},
+            "gains": {
+                "hold": HOLD_GAINS,
+                "phases": [{"start_s": 0.0, "roll": FOLLOW_GAINS, "pitch": FOLLOW_GAINS}],
+            },
             "limits": {
                 "roll_position_rad": angle + KNOT_ROUNDING,
                 "pitch_position_rad": scenario.tail.pitch_limit + KNOT_ROUNDING,
@@ -268,7 +281,7 @@ def _line(number: int, found: TurnSolution) -> str:
     course = ", ".join(f"{math.degrees(value):.1f}" for value in found.course)
     if found.converged:
         state = "converged"
-    elif found.violation > FEASIBLE:
+    elif found.violation > FEASIBILITY_TOL:
         state = f"violates {found.worst}"
     else:
         state = "stopped"

@@ -14,15 +14,15 @@ from typing import Any, Literal
 import yaml
 from pydantic import Field
 
-from aerodima.optimisation.judge.candidate import THESIS, Candidate, refuse_twice
+from aerodima.optimisation.judge.candidate import THESIS, Candidate, require_unique
+from aerodima.optimisation.studies.limit_search import LimitSearch
 from aerodima.optimisation.studies.rollover_threshold import (
     FRICTION,
     SPEED,
     Case,
-    Search,
     find_thresholds,
 )
-from aerodima.optimisation.studies.runs import Runs, step_settings
+from aerodima.optimisation.studies.runs import CachedRunner, step_settings
 from aerodima.workbench.core.checked_files import (
     StrictModel,
     checked,
@@ -37,13 +37,13 @@ from aerodima.workbench.scenario.scenario import load_scenario
 SCHEMA = "aerodima/task/1"
 PULSE = 0.5
 """Length of the steering unless another is asked for, s."""
-AFTER = 1.5
+RUN_OUT_TIME = 1.5
 """How long a run goes on after the steering, s."""
-MOST_ROLL = 0.35
+MAX_ROLL = 0.35
 """Outwards from the turn on, rad."""
-MOST_SIDESLIP = 0.1
+MAX_SIDESLIP = 0.1
 """To either side at the exit, rad."""
-FRICTION_CLIMB = Search(FRICTION, 0.3, 1.3, 0.05, 0.0125)
+SURFACE_SEARCH = LimitSearch(FRICTION, 0.3, 1.3, 0.05, 0.0125)
 """Scan of the friction coefficient; the last two numbers are its steps, coarse and fine."""
 
 
@@ -71,8 +71,8 @@ class Task(StrictModel):
     floors: list[float] = Field(default=[1.1, 1.3], min_length=1)
     pulse: float = Field(default=PULSE, ge=0.1, le=2.0)
     steering: tuple[float, float] = (2.0, 30.0)
-    most_roll: float = Field(default=MOST_ROLL, gt=0.0, le=1.5)
-    most_sideslip: float = Field(default=MOST_SIDESLIP, gt=0.0, le=1.5)
+    most_roll: float = Field(default=MAX_ROLL, gt=0.0, le=1.5)
+    most_sideslip: float = Field(default=MAX_SIDESLIP, gt=0.0, le=1.5)
     step: float = Field(default=0.002, gt=0.0, le=0.005)
 
     def model_post_init(self, _context: Any) -> None:
@@ -83,7 +83,7 @@ class Task(StrictModel):
             ("speed", self.speeds, 1.0, 8.0),
             ("floor", self.floors, 0.2, 3.0),
         ):
-            refuse_twice([f"{value:g}" for value in values], name)
+            require_unique([f"{value:g}" for value in values], name)
             for value in values:
                 if not low <= value <= high:
                     raise SweepError(f"{name} {value:g}: allowed: {low:g} to {high:g}")
@@ -121,7 +121,7 @@ class Task(StrictModel):
 
 
 @dataclass(frozen=True)
-class Floor:
+class TaskSurface:
     """A case: `share` times the critical friction is the friction of the floor. speed: m/s."""
 
     car: Member
@@ -166,7 +166,9 @@ def load_task(name_or_path: str, settings: Sequence[str] = ()) -> Task:
     return checked(Task, data, str(path), SweepError, schema=SCHEMA)
 
 
-def find_floors(task: Task, cars: Sequence[Member], runs: Runs) -> tuple[list[Floor], list[str]]:
+def find_surfaces(
+    task: Task, cars: Sequence[Member], runs: CachedRunner
+) -> tuple[list[TaskSurface], list[str]]:
     """Floors of cars, speeds and shares, and the cars and speeds that have none.
 
     Raises:
@@ -181,12 +183,12 @@ def find_floors(task: Task, cars: Sequence[Member], runs: Runs) -> tuple[list[Fl
     floors = []
     without = []
     for (car, speed), found in zip(
-        keys, find_thresholds(cases, FRICTION_CLIMB, runs, starts=starts), strict=True
+        keys, find_thresholds(cases, SURFACE_SEARCH, runs, starts=starts), strict=True
     ):
         if found.survived is None:
             without.append(f"{car.name} at {speed:g} m/s")
         else:
-            floors += [Floor(car, speed, share, found.survived) for share in task.floors]
+            floors += [TaskSurface(car, speed, share, found.survived) for share in task.floors]
     if cars and not floors:
         raise SweepError(
             f"{', '.join(without)}: the published swing at full lock is clean on no floor"

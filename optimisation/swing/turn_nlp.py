@@ -23,26 +23,26 @@ import numpy as np
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue
 from pydrake.solvers import MathematicalProgram, SnoptSolver, SolverOptions
 
-from aerodima.optimisation.swing.turn_shooting import STEERING, Found, TurnShooting
+from aerodima.optimisation.swing.turn_shooting import STEERING_SIZE, Evaluation, TurnShooting
 from aerodima.workbench.core.array_types import FloatArray
 
-COURSE = 0.5
+COURSE_SCALE = 0.5
 """Scale of the course, rad."""
-SMOOTHNESS = 3e-3
+RATE_SMOOTHNESS_WEIGHT = 3e-3
 """Weight that chooses among turns of nearly the same course."""
-STEADINESS = 1e-3
+STEERING_SMOOTHNESS_WEIGHT = 1e-3
 """Weight that chooses among turns of nearly the same course."""
-FEASIBLE = 1e-3
+FEASIBILITY_TOL = 1e-3
 """Largest scaled violation of a solution."""
-OPTIMAL = 1e-2
+OPTIMALITY_TOL = 1e-2
 """Tolerance of the solver for scaled slopes; lifting wheels and saturated joints are kinks, where
 it creeps."""
-LINE_SEARCH = 0.99
+LINE_SEARCH_TOL = 0.99
 """Line search of the solver: an inexact one, since each of its points costs a batch of turns
 (README.md)."""
-ROWS = "rows of the turns"
+ROWS_DESCRIPTION = "rows of the turns"
 """Description of the constraint on the rows of all cars."""
-ROUGH = 10
+WARM_ITERATIONS = 10
 """Most iterations before first levels are rounded to ticks of the driver."""
 
 
@@ -54,7 +54,7 @@ class TurnSolution:
         x: scaled variables.
         course: of every car on the reduced model (members,), rad.
         violation: largest of any constraint of the programme, scaled, and `worst` whose it is.
-        converged: the solver says so, and nothing is violated by more than `FEASIBLE`.
+        converged: the solver says so, and nothing is violated by more than `FEASIBILITY_TOL`.
         evaluations: batches of turns; `wall_time` s.
     """
 
@@ -67,7 +67,7 @@ class TurnSolution:
     wall_time: float
 
 
-class TurnProgramme:
+class TurnNlp:
     """The programme over some cars.
 
     Attributes:
@@ -80,7 +80,7 @@ class TurnProgramme:
     def __init__(self, shooting: TurnShooting) -> None:
         self.shooting = shooting
         self.evaluations = 0
-        self._last: tuple[bytes, Found] | None = None
+        self._last: tuple[bytes, Evaluation] | None = None
         self._best: tuple[float, FloatArray] | None = None
         self._sizes = np.array([row.size for row in shooting.rows])
         rows = shooting.rows
@@ -96,7 +96,7 @@ class TurnProgramme:
         weights = 2.0 * self._weights()
         prog.AddQuadraticCost(weights, np.zeros(variables.size), x, is_convex=True)
         prog.AddCost(self._course_cost, x)
-        prog.AddConstraint(self._scaled_rows, low, high, x, description=ROWS)
+        prog.AddConstraint(self._scaled_rows, low, high, x, description=ROWS_DESCRIPTION)
         rates = slice(1, variables.tail)
         travel = variables.roll_rows * variables.units[rates]
         ones = np.ones(len(travel))
@@ -116,9 +116,9 @@ class TurnProgramme:
         before = self.evaluations
         variables = self.shooting.variables
         low, high = variables.bounds
-        x, _ = self._solve(np.clip(start, low, high), min(iterations, ROUGH))
+        x, _ = self._solve(np.clip(start, low, high), min(iterations, WARM_ITERATIONS))
         x = variables.on_ticks(np.clip(x, low, high))
-        fixed = variables.tail + STEERING * np.arange(variables.members) + 2
+        fixed = variables.tail + STEERING_SIZE * np.arange(variables.members) + 2
         binding = self.prog.AddBoundingBoxConstraint(x[fixed], x[fixed], self.x[fixed])
         try:
             x, converged = self._solve(x, iterations)
@@ -127,12 +127,12 @@ class TurnProgramme:
         found = self.at(x)
         violation, worst = self._violation(x)
         spent = self.evaluations - before
-        good = converged and violation <= FEASIBLE
+        good = converged and violation <= FEASIBILITY_TOL
         return TurnSolution(
             x, found.course, violation, worst, good, spent, time.perf_counter() - begun
         )
 
-    def at(self, x: FloatArray) -> Found:
+    def at(self, x: FloatArray) -> Evaluation:
         """Courses, rows and slopes at scaled variables (size,); the last point is remembered."""
         key = np.ascontiguousarray(x, dtype=np.float64).tobytes()
         if self._last is None or self._last[0] != key:
@@ -153,9 +153,9 @@ class TurnProgramme:
         options = SolverOptions()
         solver = SnoptSolver.id()
         options.SetOption(solver, "Major iterations limit", iterations)
-        options.SetOption(solver, "Major optimality tolerance", OPTIMAL)
-        options.SetOption(solver, "Major feasibility tolerance", 0.1 * FEASIBLE)
-        options.SetOption(solver, "Linesearch tolerance", LINE_SEARCH)
+        options.SetOption(solver, "Major optimality tolerance", OPTIMALITY_TOL)
+        options.SetOption(solver, "Major feasibility tolerance", 0.1 * FEASIBILITY_TOL)
+        options.SetOption(solver, "Linesearch tolerance", LINE_SEARCH_TOL)
         self._best = None
         result = SnoptSolver().Solve(self.prog, start, options)
         x = result.GetSolution(self.x)
@@ -166,7 +166,7 @@ class TurnProgramme:
         """Remembers a point if it keeps all constraints and costs less than those before; called by
         the solver.
         """
-        if not self.prog.CheckSatisfied(self.prog.GetAllConstraints(), x, FEASIBLE):
+        if not self.prog.CheckSatisfied(self.prog.GetAllConstraints(), x, FEASIBILITY_TOL):
             return
         cost = float(
             np.sum([self.prog.EvalBinding(binding, x) for binding in self.prog.GetAllCosts()])
@@ -177,8 +177,8 @@ class TurnProgramme:
     def _course_cost(self, x: np.ndarray) -> Any:
         value, gradient = _split(x)
         found = self.at(value)
-        cost = np.array([-np.mean(found.course) / COURSE])
-        joined = _joined(cost, -np.mean(found.course_slopes, axis=0)[None] / COURSE, gradient)
+        cost = np.array([-np.mean(found.course) / COURSE_SCALE])
+        joined = _joined(cost, -np.mean(found.course_slopes, axis=0)[None] / COURSE_SCALE, gradient)
         return joined[0]
 
     def _scaled_rows(self, x: np.ndarray) -> np.ndarray:
@@ -190,9 +190,13 @@ class TurnProgramme:
         variables = self.shooting.variables
         steps = np.diff(np.eye(variables.rates + 2)[:, 1:-1], axis=0)
         weights = np.zeros((variables.size, variables.size))
-        weights[1 : variables.tail, 1 : variables.tail] = SMOOTHNESS * steps.T @ steps / len(steps)
-        uneven = STEADINESS / variables.members * np.array([[1.0, -1.0], [-1.0, 1.0]])
-        for angle in variables.tail + STEERING * np.arange(variables.members):
+        weights[1 : variables.tail, 1 : variables.tail] = (
+            RATE_SMOOTHNESS_WEIGHT * steps.T @ steps / len(steps)
+        )
+        uneven = (
+            STEERING_SMOOTHNESS_WEIGHT / variables.members * np.array([[1.0, -1.0], [-1.0, 1.0]])
+        )
+        for angle in variables.tail + STEERING_SIZE * np.arange(variables.members):
             weights[angle : angle + 2, angle : angle + 2] = uneven
         return weights
 
@@ -213,7 +217,7 @@ class TurnProgramme:
                 continue
             most = float(beyond[place])
             name = f"{one.get_description() or 'a constraint'}, entry {place}, by {most:.3g}"
-            if one.get_description() == ROWS:
+            if one.get_description() == ROWS_DESCRIPTION:
                 row = self.shooting.rows[place % len(self.shooting.rows)]
                 name = f"{row.name} by {most * row.size:.3g} {row.unit}"
         return most, name
@@ -223,7 +227,7 @@ def best_of(solutions: list[TurnSolution]) -> TurnSolution:
     """That of the largest mean course among those that keep everything; without one, the least
     violation.
     """
-    kept = [one for one in solutions if one.violation <= FEASIBLE]
+    kept = [one for one in solutions if one.violation <= FEASIBILITY_TOL]
     if kept:
         return max(kept, key=lambda one: float(np.mean(one.course)))
     return min(solutions, key=lambda one: one.violation)

@@ -36,7 +36,7 @@ from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE
 from aerodima.workbench.core.array_types import FloatArray, IntArray
 from aerodima.workbench.scenario.scenario import Scenario
 
-AFTER = 0.8
+DRIVE_ON_TIME = 0.8
 """How long turns are driven after the steering at least, s."""
 WINDOW = 0.1
 """Windows in which peaks are limited one by one, s."""
@@ -52,28 +52,28 @@ DRAWS = 32
 """Random starts that are drawn; the best one is taken."""
 TORQUE_SHARE = 0.9
 """Share of the roll motor's torque limit that may be asked for."""
-DIFFERENCE = 1e-7
+DIFFERENCE_STEP = 1e-7
 """Step of the scaled variables to either side for slopes: right to 1e-5, at 1/40 of the time of
 complex steps."""
-HOLD = {"kp": 17.0, "kd": 5.0}
+HOLD_GAINS = {"kp": 17.0, "kd": 5.0}
 """Gains of the wait: those of the thesis' hold (Table 6.4)."""
-FOLLOW = {"kp": 60.0, "kd": 3.0}
+FOLLOW_GAINS = {"kp": 60.0, "kd": 3.0}
 """Gains along the knots: the tail of 0.05 kg m2 follows within 0.05 rad at 100 Hz."""
 RELEASE_STEERING = 0.01
 """Steering command that releases a swing which goes by the steering, rad: less than any turn's."""
-RELEASE = 0.2
+RELEASE_SCALE = 0.2
 """One unit of a release, s."""
-RATE = 8.0
+RATE_SCALE = 8.0
 """One unit of a rate, rad/s."""
-ANGLE = 0.1
+ANGLE_SCALE = 0.1
 """One unit of a steering angle, rad."""
-TIME = 0.2
+TIME_SCALE = 0.2
 """One unit of the time of a first level, s."""
-EARLIEST = 0.02
+MIN_RELEASE = 0.02
 """Earliest release after the start of the steering, s."""
-LATEST = 0.5
+MAX_RELEASE = 0.5
 """Latest release after the start of the steering, s."""
-STEERING = 3
+STEERING_SIZE = 3
 """Variables of one car's steering."""
 
 
@@ -110,17 +110,23 @@ class TurnVariables:
     @property
     def size(self) -> int:
         """Number of all."""
-        return self.tail + STEERING * self.members
+        return self.tail + STEERING_SIZE * self.members
 
     def own(self, member: int) -> FloatArray:
         """Places of the variables of one car's turn: the tail's, then its steering's."""
-        first = self.tail + STEERING * member
-        return np.concatenate([np.arange(self.tail), np.arange(first, first + STEERING)])
+        first = self.tail + STEERING_SIZE * member
+        return np.concatenate([np.arange(self.tail), np.arange(first, first + STEERING_SIZE)])
 
     @cached_property
     def units(self) -> FloatArray:
         """One unit of every variable (size,)."""
-        return np.concatenate([[RELEASE], [RATE] * self.rates, [ANGLE, ANGLE, TIME] * self.members])
+        return np.concatenate(
+            [
+                [RELEASE_SCALE],
+                [RATE_SCALE] * self.rates,
+                [ANGLE_SCALE, ANGLE_SCALE, TIME_SCALE] * self.members,
+            ]
+        )
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
@@ -129,8 +135,8 @@ class TurnVariables:
         ends = []
         latest = self.pulse - self.tick
         for side, angle, release, hold in (
-            (-1.0, low, EARLIEST, self.tick),
-            (1.0, high, LATEST, latest),
+            (-1.0, low, MIN_RELEASE, self.tick),
+            (1.0, high, MAX_RELEASE, latest),
         ):
             ends.append(
                 np.concatenate(
@@ -164,9 +170,9 @@ class TurnVariables:
         Args:
             own: scaled variables of one car's turn (`own`), more axes behind.
         """
-        own = own[: self.tail + STEERING]
-        release = RELEASE * own[0]
-        inner = RATE * own[1 : self.tail]
+        own = own[: self.tail + STEERING_SIZE]
+        release = RELEASE_SCALE * own[0]
+        inner = RATE_SCALE * own[1 : self.tail]
         still = 0.0 * inner[:1]
         rate = np.concatenate([still, inner, still])
         travelled = np.concatenate(
@@ -178,14 +184,18 @@ class TurnVariables:
 
     def steered(self, own: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Angle, first angle (rad) and its time (s) of a car's turn, from its scaled variables."""
-        return (ANGLE * own[self.tail], ANGLE * own[self.tail + 1], TIME * own[self.tail + 2])
+        return (
+            ANGLE_SCALE * own[self.tail],
+            ANGLE_SCALE * own[self.tail + 1],
+            TIME_SCALE * own[self.tail + 2],
+        )
 
     def on_ticks(self, x: FloatArray) -> FloatArray:
         """All variables with first levels that last whole ticks of the driver."""
         rounded = x.copy()
-        places = self.tail + STEERING * np.arange(self.members) + 2
-        ticks = np.floor(TIME * x[places] / self.tick + 0.5 + TICK_TOLERANCE)
-        rounded[places] = self.tick * ticks / TIME
+        places = self.tail + STEERING_SIZE * np.arange(self.members) + 2
+        ticks = np.floor(TIME_SCALE * x[places] / self.tick + 0.5 + TICK_TOLERANCE)
+        rounded[places] = self.tick * ticks / TIME_SCALE
         return rounded
 
     def random_start(self, generator: np.random.Generator) -> FloatArray:
@@ -198,7 +208,7 @@ class TurnVariables:
         phase = np.clip(knots / duration, 0.0, 1.0)
         parabola = 6.0 * phase * (1.0 - phase) * travel / duration
         rates = np.clip(parabola, -self.most_rate, self.most_rate)
-        release = uniform(EARLIEST, 0.7 * LATEST)
+        release = uniform(MIN_RELEASE, 0.7 * MAX_RELEASE)
         low, high = self.steering
         size = (self.members, 1)
         then = low * (high / low) ** uniform(size=size)
@@ -218,7 +228,7 @@ class Row(NamedTuple):
     upper: float
 
 
-class Found(NamedTuple):
+class Evaluation(NamedTuple):
     """At some variables.
 
     Attributes:
@@ -291,7 +301,12 @@ class TurnShooting:
             s.varied(tail={"mode": "swing"}, controller={"swing_file": "none"}) for s in scenarios
         ]
         count = len(scenarios)
-        chosen = {"hold_kp": HOLD["kp"], "hold_kd": HOLD["kd"], "delay": 0.0, "hold": task.pulse}
+        chosen = {
+            "hold_kp": HOLD_GAINS["kp"],
+            "hold_kd": HOLD_GAINS["kd"],
+            "delay": 0.0,
+            "hold": task.pulse,
+        }
         chosen |= {"trigger_yaw_rate": np.inf, "trigger_steering": RELEASE_STEERING}
         numbers: dict[str, Any] = {name: np.full(count, value) for name, value in chosen.items()}
         plans = replace(TurnPlans.of(swinging), **numbers)
@@ -301,7 +316,7 @@ class TurnShooting:
     @cached_property
     def windows(self) -> int:
         """Number of windows of a turn, which fill the time that it is driven."""
-        return math.ceil((self.variables.pulse + AFTER) / WINDOW - TICK_TOLERANCE)
+        return math.ceil((self.variables.pulse + DRIVE_ON_TIME) / WINDOW - TICK_TOLERANCE)
 
     @cached_property
     def rows(self) -> tuple[Row, ...]:
@@ -326,7 +341,7 @@ class TurnShooting:
         plans = self.plans.take(members)
         time, roll, rate = self.variables.motion(own)
         one = np.ones(len(members))
-        gains = [gain * one for gain in (FOLLOW["kp"], FOLLOW["kd"]) * 2]
+        gains = [gain * one for gain in (FOLLOW_GAINS["kp"], FOLLOW_GAINS["kd"]) * 2]
         angle, first_angle, first_hold = self.variables.steered(own)
         played = PlayedRoll(one, time, roll, rate, *gains)
         plans = replace(
@@ -359,7 +374,7 @@ class TurnShooting:
         worth = np.where(good, turns.course, -turns.peak_roll).reshape(count, DRAWS)
         return np.asarray(draws[int(np.argmax(np.mean(worth, axis=0)))])
 
-    def at(self, x: FloatArray) -> Found:
+    def at(self, x: FloatArray) -> Evaluation:
         """Courses and rows of all cars with their slopes.
 
         Args:
@@ -369,7 +384,7 @@ class TurnShooting:
         count = variables.members
         own = [variables.own(member) for member in range(variables.members)]
         width = len(own[0])
-        steps = DIFFERENCE * np.eye(width)
+        steps = DIFFERENCE_STEP * np.eye(width)
         tried = np.hstack([steps, -steps, np.zeros((width, 1))])
         columns = np.concatenate([x[places][:, None] + tried for places in own], axis=1)
         members = np.repeat(np.arange(count), tried.shape[1])
@@ -379,9 +394,9 @@ class TurnShooting:
         for member, places in enumerate(own):
             ahead = values[:, member, :width]
             behind = values[:, member, width:-1]
-            slopes[member][:, places] = (ahead - behind) / (2.0 * DIFFERENCE)
+            slopes[member][:, places] = (ahead - behind) / (2.0 * DIFFERENCE_STEP)
         here = values[:, :, -1].T
-        return Found(here[:, 0], slopes[:, 0], here[:, 1:], slopes[:, 1:])
+        return Evaluation(here[:, 0], slopes[:, 0], here[:, 1:], slopes[:, 1:])
 
     def _read(self, turns: Turns, members: IntArray) -> tuple[FloatArray, FloatArray]:
         """Courses (n,) and rows (rows, n) of turns."""

@@ -22,8 +22,8 @@ from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.car.clearance import ground_clearance, make_range_of_motion
 from aerodima.workbench.control.law_of_scenario import (
     find_swing,
-    own_turn,
     refuse_other_car,
+    turn_of_swing,
     turn_words,
 )
 from aerodima.workbench.control.swing_law import SwingState
@@ -121,7 +121,7 @@ def verify_swing(
     """
     played = find_swing(swing)
     player = swing_player(swing)
-    turn, own = own_turn(played, scenario)
+    turn, own = turn_of_swing(played, scenario)
     found = load_scenario(turn, (*own, *settings, *step_settings(step), *player.settings))
     if not other_car:
         refuse_other_car(found)

@@ -113,9 +113,9 @@ def run(options: RunOptions) -> None:
     # What can be wrong is looked at before Drake is imported, which takes seconds.
     from aerodima.workbench.control.law_of_scenario import (
         find_swing,
-        own_turn,
         refuse_other_car,
         swing_of_scenario,
+        turn_of_swing,
         turn_words,
     )
 
@@ -133,7 +133,7 @@ def run(options: RunOptions) -> None:
     name = options.scenario
     own = tuple[str, ...]()
     if options.swing is not None:
-        name, own = own_turn(find_swing(options.swing), name)
+        name, own = turn_of_swing(find_swing(options.swing), name)
     scenario = workbench.load_scenario(str(name), [*own, *cli.settings_of(options)])
     if options.law is None:
         law = None

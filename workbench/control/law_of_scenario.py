@@ -99,7 +99,7 @@ def refuse_other_car(
         )
 
 
-def own_turn(swing: SwingFile, scenario: str | None = None) -> tuple[str, tuple[str, ...]]:
+def turn_of_swing(swing: SwingFile, scenario: str | None = None) -> tuple[str, tuple[str, ...]]:
     """Scenario and overrides with which a swing is driven: the car, turn and speed of its file, at
     the grip it claims.
 

@@ -18,8 +18,8 @@ from aerodima.workbench.batch.row_store import (
     ProgressBar,
     ProgressLine,
     RowStore,
-    saying_how_to_go_on,
-    silent,
+    no_progress,
+    print_resume_hint,
 )
 from aerodima.workbench.core.atomic_write import make_folder
 from aerodima.workbench.core.errors import LogError, UserError
@@ -108,7 +108,7 @@ def make_demo(
     *,
     workers: int = 2,
     force: bool = False,
-    progress: ProgressLine = silent,
+    progress: ProgressLine = no_progress,
 ) -> Path:
     """Runs the demo and writes its page; the path of the page.
 
@@ -136,7 +136,7 @@ def make_demo(
         bar.one_more(f"{summary.name}: {summary.metrics.outcome.result}")
 
     kept = lambda: f"{sum(run.log.exists() for run in runs)} of {len(runs)} logs"  # noqa: E731
-    with _claimed(out, runs, force) as store, saying_how_to_go_on(progress, kept):
+    with _claimed(out, runs, force) as store, print_resume_hint(progress, kept):
         progress(f"{len(runs)} runs in {min(workers, len(runs))} process(es), results in {out}")
         summaries = run_batch(
             do_run, runs, workers, done, progress=progress, record=out / WORKER_RECORD

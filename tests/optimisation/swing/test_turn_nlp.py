@@ -10,17 +10,17 @@ from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from typer.testing import CliRunner
 
 from aerodima.optimisation import turn_programme
-from aerodima.optimisation.studies.runs import Runs
+from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.optimisation.swing.motion_search import (
-    OWN_CAR,
+    SCENARIO_CAR,
     MotionSearch,
     search_motion,
     steered_swing,
     steering_of,
     swing_of,
 )
-from aerodima.optimisation.swing.task import Floor, Task
-from aerodima.optimisation.swing.turn_nlp import FEASIBLE
+from aerodima.optimisation.swing.task import Task, TaskSurface
+from aerodima.optimisation.swing.turn_nlp import FEASIBILITY_TOL
 from aerodima.optimisation.swing.turn_shooting import TurnVariables
 from aerodima.workbench import load_scenario
 from aerodima.workbench.batch.simulation import simulate
@@ -115,11 +115,11 @@ def test_a_few_iterations_turn_the_car_further_within_its_limits(tmp_path):
     alone = turn_programme([turn], FEW)
     start = alone.shooting.random_start(np.random.default_rng([1, 0]))
     start[alone.shooting.variables.tail :][:2] *= 0.8  # less steering: within the limits
-    assert alone.prog.CheckSatisfied(alone.prog.GetAllConstraints(), start, FEASIBLE)
+    assert alone.prog.CheckSatisfied(alone.prog.GetAllConstraints(), start, FEASIBILITY_TOL)
     solution = alone.solve(start, 4)
-    assert solution.violation <= FEASIBLE
+    assert solution.violation <= FEASIBILITY_TOL
     assert solution.course[0] > alone.at(start).course[0] + math.radians(3.0)
-    floor = Floor(OWN_CAR, 4.5, 1.3, 1.1 / 1.3)
+    floor = TaskSurface(SCENARIO_CAR, 4.5, 1.3, 1.1 / 1.3)
     path = write_swing(
         swing_of("found", TASK, [(floor, turn)], alone, [solution], FEW), tmp_path / "found.yaml"
     )
@@ -190,7 +190,7 @@ def test_a_turn_that_breaks_a_limit_has_not_converged_whatever_the_solver_says(
     beyond[1 : programme.shooting.variables.tail] = programme.shooting.variables.bounds[1][1]
     monkeypatch.setattr(programme, "_solve", lambda x, _: (beyond, True))
     broken = programme.solve(start, 1)
-    assert broken.violation > FEASIBLE
+    assert broken.violation > FEASIBILITY_TOL
     assert not broken.converged
 
 
@@ -254,7 +254,9 @@ def test_a_swing_is_found_from_the_floor_on():
     """Whole way: floor from the full car, programme, and the full car drives what was found as
     far.
     """
-    swing = search_motion("whole", TASK, MotionSearch(1, knots=6, length=0.6, iterations=6), Runs())
+    swing = search_motion(
+        "whole", TASK, MotionSearch(1, knots=6, length=0.6, iterations=6), CachedRunner()
+    )
     found = swing.provenance.found
     settings = swing.provenance.settings
     assert found["car_4.5_1.3_friction"] == pytest.approx(

@@ -9,8 +9,8 @@ import pytest
 
 from aerodima.workbench.control.law_of_scenario import (
     law_of_scenario,
-    own_turn,
     refuse_other_car,
+    turn_of_swing,
     turn_words,
 )
 from aerodima.workbench.control.swing_law import SwingLaw, SwingState
@@ -261,15 +261,15 @@ def test_a_swing_brings_its_turn_along():
     """
     claims = {"survived_speed_m_per_s": 4.44, "survived_friction": 0.7}
     mine = made_with("turn_fast", "car.mass=6.5", "tail.mode=held", **claims)
-    turn = load_scenario(*own_turn(mine))
+    turn = load_scenario(*turn_of_swing(mine))
     assert (turn.car.mass, turn.tail.mode) == (6.5, "swing")
     assert (turn.manoeuvre.speed, turn.car.tyre_friction) == (4.44, 0.7)
     assert all(part in turn_words(mine, turn) for part in ("4.44", "0.7"))
     slippery = turn.varied(car={"tyre_friction": 0.9})
     assert all(part in turn_words(mine, slippery) for part in ("4.44", "0.9", "0.7"))
-    assert own_turn(mine, "turn_held") == ("turn_held", ("tail.mode=swing",))
-    assert own_turn(made_with(None)) == ("turn_swing", ("tail.mode=swing",))
-    assert_refused(lambda: own_turn(made_with("my_car.yaml")), SwingFileError, "my_car.yaml")
+    assert turn_of_swing(mine, "turn_held") == ("turn_held", ("tail.mode=swing",))
+    assert turn_of_swing(made_with(None)) == ("turn_swing", ("tail.mode=swing",))
+    assert_refused(lambda: turn_of_swing(made_with("my_car.yaml")), SwingFileError, "my_car.yaml")
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

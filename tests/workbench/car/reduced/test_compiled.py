@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from aerodima.optimisation.swing.feedback_search import gains_of
+from aerodima.optimisation.swing.feedback_training import gains_of
 from aerodima.workbench import load_scenario
 from aerodima.workbench.car.reduced.compiled import LANES, _attributes, run
 from aerodima.workbench.car.reduced.dynamics import STATES

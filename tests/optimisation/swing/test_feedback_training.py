@@ -6,19 +6,24 @@ import numpy as np
 import pytest
 
 from aerodima.optimisation.judge.candidate import write_candidates
-from aerodima.optimisation.judge.entry_speed import failed_rule
-from aerodima.optimisation.judge.suite import FEEDBACK, candidates, floors, manoeuvres
-from aerodima.optimisation.studies.runs import Runs, RunTask, evaluate
-from aerodima.optimisation.swing.feedback_search import (
+from aerodima.optimisation.judge.entry_rule import failed_rule
+from aerodima.optimisation.judge.suite import (
+    FEEDBACK,
+    make_surfaces,
+    select_candidates,
+    select_manoeuvres,
+)
+from aerodima.optimisation.studies.runs import CachedRunner, RunTask, evaluate
+from aerodima.optimisation.swing.feedback_training import (
     RANGES,
     LawSearch,
     _reference,
     gains_of,
     laws_at,
     score,
-    search_feedback,
     search_laws,
     shares_of,
+    train_feedback,
 )
 from aerodima.workbench.car.reduced.dynamics import STATES
 from aerodima.workbench.car.reduced.entry_runs import Entering, climb, wheel_lifts
@@ -64,7 +69,7 @@ def test_reduced_cars_turn_as_full_ones_with_the_feedback_law(manoeuvre):
 
     The fishhook is steered to both sides, the second time by its roll rate.
     """
-    (chosen,) = manoeuvres([manoeuvre], "designed")
+    (chosen,) = select_manoeuvres([manoeuvre], "designed")
     drivers, cars, _, _ = _reference(manoeuvre, "designed", (SETTINGS,))
     upright, figure = climb(
         cars, np.array([[3.2]]), drivers, gains_of([{}], drivers[0]), np.ones(1)
@@ -92,8 +97,8 @@ def test_reduced_cars_keep_to_a_path_up_to_the_speed_of_the_full_ones(manoeuvre)
     """With the law and the first driver of the suite: 0.1 m/s below and above the reduced car's
     entry speed.
     """
-    (chosen,) = manoeuvres([manoeuvre], "designed")
-    settings = (*SETTINGS, *floors(CARS, [1.2])[0][1].settings)
+    (chosen,) = select_manoeuvres([manoeuvre], "designed")
+    settings = (*SETTINGS, *make_surfaces(CARS, [1.2])[0][1].settings)
     drivers, cars, _, _ = _reference(manoeuvre, "designed", (settings,))
     speeds = np.arange(1.5, 3.5, 0.05)
     fits, _ = climb(cars, speeds[:, None], drivers[:1], gains_of([{}], drivers[0]), np.ones(1))
@@ -115,12 +120,12 @@ def test_reduced_cars_keep_to_a_path_up_to_the_speed_of_the_full_ones(manoeuvre)
 
 @pytest.mark.slow
 def test_search_finds_a_law_that_a_file_of_candidates_brings_back(tmp_path):
-    found = search_feedback(
-        floors(CARS, [1.2]), "designed", LawSearch(laws=3, generations=0), Runs()
+    found = train_feedback(
+        make_surfaces(CARS, [1.2]), "designed", LawSearch(laws=3, generations=0), CachedRunner()
     )
     assert {setting.split("=")[0] for setting in found.settings} >= set(RANGES)
     path = write_candidates(tmp_path / "laws.yaml", [found], "test")
-    assert candidates([str(path)])[1].settings == found.settings
+    assert select_candidates([str(path)])[1].settings == found.settings
 
 
 def test_the_search_comes_to_the_best_law_and_begins_with_the_present_one():

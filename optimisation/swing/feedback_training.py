@@ -2,7 +2,7 @@
 enter at.
 
 A law is scored by the speeds at which cars stay upright, over the entry speed of the car without
-tail. A car that turns less than `LEAST_SHARE` of it counts much less, by the power `LACK`, so that
+tail. A car that turns less than `MIN_LATERAL_SHARE` of it counts much less, by the power `SHORTFALL_EXPONENT`, so that
 the search is led to laws that turn enough. The score is half the mean over cars and manoeuvres and
 half the mean of the worst fifth. Generations of laws follow differential evolution (Storn and Price
 1997, doi 10.1023/A:1008202821328).
@@ -21,9 +21,10 @@ from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
 from aerodima.optimisation.judge.candidate import NO_TAIL, Candidate
-from aerodima.optimisation.judge.entry_speed import LEAST_SHARE, EntryFloor, Manoeuvre
-from aerodima.optimisation.judge.suite import FEEDBACK, TRAINED_ON, manoeuvres
-from aerodima.optimisation.studies.runs import Runs, scenario_content
+from aerodima.optimisation.judge.entry_rule import MIN_LATERAL_SHARE
+from aerodima.optimisation.judge.entry_speed import Manoeuvre, Surface
+from aerodima.optimisation.judge.suite import FEEDBACK, TRAINING_MANOEUVRES, select_manoeuvres
+from aerodima.optimisation.studies.runs import CachedRunner, scenario_content
 from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, content_key
 from aerodima.workbench.car.reduced.entry_runs import climb
 from aerodima.workbench.car.reduced.vehicle_parameters import Vehicles
@@ -51,20 +52,20 @@ RATIOS = np.concatenate([np.arange(0.72, 1.2, 0.06), np.arange(1.2, 3.2, 0.12)])
 SPEEDS_WITHOUT = np.arange(1.3, 6.05, 0.1)
 """m/s, of the climb of a car without tail; on a car that comes to its end a tail can gain nothing.
 """
-AT_ONCE = 22
+LAWS_PER_ITEM = 22
 """Laws in one piece of work."""
-LACK = 12
+SHORTFALL_EXPONENT = 12
 """Power of what is turned over what must be; with 3 the search found laws that stay upright and
 turn too little."""
-MARGIN = 1.02
+LATERAL_MARGIN = 1.02
 """What must be turned here over what must be turned by the full car, whose figure is 5 % smaller to
 2 % larger (law of `models/parameters/feedback.yaml`, three training cars, turn, held turn and
 fishhook at 3.2 and 6 m/s)."""
-WORST = 0.2
+WORST_SHARE = 0.2
 """Share of cases that the second half of the score is made of."""
-MIN_FIGURE = 1.0
+MIN_LATERAL = 1.0
 """m/s2, of a car that is upright at no speed without a tail."""
-CASE_SPEED = 4.0
+BUILD_SPEED = 4.0
 """m/s, at which the cars are built; each run has its own."""
 
 
@@ -96,7 +97,7 @@ class LawSearch:
 
 
 @dataclass(frozen=True)
-class Screened:
+class LawBatch:
     """Laws on cars in a manoeuvre: small enough to send to a worker.
 
     Attributes:
@@ -111,10 +112,10 @@ class Screened:
     laws: tuple[Mapping[str, float], ...]
 
 
-def search_feedback(
-    cases: Sequence[tuple[Member, EntryFloor]], tail: str, search: LawSearch, runs: Runs
+def train_feedback(
+    cases: Sequence[tuple[Member, Surface]], tail: str, search: LawSearch, runs: CachedRunner
 ) -> Candidate:
-    """The law with the best score on training cars (`TRAINED_ON`).
+    """The law with the best score on training cars (`TRAINING_MANOEUVRES`).
 
     Args:
         cases: training cars with their floors.
@@ -126,7 +127,7 @@ def search_feedback(
         UserError: no law keeps a car upright.
     """
     runs.stage = "feedback law"
-    chosen = {name: manoeuvres([name], tail)[0] for name in TRAINED_ON}
+    chosen = {name: select_manoeuvres([name], tail)[0] for name in TRAINING_MANOEUVRES}
     contents = {
         name: (*scenario_content(one.scenario, one.settings), one.drivers)
         for name, one in chosen.items()
@@ -136,18 +137,21 @@ def search_feedback(
 
     def worth(laws: Sequence[Mapping[str, float]]) -> FloatArray:
         parts = [
-            Screened(name, tail, cars, tuple(laws[k : k + AT_ONCE]))
-            for k in range(0, len(laws), AT_ONCE)
-            for name in TRAINED_ON
+            LawBatch(name, tail, cars, tuple(laws[k : k + LAWS_PER_ITEM]))
+            for k in range(0, len(laws), LAWS_PER_ITEM)
+            for name in TRAINING_MANOEUVRES
         ]
         keys = [
             content_key("screened entries", vars(part), *contents[part.manoeuvre]) for part in parts
         ]
-        found = runs.call(screened_entries, parts, keys)
-        by_manoeuvre = [np.concatenate(found[k :: len(TRAINED_ON)]) for k in range(len(TRAINED_ON))]
+        found = runs.call(score_law_batch, parts, keys)
+        by_manoeuvre = [
+            np.concatenate(found[k :: len(TRAINING_MANOEUVRES)])
+            for k in range(len(TRAINING_MANOEUVRES))
+        ]
         return score(np.concatenate(by_manoeuvre, axis=1))
 
-    shipped = load_scenario(chosen[TRAINED_ON[0]].scenario).feedback
+    shipped = load_scenario(chosen[TRAINING_MANOEUVRES[0]].scenario).feedback
     start = {name: float(getattr(shipped, name.split(".")[1])) for name in RANGES}
     best = search_laws(search, start, worth, runs.say)
     return Candidate(
@@ -229,12 +233,12 @@ def shares_of(law: Mapping[str, float]) -> FloatArray:
 
 def score(ratios: FloatArray) -> FloatArray:
     """Score of laws (laws,) from their speeds divided by those without a tail (laws, cases)."""
-    worst = np.sort(ratios, axis=1)[:, : max(1, round(WORST * ratios.shape[1]))]
+    worst = np.sort(ratios, axis=1)[:, : max(1, round(WORST_SHARE * ratios.shape[1]))]
     found: FloatArray = 0.5 * (ratios.mean(axis=1) + worst.mean(axis=1))
     return found
 
 
-def screened_entries(screened: Screened) -> list[list[float]]:
+def score_law_batch(screened: LawBatch) -> list[list[float]]:
     """Speed that each law is worth over the entry speed without tail (laws, cars).
 
     Raises:
@@ -248,7 +252,10 @@ def screened_entries(screened: Screened) -> list[list[float]]:
     speeds = RATIOS[:, None] * without[which]
     upright, figure = climb(vehicles.take(which), speeds, drivers, gains, np.ones(len(which)))
     held = np.cumprod(upright, axis=0) > 0
-    turned = np.minimum(1.0, np.maximum(figure, 0.0) / (MARGIN * least[which])) ** LACK
+    turned = (
+        np.minimum(1.0, np.maximum(figure, 0.0) / (LATERAL_MARGIN * least[which]))
+        ** SHORTFALL_EXPONENT
+    )
     worth = np.max(np.where(held, RATIOS[:, None] * turned, 0.0), axis=0)
     worth = np.where(without[which] >= SPEEDS_WITHOUT[-1], np.minimum(worth, 1.0), worth)
     found: list[list[float]] = worth.reshape(len(laws), count).tolist()
@@ -262,7 +269,7 @@ def _reference(
     """Drivers of a manoeuvre, its cars with the tail, entry speeds without (n), m/s, and the least
     figures (n).
     """
-    (chosen,) = manoeuvres([manoeuvre], tail)
+    (chosen,) = select_manoeuvres([manoeuvre], tail)
     settings = (*chosen.settings, *FEEDBACK.settings)
     drivers = [load_scenario(chosen.scenario, (*settings, *driver)) for driver in chosen.drivers]
     none = reduced_cars(chosen, cars, NO_TAIL)
@@ -272,8 +279,8 @@ def _reference(
     )
     held = np.cumprod(upright, axis=0) > 0
     last = np.maximum(np.sum(held, axis=0) - 1, 0)
-    share = 1e-9 if chosen.rule == "path" else LEAST_SHARE
-    least = share * np.max(np.where(held, figure, 0.0), axis=0, initial=MIN_FIGURE)
+    share = 1e-9 if chosen.rule == "path" else MIN_LATERAL_SHARE
+    least = share * np.max(np.where(held, figure, 0.0), axis=0, initial=MIN_LATERAL)
     return drivers, reduced_cars(chosen, cars, FEEDBACK), SPEEDS_WITHOUT[last], least
 
 
@@ -285,7 +292,7 @@ def reduced_cars(chosen: Manoeuvre, cars: Sequence[tuple[str, ...]], who: Candid
         "manoeuvre.rolling_start=false",
         "manoeuvre.turn_start=2",
     )
-    still = ("manoeuvre.duration=4", f"manoeuvre.speed={CASE_SPEED!r}", *of_the_car)
+    still = ("manoeuvre.duration=4", f"manoeuvre.speed={BUILD_SPEED!r}", *of_the_car)
     scenarios = []
     for car in cars:
         own = (*car, *chosen.settings)
