@@ -15,6 +15,8 @@ from .identify.swing_coefficients import fit_friction_log as fit_friction_log
 from .identify.swing_coefficients import fit_robot_tail_log as fit_robot_tail_log
 from .identify.uncertainty import independent_noise as independent_noise
 from .identify.uncertainty import serial_noise as serial_noise
+from .judge.entry_speed import find_entry_speeds as find_entry_speeds
+from .judge.reduced_entries import sweep_speeds as sweep_speeds
 from .studies.rollover_threshold import critical_friction as critical_friction
 from .studies.run_study import run_study as run_study
 from .studies.runs import open_run_engine as open_run_engine

@@ -162,7 +162,7 @@ def _by_turn(
         for p in pieces
     ]
     found: dict[str, list[Any]] = {turn.name: [] for turn in plan.turns}
-    for piece, result in zip(pieces, runs.call(work, pieces, keys), strict=True):
+    for piece, result in zip(pieces, runs.map(work, pieces, keys), strict=True):
         found[piece.turn.name].append(result)
     return found
 

@@ -81,7 +81,7 @@ def predictions(questions: Sequence[Question], runs: CachedRunner) -> list[LeftO
     ]
     return [
         LeftOut(**row | {"rows": pd.DataFrame(row["rows"])})
-        for row in runs.call(_answer, questions, keys)
+        for row in runs.map(_answer, questions, keys)
     ]
 
 

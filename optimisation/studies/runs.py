@@ -274,7 +274,7 @@ class CachedRunner:
         found = self._once(evaluate, tasks, [run_key(task) for task in tasks], words, _lost)
         return [row | {"run": task.name} for task, row in zip(tasks, found, strict=True)]
 
-    def call(
+    def map(
         self, function: Callable[[Item], Any], items: Sequence[Item], keys: Sequence[str]
     ) -> list[Any]:
         """`function` (of a module) of each item, JSON-able; raises what it raises, and UserError

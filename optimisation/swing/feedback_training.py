@@ -1,11 +1,11 @@
-"""Search of the numbers of the feedback law: reduced training cars, the highest speeds that they
+"""Training of the numbers of the feedback law: reduced training cars, the highest speeds that they
 enter at.
 
 A law is scored by the speeds at which cars stay upright, over the entry speed of the car without
-tail. A car that turns less than `MIN_LATERAL_SHARE` of it counts much less, by the power `SHORTFALL_EXPONENT`, so that
-the search is led to laws that turn enough. The score is half the mean over cars and manoeuvres and
-half the mean of the worst fifth. Generations of laws follow differential evolution (Storn and Price
-1997, doi 10.1023/A:1008202821328).
+tail. A car that turns less than `MIN_LATERAL_SHARE` of it counts much less, by the power
+`SHORTFALL_EXPONENT`, so that the search is led to laws that turn enough. The score is half the mean
+over cars and manoeuvres and half the mean of the worst fifth. Generations of laws follow
+differential evolution (Storn and Price 1997, doi 10.1023/A:1008202821328).
 """
 
 from __future__ import annotations
@@ -13,8 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from types import SimpleNamespace
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import differential_evolution
@@ -22,15 +21,15 @@ from scipy.stats import qmc
 
 from aerodima.optimisation.judge.candidate import NO_TAIL, Candidate
 from aerodima.optimisation.judge.entry_rule import MIN_LATERAL_SHARE
-from aerodima.optimisation.judge.entry_speed import Manoeuvre, Surface
+from aerodima.optimisation.judge.entry_speed import Case
+from aerodima.optimisation.judge.reduced_entries import gains_of, reduced_cars, sweep_speeds
 from aerodima.optimisation.judge.suite import FEEDBACK, TRAINING_MANOEUVRES, select_manoeuvres
+from aerodima.optimisation.studies.limit_search import unbroken
 from aerodima.optimisation.studies.runs import CachedRunner, scenario_content
 from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, content_key
-from aerodima.workbench.car.reduced.entry_runs import climb
 from aerodima.workbench.car.reduced.vehicle_parameters import Vehicles
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SweepError
-from aerodima.workbench.scenario.ensemble import Member
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 
 RANGES = {
@@ -48,30 +47,30 @@ RANGES = {
 }
 """Numbers that are free, in the units of `FeedbackParameters`."""
 RATIOS = np.concatenate([np.arange(0.72, 1.2, 0.06), np.arange(1.2, 3.2, 0.12)])
-"""Speeds of the climb of a law, over the entry speed of the car without tail."""
+"""Speeds of the sweep of a law, over the entry speed of the car without tail."""
 SPEEDS_WITHOUT = np.arange(1.3, 6.05, 0.1)
-"""m/s, of the climb of a car without tail; on a car that comes to its end a tail can gain nothing.
-"""
+"""Speeds of the sweep of a car without tail, m/s; on a car that reaches the last one a tail can
+gain nothing."""
 LAWS_PER_ITEM = 22
-"""Laws in one piece of work."""
+"""Laws in one item of work."""
 SHORTFALL_EXPONENT = 12
 """Power of what is turned over what must be; with 3 the search found laws that stay upright and
 turn too little."""
 LATERAL_MARGIN = 1.02
-"""What must be turned here over what must be turned by the full car, whose figure is 5 % smaller to
-2 % larger (law of `models/parameters/feedback.yaml`, three training cars, turn, held turn and
-fishhook at 3.2 and 6 m/s)."""
+"""What must be turned here over what must be turned by the full car, whose lateral acceleration is
+5 % smaller to 2 % larger (law of `models/parameters/feedback.yaml`, three training cars, turn, held
+turn and fishhook at 3.2 and 6 m/s)."""
 WORST_SHARE = 0.2
 """Share of cases that the second half of the score is made of."""
 MIN_LATERAL = 1.0
-"""m/s2, of a car that is upright at no speed without a tail."""
-BUILD_SPEED = 4.0
-"""m/s, at which the cars are built; each run has its own."""
+"""Lateral acceleration of a car that is upright at no speed without a tail, m/s2."""
+Law = Mapping[str, float]
+"""Numbers of a law by the keys of `RANGES`."""
 
 
 @dataclass(frozen=True)
 class LawSearch:
-    """How much is searched.
+    """Effort of a search.
 
     Attributes:
         laws: of a generation, for each free number.
@@ -91,9 +90,9 @@ class LawSearch:
 
     def __post_init__(self) -> None:
         if self.laws < 3:
-            raise SweepError(f"{self.laws} laws for each number: allowed: at least 3")
+            raise SweepError(f"{self.laws} laws for each number: must be at least 3")
         if not 0.0 < self.around <= 1.0:
-            raise SweepError(f"around {self.around:g}: allowed: above 0, at most 1")
+            raise SweepError(f"around {self.around:g}: must be above 0, at most 1")
 
 
 @dataclass(frozen=True)
@@ -103,22 +102,28 @@ class LawBatch:
     Attributes:
         manoeuvre: name of the suite; `tail` of `suite.TAILS`.
         cars: settings of each car.
-        laws: numbers by name.
+        laws: that are scored.
     """
 
     manoeuvre: str
     tail: str
     cars: tuple[tuple[str, ...], ...]
-    laws: tuple[Mapping[str, float], ...]
+    laws: tuple[Law, ...]
+
+    def key(self) -> str:
+        """Returns the key of its cached result."""
+        (manoeuvre,) = select_manoeuvres([self.manoeuvre], self.tail)
+        content = scenario_content(manoeuvre.scenario, manoeuvre.settings)
+        return content_key("screened entries", vars(self), *content, manoeuvre.drivers)
 
 
 def train_feedback(
-    cases: Sequence[tuple[Member, Surface]], tail: str, search: LawSearch, runs: CachedRunner
+    cases: Sequence[Case], tail: str, search: LawSearch, runs: CachedRunner
 ) -> Candidate:
-    """The law with the best score on training cars (`TRAINING_MANOEUVRES`).
+    """Searches the law with the best score on training cars (`TRAINING_MANOEUVRES`).
 
     Args:
-        cases: training cars with their floors.
+        cases: training cars with their surfaces.
         tail: of `suite.TAILS`.
         search: how much.
         runs: where the runs are made.
@@ -127,190 +132,169 @@ def train_feedback(
         UserError: no law keeps a car upright.
     """
     runs.stage = "feedback law"
-    chosen = {name: select_manoeuvres([name], tail)[0] for name in TRAINING_MANOEUVRES}
-    contents = {
-        name: (*scenario_content(one.scenario, one.settings), one.drivers)
-        for name, one in chosen.items()
-    }
+    cars = tuple((*car.settings_on("entry_turn"), *surface.settings) for car, surface in cases)
+    number = len(TRAINING_MANOEUVRES)
 
-    cars = tuple((*car.settings_on("entry_turn"), *floor.settings) for car, floor in cases)
-
-    def worth(laws: Sequence[Mapping[str, float]]) -> FloatArray:
-        parts = [
-            LawBatch(name, tail, cars, tuple(laws[k : k + LAWS_PER_ITEM]))
-            for k in range(0, len(laws), LAWS_PER_ITEM)
-            for name in TRAINING_MANOEUVRES
-        ]
-        keys = [
-            content_key("screened entries", vars(part), *contents[part.manoeuvre]) for part in parts
-        ]
-        found = runs.call(score_law_batch, parts, keys)
-        by_manoeuvre = [
-            np.concatenate(found[k :: len(TRAINING_MANOEUVRES)])
-            for k in range(len(TRAINING_MANOEUVRES))
-        ]
+    def score_laws(laws: Sequence[Law]) -> FloatArray:
+        batches = []
+        for first in range(0, len(laws), LAWS_PER_ITEM):
+            part = tuple(laws[first : first + LAWS_PER_ITEM])
+            batches += [LawBatch(name, tail, cars, part) for name in TRAINING_MANOEUVRES]
+        ratios = runs.map(score_law_batch, batches, [batch.key() for batch in batches])
+        by_manoeuvre = [np.concatenate(ratios[index::number]) for index in range(number)]
         return score(np.concatenate(by_manoeuvre, axis=1))
 
-    shipped = load_scenario(chosen[TRAINING_MANOEUVRES[0]].scenario).feedback
+    (first, *_) = select_manoeuvres(TRAINING_MANOEUVRES, tail)
+    shipped = load_scenario(first.scenario).feedback
     start = {name: float(getattr(shipped, name.split(".")[1])) for name in RANGES}
-    best = search_laws(search, start, worth, runs.say)
-    return Candidate(
-        f"trained {FEEDBACK.name}",
-        (*FEEDBACK.settings, *(f"{name}={value!r}" for name, value in best.items())),
-    )
+    best = search_laws(search, start, score_laws, runs.say)
+    numbers = [f"{name}={value!r}" for name, value in best.items()]
+    return Candidate(f"trained {FEEDBACK.name}", (*FEEDBACK.settings, *numbers))
 
 
 def search_laws(
     search: LawSearch,
-    start: Mapping[str, float],
-    worth: Callable[[Sequence[Mapping[str, float]]], FloatArray],
+    start: Law,
+    score_laws: Callable[[Sequence[Law]], FloatArray],
     progress: ProgressLine,
-) -> dict[str, float]:
-    """The law of the largest score.
+) -> Law:
+    """Searches the law of the largest score.
 
     Args:
         search: how much.
         start: a law that the first generation has, beside those that are drawn.
-        worth: scores (n,) of laws.
+        score_laws: returns the scores (n,) of laws.
         progress: receives a line for each generation.
 
     Raises:
         UserError: no score is above 0.
     """
-    best = (0.0, dict(start))
-    bar = ProgressBar(progress, search.generations + 1)
+    best = start
+    best_score = 0.0
     tried = 0
+    bar = ProgressBar(progress, search.generations + 1)
 
     def cost(shares: FloatArray) -> FloatArray:
-        nonlocal best, tried
+        nonlocal best, best_score, tried
         laws = laws_at(shares.T)
-        scores = worth(laws)
-        best = max([best, *zip(scores.tolist(), laws, strict=True)], key=lambda pair: pair[0])
-        tried = tried + len(laws)
-        bar.one_more(f"{tried} laws tried on reduced cars, the best {best[0] - 1.0:+.1%}")
+        scores = score_laws(laws)
+        index = int(np.argmax(scores))
+        if scores[index] > best_score:
+            best = laws[index]
+            best_score = float(scores[index])
+        tried += len(laws)
+        bar.one_more(f"{tried} laws tried on reduced cars, the best {best_score - 1.0:+.1%}")
         return -scores
 
     numbers = len(RANGES)
-    own = shares_of(start)
+    centre = shares_of(start)
     drawn = qmc.LatinHypercube(numbers, rng=search.seed).random(search.laws * numbers)
-    first = np.clip(own + search.around * (drawn - own), 0.0, 1.0)
-    first[0] = own
+    first = np.clip(centre + search.around * (drawn - centre), 0.0, 1.0)
+    first[0] = centre
+    evolve(cost, first, search.generations, search.seed)
+    if best_score <= 0.0:
+        raise SweepError("no law that was tried keeps a training car upright at any speed")
+    return best
+
+
+def evolve(
+    cost: Callable[[FloatArray], FloatArray], first: FloatArray, generations: int, seed: int
+) -> None:
+    """Minimises a cost of shares between 0 and 1 by differential evolution.
+
+    Args:
+        cost: of members (numbers, members).
+        first: generation (members, numbers).
+        generations: beside the first one.
+        seed: of all draws.
+    """
     differential_evolution(
         cost,
-        [(0.0, 1.0)] * numbers,
+        [(0.0, 1.0)] * first.shape[1],
         init=first,
-        maxiter=search.generations,
+        maxiter=generations,
         tol=0.0,
         polish=False,
         vectorized=True,
         updating="deferred",
-        rng=search.seed,
+        rng=seed,
     )
-    if best[0] <= 0.0:
-        raise SweepError("no law that was tried keeps a training car upright at any speed")
-    return best[1]
 
 
-def laws_at(shares: FloatArray) -> list[dict[str, float]]:
-    """Laws at shares (n, numbers) of the `RANGES`, to four digits."""
+def laws_at(shares: FloatArray) -> list[Law]:
+    """Returns the laws at shares (n, numbers) of the `RANGES`, to four digits."""
     low, high = np.array(list(RANGES.values())).T
-    rows = (low + shares * (high - low)).tolist()
-    return [
-        {name: float(f"{value:.4g}") for name, value in zip(RANGES, row, strict=True)}
-        for row in rows
-    ]
+    laws: list[Law] = []
+    for row in low + shares * (high - low):
+        numbers = [float(f"{value:.4g}") for value in row]
+        laws.append(dict(zip(RANGES, numbers, strict=True)))
+    return laws
 
 
-def shares_of(law: Mapping[str, float]) -> FloatArray:
-    """Where a law lies in the `RANGES` (numbers,), its ends where it lies beyond."""
-    return np.array(
-        [
-            np.clip((law[name] - low) / (high - low), 0.0, 1.0)
-            for name, (low, high) in RANGES.items()
-        ]
-    )
+def shares_of(law: Law) -> FloatArray:
+    """Returns the position of a law in the `RANGES` (numbers,), clipped to their ends."""
+    shares = [(law[name] - low) / (high - low) for name, (low, high) in RANGES.items()]
+    return np.clip(shares, 0.0, 1.0)
 
 
 def score(ratios: FloatArray) -> FloatArray:
-    """Score of laws (laws,) from their speeds divided by those without a tail (laws, cases)."""
-    worst = np.sort(ratios, axis=1)[:, : max(1, round(WORST_SHARE * ratios.shape[1]))]
-    found: FloatArray = 0.5 * (ratios.mean(axis=1) + worst.mean(axis=1))
-    return found
+    """Returns the scores of laws (laws,) from their speeds divided by those without a tail (laws,
+    cases).
+    """
+    number = max(1, round(WORST_SHARE * ratios.shape[1]))
+    worst = np.sort(ratios, axis=1)[:, :number]
+    return np.asarray(0.5 * (ratios.mean(axis=1) + worst.mean(axis=1)))
 
 
-def score_law_batch(screened: LawBatch) -> list[list[float]]:
-    """Speed that each law is worth over the entry speed without tail (laws, cars).
+def score_law_batch(batch: LawBatch) -> list[list[float]]:
+    """Returns the speed that each law is worth over the entry speed without tail (laws, cars).
 
     Raises:
-        UserError: what the screening model does not know.
+        UserError: what the reduced car does not know.
     """
-    drivers, vehicles, without, least = _reference(screened.manoeuvre, screened.tail, screened.cars)
-    count = vehicles.count
-    laws = screened.laws
-    which = np.tile(np.arange(count), len(laws))
-    gains = gains_of([law for law in laws for _ in range(count)], drivers[0])
-    speeds = RATIOS[:, None] * without[which]
-    upright, figure = climb(vehicles.take(which), speeds, drivers, gains, np.ones(len(which)))
-    held = np.cumprod(upright, axis=0) > 0
-    turned = (
-        np.minimum(1.0, np.maximum(figure, 0.0) / (LATERAL_MARGIN * least[which]))
-        ** SHORTFALL_EXPONENT
-    )
-    worth = np.max(np.where(held, RATIOS[:, None] * turned, 0.0), axis=0)
-    worth = np.where(without[which] >= SPEEDS_WITHOUT[-1], np.minimum(worth, 1.0), worth)
-    found: list[list[float]] = worth.reshape(len(laws), count).tolist()
-    return found
+    reference = _reference(batch.manoeuvre, batch.tail, batch.cars)
+    number = len(batch.laws)
+    count = reference.cars.count
+    which = np.tile(np.arange(count), number)
+    laws = [law for law in batch.laws for _ in range(count)]
+    gains = gains_of(laws, reference.drivers[0])
+    without = reference.speeds[which]
+    speeds = RATIOS[:, None] * without
+    cars = reference.cars.take(which)
+    completed, lateral = sweep_speeds(cars, speeds, reference.drivers, gains, np.ones(len(which)))
+    enough = LATERAL_MARGIN * reference.min_lateral[which]
+    turned = np.minimum(1.0, np.maximum(lateral, 0.0) / enough) ** SHORTFALL_EXPONENT
+    worth = np.where(unbroken(completed), RATIOS[:, None] * turned, 0.0)
+    best = np.max(worth, axis=0)
+    best = np.where(without >= SPEEDS_WITHOUT[-1], np.minimum(best, 1.0), best)
+    ratios: list[list[float]] = best.reshape(number, count).tolist()
+    return ratios
+
+
+class _Reference(NamedTuple):
+    """A manoeuvre with its drivers, its cars (n) with the tail, and what the cars without tail
+    reach: entry speeds (n), m/s, and the lateral accelerations (n) that are enough, m/s2.
+    """
+
+    drivers: list[Scenario]
+    cars: Vehicles
+    speeds: FloatArray
+    min_lateral: FloatArray
 
 
 @lru_cache(maxsize=16)
-def _reference(
-    manoeuvre: str, tail: str, cars: tuple[tuple[str, ...], ...]
-) -> tuple[list[Scenario], Vehicles, FloatArray, FloatArray]:
-    """Drivers of a manoeuvre, its cars with the tail, entry speeds without (n), m/s, and the least
-    figures (n).
-    """
+def _reference(manoeuvre: str, tail: str, cars: tuple[tuple[str, ...], ...]) -> _Reference:
     (chosen,) = select_manoeuvres([manoeuvre], tail)
     settings = (*chosen.settings, *FEEDBACK.settings)
     drivers = [load_scenario(chosen.scenario, (*settings, *driver)) for driver in chosen.drivers]
-    none = reduced_cars(chosen, cars, NO_TAIL)
-    speeds = np.outer(SPEEDS_WITHOUT, np.ones(none.count))
-    upright, figure = climb(
-        none, speeds, drivers, gains_of([{}] * none.count, drivers[0]), np.zeros(none.count)
-    )
-    held = np.cumprod(upright, axis=0) > 0
+    bare = reduced_cars(chosen, cars, NO_TAIL)
+    count = bare.count
+    speeds = np.outer(SPEEDS_WITHOUT, np.ones(count))
+    gains = gains_of([{}] * count, drivers[0])
+    completed, lateral = sweep_speeds(bare, speeds, drivers, gains, np.zeros(count))
+    held = unbroken(completed)
     last = np.maximum(np.sum(held, axis=0) - 1, 0)
     share = 1e-9 if chosen.rule == "path" else MIN_LATERAL_SHARE
-    least = share * np.max(np.where(held, figure, 0.0), axis=0, initial=MIN_LATERAL)
-    return drivers, reduced_cars(chosen, cars, FEEDBACK), SPEEDS_WITHOUT[last], least
-
-
-def reduced_cars(chosen: Manoeuvre, cars: Sequence[tuple[str, ...]], who: Candidate) -> Vehicles:
-    """Cars by their settings with the tail of a manoeuvre and a candidate."""
-    of_the_car = (
-        "manoeuvre.kind=turn",
-        "manoeuvre.turns=1",
-        "manoeuvre.rolling_start=false",
-        "manoeuvre.turn_start=2",
-    )
-    still = ("manoeuvre.duration=4", f"manoeuvre.speed={BUILD_SPEED!r}", *of_the_car)
-    scenarios = []
-    for car in cars:
-        own = (*car, *chosen.settings)
-        ballast: tuple[str, ...] = ()
-        if who.ballast is not None:
-            ballast = who.ballast(load_scenario(chosen.scenario, own))
-        scenarios.append(load_scenario(chosen.scenario, (*own, *who.settings, *ballast, *still)))
-    return Vehicles.of(scenarios)
-
-
-def gains_of(laws: Sequence[Mapping[str, float]], scenario: Scenario) -> Any:
-    """Fields of `FeedbackParameters` of laws as arrays (laws,); what a law does not name is the
-    scenario's.
-    """
-    given = dict(scenario.feedback)
-    return SimpleNamespace(
-        **{
-            key: np.array([law.get(f"feedback.{key}", value) for law in laws], float)
-            for key, value in given.items()
-        }
-    )
+    most = np.max(np.where(held, lateral, 0.0), axis=0, initial=MIN_LATERAL)
+    with_tail = reduced_cars(chosen, cars, FEEDBACK)
+    return _Reference(drivers, with_tail, SPEEDS_WITHOUT[last], share * most)

@@ -5,15 +5,11 @@ from dataclasses import replace
 
 import pytest
 
+from aerodima.optimisation import find_entry_speeds
 from aerodima.optimisation.judge.candidate import HELD, LOW_BALLAST, NO_TAIL, Candidate
 from aerodima.optimisation.judge.entry_rule import failed_rule
 from aerodima.optimisation.judge.entry_search import MAX_STEP_BACKS, EntrySearch
-from aerodima.optimisation.judge.entry_speed import (
-    NO_REFERENCE,
-    Manoeuvre,
-    Surface,
-    find_entry_speeds,
-)
+from aerodima.optimisation.judge.entry_speed import NO_REFERENCE, Manoeuvre, Surface
 from aerodima.optimisation.studies.rollover_threshold import SPEED
 from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.workbench.batch.engine import Engine

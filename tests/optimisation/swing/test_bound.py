@@ -5,11 +5,11 @@ cannot do.
 import numpy as np
 import pytest
 
+from aerodima.optimisation.judge.reduced_entries import gains_of, reduced_cars
 from aerodima.optimisation.judge.suite import FEEDBACK, make_surfaces, select_manoeuvres
 from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.optimisation.swing import bound
 from aerodima.optimisation.swing.bound import CANDIDATE_NAMES, paths, search_bound
-from aerodima.optimisation.swing.feedback_training import gains_of, reduced_cars
 from aerodima.workbench.car.reduced.entry_runs import (
     Entering,
     PathMotion,

@@ -5,8 +5,10 @@ car.
 import numpy as np
 import pytest
 
+from aerodima.optimisation import sweep_speeds
 from aerodima.optimisation.judge.candidate import write_candidates
 from aerodima.optimisation.judge.entry_rule import failed_rule
+from aerodima.optimisation.judge.reduced_entries import gains_of
 from aerodima.optimisation.judge.suite import (
     FEEDBACK,
     make_surfaces,
@@ -18,7 +20,6 @@ from aerodima.optimisation.swing.feedback_training import (
     RANGES,
     LawSearch,
     _reference,
-    gains_of,
     laws_at,
     score,
     search_laws,
@@ -26,7 +27,7 @@ from aerodima.optimisation.swing.feedback_training import (
     train_feedback,
 )
 from aerodima.workbench.car.reduced.dynamics import STATES
-from aerodima.workbench.car.reduced.entry_runs import Entering, climb, wheel_lifts
+from aerodima.workbench.car.reduced.entry_runs import Entering, wheel_lifts
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.ensemble import load_ensemble
 from tests.refusals import assert_refused
@@ -41,7 +42,7 @@ def test_score_is_half_the_mean_and_half_that_of_the_worst_fifth():
 
 
 def test_a_rolled_car_lifts_its_inner_wheels_by_the_sine_of_its_roll():
-    _, cars, _, _ = _reference("turn", "designed", (SETTINGS,))
+    cars = _reference("turn", "designed", (SETTINGS,)).cars
     state = np.zeros((len(STATES), 1))
     flat = wheel_lifts(state, cars, np.zeros(1))
     state[5] = 0.1
@@ -55,7 +56,7 @@ def test_a_rolled_car_lifts_its_inner_wheels_by_the_sine_of_its_roll():
 @pytest.mark.parametrize(("angle", "upright"), [("pitch", True), ("roll", False)])
 def test_two_wheels_of_one_side_end_a_run_and_those_of_an_axle_do_not(angle, upright):
     """Nose up by 0.1 rad lifts the front wheels by 28 mm, roll by 0.1 rad those of a side."""
-    drivers, cars, _, _ = _reference("turn", "designed", (SETTINGS,))
+    drivers, cars, *_ = _reference("turn", "designed", (SETTINGS,))
     entering = Entering(cars, drivers[0], gains_of([{}], drivers[0]), np.ones(1))
     entering.state[STATES.index(angle)] = -0.1
     entering.step(2.0, 0.0, 1.0, 0.0)
@@ -70,8 +71,8 @@ def test_reduced_cars_turn_as_full_ones_with_the_feedback_law(manoeuvre):
     The fishhook is steered to both sides, the second time by its roll rate.
     """
     (chosen,) = select_manoeuvres([manoeuvre], "designed")
-    drivers, cars, _, _ = _reference(manoeuvre, "designed", (SETTINGS,))
-    upright, figure = climb(
+    drivers, cars, *_ = _reference(manoeuvre, "designed", (SETTINGS,))
+    upright, figure = sweep_speeds(
         cars, np.array([[3.2]]), drivers, gains_of([{}], drivers[0]), np.ones(1)
     )
     task = (*SETTINGS, *chosen.settings, *FEEDBACK.settings, "manoeuvre.speed=3.2")
@@ -83,10 +84,14 @@ def test_reduced_cars_turn_as_full_ones_with_the_feedback_law(manoeuvre):
 
 def test_a_tail_that_stays_leant_is_no_completed_turn():
     """It returns at 0.01 rad/s, so that the car goes on turning after its wheels are straight."""
-    drivers, cars, _, _ = _reference("turn", "designed", (SETTINGS,))
-    upright, _ = climb(cars, np.array([[3.2]]), drivers, gains_of([{}], drivers[0]), np.ones(1))
+    drivers, cars, *_ = _reference("turn", "designed", (SETTINGS,))
+    upright, _ = sweep_speeds(
+        cars, np.array([[3.2]]), drivers, gains_of([{}], drivers[0]), np.ones(1)
+    )
     slow = {"feedback.return_speed": 0.01, "feedback.pitch_angle": 0.0, "feedback.roll_gain": 0.0}
-    leant, _ = climb(cars, np.array([[3.2]]), drivers, gains_of([slow], drivers[0]), np.ones(1))
+    leant, _ = sweep_speeds(
+        cars, np.array([[3.2]]), drivers, gains_of([slow], drivers[0]), np.ones(1)
+    )
     assert upright[0, 0]
     assert not leant[0, 0]
 
@@ -99,9 +104,11 @@ def test_reduced_cars_keep_to_a_path_up_to_the_speed_of_the_full_ones(manoeuvre)
     """
     (chosen,) = select_manoeuvres([manoeuvre], "designed")
     settings = (*SETTINGS, *make_surfaces(CARS, [1.2])[0][1].settings)
-    drivers, cars, _, _ = _reference(manoeuvre, "designed", (settings,))
+    drivers, cars, *_ = _reference(manoeuvre, "designed", (settings,))
     speeds = np.arange(1.5, 3.5, 0.05)
-    fits, _ = climb(cars, speeds[:, None], drivers[:1], gains_of([{}], drivers[0]), np.ones(1))
+    fits, _ = sweep_speeds(
+        cars, speeds[:, None], drivers[:1], gains_of([{}], drivers[0]), np.ones(1)
+    )
     entry = speeds[np.argmin(fits[:, 0]) - 1]
     assert 1.8 < entry < 3.0
     for speed, expected in ((entry - 0.1, {""}), (entry + 0.1, {"path", "two wheels"})):

@@ -7,9 +7,7 @@ delay.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -295,24 +293,6 @@ def wheel_lifts(state: FloatArray, cars: Vehicles, steering: FloatArray) -> Floa
     centre = np.stack([x, y, z + state[TRAVEL]])
     found: FloatArray = state[2] + dot(n, centre) - cars.edge * np.abs(tilt) - reach
     return found
-
-
-def climb(
-    cars: Vehicles,
-    speeds: FloatArray,
-    drivers: Sequence[Scenario],
-    gains: Any,
-    steers_tail: FloatArray,
-) -> tuple[np.ndarray, FloatArray]:
-    """Whether n cars stay upright at speeds (m, n), m/s, with one of the drivers, and their
-    figures, (m, n) each.
-    """
-    which = np.tile(np.arange(cars.count), len(speeds))
-    tried = at_speeds(cars.take(which), speeds.ravel())
-    own = SimpleNamespace(**{name: values[which] for name, values in vars(gains).items()})
-    found = [enter(tried, driver, own, steers_tail[which]) for driver in drivers]
-    upright = np.logical_or.reduce([one.upright for one in found])
-    return upright.reshape(speeds.shape), found[0].figure.reshape(speeds.shape)
 
 
 def at_speeds(cars: Vehicles, speeds: FloatArray) -> Vehicles:
