@@ -87,8 +87,8 @@ def emulate(plan: CalibrationPlan, runs: CachedRunner) -> Surrogate:
 def _reduced(
     plan: CalibrationPlan, runs: CachedRunner, cars: FloatArray, reach: float
 ) -> TurnResults:
-    """`run_reduced` of cars (m, n) by name of the turn; the flip is searched around the friction of
-    each car.
+    """Runs `run_reduced` for cars (m, n) by name of the turn; the flip is searched around the
+    friction of each car.
 
     The wide search is around the middle of what friction may be.
     """
@@ -104,8 +104,8 @@ def _reduced(
 def _full_flips(
     plan: CalibrationPlan, runs: CachedRunner, cars: FloatArray, emulator: Surrogate
 ) -> TurnResults:
-    """`search_full` of cars (m, n) by name of the turn, around the friction at which the emulator
-    has them flip.
+    """Runs `search_full` for cars (m, n) by name of the turn, around the friction at which they
+    flip by the surrogate.
     """
     runs.stage = "full cars"
     margins = {turn.name: emulator.margin(cars, turn) for turn in plan.turns}
@@ -121,7 +121,9 @@ def _joined(found: Mapping[str, list[Any]]) -> TurnResults:
 
 
 def _different(cars: FloatArray, number: int, seed: int) -> FloatArray:
-    """So many of the drawn cars (m, n), no two alike: a sampler that stays repeats a car."""
+    """Returns so many of the drawn cars (m, n), no two alike: a sampler that stays
+    repeats a car.
+    """
     return np.random.default_rng(seed).permutation(np.unique(cars, axis=0))[:number]
 
 
@@ -135,8 +137,8 @@ def _by_turn(
     step: float | None = None,
     margins: Mapping[str, FloatArray] = MappingProxyType({}),
 ) -> dict[str, list[Any]]:
-    """What work comes to, in pieces of so many cars, by name of the turn; all pieces are handed out
-    together.
+    """Runs work in items of so many cars and returns its results by name of the turn; all items are
+    handed out together.
     """
     pieces = []
     for turn in plan.turns:
@@ -183,7 +185,8 @@ class Posterior:
 
 
 def log_likelihood(emulator: Surrogate, figures: Sequence[Figure], cars: FloatArray) -> FloatArray:
-    """Logarithm of the probability (m) of figures and of all outcomes, given cars (m, n).
+    """Computes the logarithm of the probability (m) of figures and of all outcomes, given cars (m,
+    n).
 
     The trigger of the thesis' law is the yaw rate up to which the inner wheels stay on the ground:
     a car whose wheel lifts below it is unlikely, with a width of `LIFT_WIDTH`.
@@ -208,8 +211,8 @@ def log_likelihood(emulator: Surrogate, figures: Sequence[Figure], cars: FloatAr
 def log_density(
     emulator: Surrogate, figure: Figure, cars: FloatArray, values: FloatArray | None = None
 ) -> FloatArray:
-    """Logarithm of the density of a published figure given cars (m, n), per share of the figure
-    (m).
+    """Computes the logarithm of the density of a published figure given cars (m, n), per share of
+    the figure (m).
 
     The model is off by a share of what it predicts.
 
@@ -228,8 +231,8 @@ def log_density(
 def spread_of(
     emulator: Surrogate, figure: Figure, cars: FloatArray, values: FloatArray
 ) -> FloatArray:
-    """How far (m) the published figure may lie from what cars (m, n) show (m): one standard
-    deviation, in its unit.
+    """Computes the standard deviation (m) of the published figure around what cars (m, n) show (m),
+    in its unit.
 
     A rate and its integral are off by different shares; the integral of a gyro gathers what the
     rate averages out.

@@ -111,7 +111,7 @@ class NormalPrior(StrictModel):
 
 
 class Budget(StrictModel):
-    """How much is run.
+    """Number of cars, runs and steps.
 
     Attributes:
         cars: reduced cars of a rough posterior that drive every turn, after half as many of the
@@ -278,8 +278,8 @@ def figures_of(plan: CalibrationPlan) -> tuple[Figure, ...]:
 
 
 def lift_of(plan: CalibrationPlan) -> Figure:
-    """Returns the yaw rate up to which both inner wheels stay on the ground (thesis 6.3.4), of the first turn
-    with a table.
+    """Returns the yaw rate up to which both inner wheels stay on the ground (thesis 6.3.4), of the
+    first turn with a table.
     """
     return Figure(next(turn for turn in plan.turns if turn.table), LIFT, inner_lift_yaw_rate())
 
@@ -331,8 +331,8 @@ class CarPrior:
         return [self.column(name) for name in (*self.plan.body, *nuisances, *tyres)]
 
     def scaled(self, cars: FloatArray) -> FloatArray:
-        """Scales cars (m, n) to -1 to 1 from end to end of each range; `forward` is a switch and has -1
-        or 1 alone.
+        """Scales cars (m, n) to -1 to 1 from end to end of each range; `forward` is a switch and
+        has -1 or 1 alone.
         """
         low, high = self.ranges.T
         scaled: FloatArray = 2.0 * (cars - low) / (high - low) - 1.0
@@ -341,7 +341,9 @@ class CarPrior:
         return scaled
 
     def log_density(self, cars: FloatArray) -> FloatArray:
-        """Returns the logarithm of the density (m), up to a constant; -inf where a car cannot be."""
+        """Returns the logarithm of the density (m), up to a constant; -inf where a car
+        cannot be.
+        """
         low, high = self.ranges.T
         inside = np.all((cars >= low) & (cars <= high), axis=1)
         off = cars[:, [self.column(DISCREPANCY), self.column(ROLL_DISCREPANCY)]]

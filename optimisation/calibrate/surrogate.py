@@ -74,7 +74,7 @@ class Regression:
     def process(
         cls, columns: list[int], scaled: FloatArray, values: FloatArray, cars: IntArray
     ) -> Regression:
-        """A Gaussian process with a length for every column, fitted to values (m, k) at scaled cars
+        """Fits a Gaussian process with a length for every column to values (m, k) at scaled cars
         (m, n).
 
         Args:
@@ -118,7 +118,7 @@ class Regression:
     def line(
         cls, columns: list[int], scaled: FloatArray, values: FloatArray, cars: IntArray
     ) -> Regression:
-        """A plane with a ridge, for rows of few cars; arguments as those of `process`."""
+        """Fits a plane with a ridge, for rows of few cars; arguments as those of `process`."""
         from sklearn.linear_model import Ridge
         from sklearn.model_selection import GridSearchCV, GroupKFold, cross_val_predict
 
@@ -134,7 +134,7 @@ class Regression:
         return cls(tuple(columns), partial(_plane_at, slopes, offset), _deviation(missed), missed)
 
     def __call__(self, scaled: FloatArray) -> FloatArray:
-        """Values (m, k) at scaled cars (m, n)."""
+        """Returns values (m, k) at scaled cars (m, n)."""
         return self.model(scaled[:, self.columns])
 
 
@@ -145,7 +145,9 @@ def _process_at(
     middle: FloatArray,
     inputs: FloatArray,
 ) -> FloatArray:
-    """As sklearn's `predict`, without its checks, which take most of the time of a posterior."""
+    """Predicts as sklearn's `predict`, without its checks, which take most of the time of a
+    posterior.
+    """
     at = inputs / lengths
     alike = at @ places.T
     alike -= 0.5 * np.sum(places**2, axis=1)
@@ -159,7 +161,7 @@ def _plane_at(slopes: FloatArray, offset: FloatArray, inputs: FloatArray) -> Flo
 
 @dataclass(frozen=True)
 class Surrogate:
-    """What every turn of a plan shows, for any car.
+    """Figures and flips of every turn of a plan, for any car.
 
     Attributes:
         prior: whose coordinates the cars have.
@@ -180,7 +182,7 @@ class Surrogate:
     def of_reduced(
         cls, prior: CarPrior, cars: FloatArray, found: Mapping[str, Mapping[str, Any]]
     ) -> Surrogate:
-        """From `run_reduced` of all cars (m, n), by name of the turn."""
+        """Fits to `run_reduced` of all cars (m, n), by name of the turn."""
         flips = {}
         figures = {}
         for turn in prior.plan.turns:
@@ -198,7 +200,7 @@ class Surrogate:
         return cls(prior, flips, figures)
 
     def corrected(self, cars: FloatArray, found: Mapping[str, Mapping[str, Any]]) -> Surrogate:
-        """By `search_full` of all cars (m, n), by name of the turn."""
+        """Corrects by `search_full` of all cars (m, n), by name of the turn."""
         prior = self.prior
         shifts = {}
         corrections = {}
@@ -218,7 +220,9 @@ class Surrogate:
         return replace(self, shifts=shifts, corrections=corrections)
 
     def margin(self, cars: FloatArray, turn: Turn) -> FloatArray:
-        """Logarithm of the friction at the flip over that of the car (m); above 0 it survives."""
+        """Returns the logarithm of the friction at the flip over that of the car (m); above 0 it
+        survives.
+        """
         scaled = self.prior.scaled(cars)
         shift = self.shifts.get(turn.name)
         found = self.flips[turn.name](scaled) + (0.0 if shift is None else shift(scaled))
@@ -228,19 +232,19 @@ class Surrogate:
         return margin
 
     def flip_deviation(self, turn: Turn) -> float:
-        """What the emulator misses of the margin, one standard deviation."""
+        """Returns the standard deviation of the residuals of the margin."""
         return float(self.shifts.get(turn.name, self.flips[turn.name]).deviation[0])
 
     def survival(self, cars: FloatArray, turn: Turn) -> FloatArray:
-        """Probability (m) that a car survives a turn, with the width of the plan and what the
-        emulator misses.
+        """Returns the probability (m) that a car survives a turn, with the width of the plan and
+        the residuals of the surrogate.
         """
         width = np.hypot(self.prior.plan.outcome_width[turn.tail], self.flip_deviation(turn))
         found: FloatArray = norm.cdf(self.margin(cars, turn) / width)
         return found
 
     def draw_outcomes(self, car: FloatArray, rng: np.random.Generator) -> dict[str, bool]:
-        """Which turns a car (1, n) survives, drawn as `log_outcomes` has it."""
+        """Draws which turns a car (1, n) survives, with the probabilities of `log_outcomes`."""
         plan = self.prior.plan
         missed = {_kind(turn): rng.standard_normal() for turn in plan.turns}
         survives = {}
@@ -251,8 +255,8 @@ class Surrogate:
         return survives
 
     def log_outcomes(self, margins: Mapping[str, FloatArray]) -> FloatArray:
-        """Logarithm of the probability (m) of how all turns of the plan ended, by their `margin`
-        (m).
+        """Returns the logarithm of the probability (m) of how all turns of the plan ended, by their
+        `margin` (m).
 
         What the emulator misses is one number for the turns of a car that differ in their speed
         alone.
@@ -268,8 +272,8 @@ class Surrogate:
         return total
 
     def values(self, cars: FloatArray, turn: Turn, margin: FloatArray | None = None) -> FloatArray:
-        """`METRICS` of cars (m, n) in a turn (m, 6), each in its unit; `margin` (m) where it is
-        known already.
+        """Returns `METRICS` of cars (m, n) in a turn (m, 6), each in its unit; `margin` (m) where
+        it is known already.
         """
         inputs = _with_margin(
             self.prior.scaled(cars), self.margin(cars, turn) if margin is None else margin
@@ -278,11 +282,11 @@ class Surrogate:
         return self.figures[turn.name](inputs) + (0.0 if correction is None else correction(inputs))
 
     def value(self, cars: FloatArray, figure: Figure) -> FloatArray:
-        """A figure of cars (m, n), in its unit (m)."""
+        """Returns a figure of cars (m, n), in its unit (m)."""
         return self.values(cars, figure.turn)[:, METRICS.index(figure.metric)]
 
     def deviation(self, figure: Figure) -> float:
-        """What the emulator misses of a figure, one standard deviation."""
+        """Returns the standard deviation of the residuals of a figure."""
         surface = self.corrections.get(figure.turn.name, self.figures[figure.turn.name])
         return float(surface.deviation[METRICS.index(figure.metric)])
 
@@ -305,7 +309,9 @@ def _unseen(
     tried: FloatArray,
     whose: IntArray,
 ) -> FloatArray:
-    """Margin of cars that were tried (k), as the emulator has it for cars it was not fitted to."""
+    """Returns the margin of cars that were tried (k), as the surrogate predicts it for cars it was
+    not fitted to.
+    """
     without = flip.copy()
     without[np.isfinite(flip)] -= surface.missed[:, 0]
     margin: FloatArray = without[whose] - np.log(
@@ -319,8 +325,8 @@ def _of_a_figure(prior: CarPrior, turn: Turn) -> list[int]:
 
 
 def _with_margin(scaled: FloatArray, margin: FloatArray) -> FloatArray:
-    """Scaled cars (m, n) and the logarithm of their margin (m): a car leans ever further as the
-    margin goes to 0.
+    """Joins scaled cars (m, n) and the logarithm of their margin (m): a car leans ever further as
+    the margin goes to 0.
     """
     return np.column_stack([scaled, np.log(0.5 * (margin + np.hypot(margin, 2.0 * MIN_MARGIN)))])
 
@@ -328,8 +334,8 @@ def _with_margin(scaled: FloatArray, margin: FloatArray) -> FloatArray:
 def _search(
     turn: Turn, cars: FloatArray, found: Mapping[str, Any], least: int
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, IntArray]:
-    """Which of the cars flip, the flip of each, cars (k, n) that survived, their figures (k, 6),
-    and whose they are.
+    """Returns which of the cars flip, the flip of each, cars (k, n) that survived, their figures
+    (k, 6), and the index of their car.
     """
     flip = np.array(found["flips"], float)
     known = np.flatnonzero(np.isfinite(flip))
@@ -349,12 +355,14 @@ def _search(
 
 
 def _deviation(missed: FloatArray) -> FloatArray:
-    """What 68 % of errors (m, k) do not exceed; a car at a flip's edge may miss by any amount."""
+    """Returns the size that 68 % of residuals (m, k) do not exceed; a car at a flip's edge may be
+    off by any amount.
+    """
     found: FloatArray = np.quantile(np.abs(missed), 0.6827, axis=0)
     return found
 
 
 def _rows_by(cars: IntArray) -> list[IntArray]:
-    """Rows of each car."""
+    """Returns the rows of each car."""
     order = np.argsort(cars, kind="stable")
     return np.split(order, np.flatnonzero(np.diff(cars[order])) + 1)

@@ -49,7 +49,7 @@ LEFT = [index for index, wheel in enumerate(WHEELS) if wheel.endswith("left")]
 
 @dataclass(frozen=True)
 class Motion:
-    """What figures are made of, every `STEP` from `BEFORE` the steering on.
+    """Signals of a run, every `STEP` from `BEFORE` the steering on.
 
     Attributes:
         yaw_rate, acceleration, roll_rate: rad/s, lateral m/s2, outwards rad/s, (k) each.
@@ -63,8 +63,8 @@ class Motion:
 
 
 def figures_of_motion(motion: Motion, turn: Turn, nuisances: dict[str, float]) -> dict[str, float]:
-    """`FIGURES` of one run that survived, as the thesis took them for the system, and the yaw rate
-    of the lift.
+    """Computes `FIGURES` of one run that survived, as the thesis took them for the system, and the
+    yaw rate of the lift.
 
     Args:
         motion: of the run.
@@ -105,7 +105,7 @@ def figures_of_motion(motion: Motion, turn: Turn, nuisances: dict[str, float]) -
 
 
 def nuisances_of(prior: CarPrior, car: FloatArray) -> dict[str, float]:
-    """Name -> value of a car (n)."""
+    """Returns name -> value of a car (n)."""
     return {name: float(car[prior.column(name)]) for name in prior.plan.nuisances}
 
 
@@ -134,7 +134,7 @@ def _prior(plan: str) -> CarPrior:
 
 
 def prior_of(plan: CalibrationPlan) -> CarPrior:
-    """The prior of a plan, made once in each process."""
+    """Returns the prior of a plan, made once in each process."""
     return _prior(plan.model_dump_json(by_alias=True))
 
 
@@ -197,7 +197,9 @@ def _with_drawn_nuisances(prior: CarPrior, car: FloatArray, rng: np.random.Gener
 
 
 def _motions(driven: Turns, x: FloatArray, z: FloatArray) -> list[Motion]:
-    """Motion of each reduced car at its IMU, x and z (m) in B; at rest before the steering."""
+    """Returns the motion of each reduced car at its IMU, x and z (m) in B; still before the
+    steering.
+    """
     assert driven.history is not None
     assert driven.loads is not None
     rates = driven.history[:, RATES]

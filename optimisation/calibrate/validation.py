@@ -74,7 +74,7 @@ class Question(NamedTuple):
 
 
 def predictions(questions: Sequence[Question], runs: CachedRunner) -> list[LeftOut]:
-    """`leave_out` of each question, each once."""
+    """Returns `leave_out` of each question, each once."""
     keys = [
         content_key("leave_out", hashlib.sha256(pickle.dumps(question)).hexdigest())
         for question in questions
@@ -127,20 +127,20 @@ def predicted(
 
 
 def joint_density(emulator: Surrogate, figures: Sequence[Figure], cars: FloatArray) -> float:
-    """Logarithm of the density of figures together, averaged over cars (m, n)."""
+    """Returns the logarithm of the density of figures together, averaged over cars (m, n)."""
     logs = np.sum([log_density(emulator, figure, cars) for figure in figures], axis=0)
     return float(logsumexp(logs) - np.log(len(cars)))
 
 
 def _survivors(emulator: Surrogate, cars: FloatArray, figure: Figure, seed: int) -> FloatArray:
-    """Cars of the prior, drawn by their probability to survive the turn, as the printed one did."""
+    """Draws cars of the prior by their probability to survive the turn, as the printed one did."""
     weight = emulator.survival(cars, figure.turn)
     return cars[np.random.default_rng(seed).choice(len(cars), len(cars), p=weight / weight.sum())]
 
 
 def _constant(own: Sequence[Figure], figures: Sequence[Figure]) -> float:
-    """What the other tables say of the same metrics, with Student's t for so few; nan where only
-    one other does.
+    """Returns the density by the other tables' values of the same metrics, with Student's t for so
+    few; NaN where only one other has them.
     """
     total = 0.0
     for figure in own:
@@ -156,7 +156,9 @@ def _constant(own: Sequence[Figure], figures: Sequence[Figure]) -> float:
 
 
 def rigid(prior: CarPrior) -> CarPrior:
-    """The stiffest tyres of the prior, no latency, no bias, zero phase, no delay of the swing."""
+    """Returns the prior with its stiffest tyres, no latency, no bias, zero phase, no delay of the
+    swing.
+    """
     plan = prior.plan
     low = dict(zip(prior.names, prior.ranges[:, 0], strict=True))
     delay = float(low.get("controller.delay", 0.0))
@@ -176,7 +178,7 @@ def rigid(prior: CarPrior) -> CarPrior:
 def _playing(
     emulator: Surrogate, posterior: Posterior, rng: np.random.Generator
 ) -> tuple[FloatArray, dict[str, bool]]:
-    """A posterior car (1, n) and how its turns end, one that survives every turn with a table."""
+    """Draws a posterior car (1, n) that survives every turn with a table, and how its turns end."""
     for _ in range(TRIES):
         car = posterior.cars[rng.integers(len(posterior.cars))][None]
         ends = emulator.draw_outcomes(car, rng)
@@ -193,8 +195,8 @@ def perfect_model(
     seed: int,
     runs: CachedRunner,
 ) -> float:
-    """Share of the figures of tables that lie in their 90 % interval when posterior cars play the
-    thesis.
+    """Returns the share of the figures of tables that lie in their 90 % interval when posterior
+    cars play the thesis.
     """
     rng = np.random.default_rng(seed)
     plan = emulator.prior.plan
@@ -235,7 +237,9 @@ class Measurement:
 
 
 def information(measurement: Measurement, cars: FloatArray, seed: int, draws: int = 400) -> float:
-    """Expected gain of a measurement over what posterior cars (m, n) know: information, nats."""
+    """Returns the expected gain of a measurement over what posterior cars (m, n) know: information,
+    nats.
+    """
     truth = measurement.value(cars)
     rng = np.random.default_rng(seed)
     seen = rng.choice(truth, draws) + measurement.deviation * rng.standard_normal(draws)
@@ -247,8 +251,8 @@ def information(measurement: Measurement, cars: FloatArray, seed: int, draws: in
 
 
 def measurements(prior: CarPrior) -> tuple[Measurement, ...]:
-    """What a lab with a scale, a ruler and a flat floor can measure of the real car:
-    `calibration/measurements.csv`.
+    """Reads the measurements that a lab with a scale, a ruler and a flat floor can make of the real
+    car: `calibration/measurements.csv`.
 
     Its deviations are in the unit of the parameter; without a parameter it is the angle of balance,
     in degrees.
@@ -267,7 +271,7 @@ def measurements(prior: CarPrior) -> tuple[Measurement, ...]:
 
 
 def _angle_of_balance(prior: CarPrior, cars: FloatArray) -> FloatArray:
-    """Roll at which cars (m) balance on the outer edges of their tyres, degrees."""
+    """Returns the roll at which cars (m) balance on the outer edges of their tyres, degrees."""
     width = load_scenario("turn_none").car.tyre_width
     track, height = (cars[:, prior.column(key)] for key in ("car.track", "car.com_height"))
     return np.degrees(np.arctan2(0.5 * (track + width), height))
@@ -276,8 +280,8 @@ def _angle_of_balance(prior: CarPrior, cars: FloatArray) -> FloatArray:
 def combinations(
     prior: CarPrior, cars: FloatArray, seed: int
 ) -> list[tuple[float, dict[str, float]]]:
-    """What the data determine best: variance over that of the prior, and its largest coordinates,
-    five of them.
+    """Finds what the data determine best: variance over that of the prior, and its largest
+    coordinates, five of them.
     """
     physical = [
         index
@@ -298,7 +302,9 @@ def combinations(
 
 
 def brier(emulator: Surrogate, cars: FloatArray) -> tuple[float, Mapping[str, float]]:
-    """Brier score of the published outcomes, and the probability of surviving each turn."""
+    """Returns the Brier score of the published outcomes, and the probability of surviving each
+    turn.
+    """
     chances = {
         turn.name: float(np.mean(emulator.survival(cars, turn)))
         for turn in emulator.prior.plan.turns

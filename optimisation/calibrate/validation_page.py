@@ -98,7 +98,7 @@ class Result:
 
 
 def require_extra() -> None:
-    """UserError when a library of the extra `calibration` is missing."""
+    """Raises UserError when a library of the extra `calibration` is missing."""
     for library in ("emcee", "sklearn"):
         if find_spec(library) is None:
             raise UserError(
@@ -166,7 +166,7 @@ def write_pages(result: Result, out: Path) -> Path:
 
 
 def validation_page(result: Result, figures: pd.DataFrame, parameters: pd.DataFrame) -> Page:
-    """What the calibration predicts, and how far to trust it."""
+    """Makes the page of what the calibration predicts, and how far to trust it."""
     prior = result.emulator.prior
     cars = result.posterior.cars
     plan = prior.plan
@@ -292,7 +292,9 @@ def _figure_table(figures: pd.DataFrame) -> Table:
 
 
 def measure_page(measured: pd.DataFrame) -> Page:
-    """Measurements of the real car, most informative first, with their procedures."""
+    """Makes the page of measurements of the real car, most informative first, with their
+    procedures.
+    """
     rows = [
         (row["quantity"], row["procedure"], f"{row['gain_nats']:.2f}")
         for row in measured.to_dict("records")
@@ -307,7 +309,7 @@ def measure_page(measured: pd.DataFrame) -> Page:
 
 
 def measure_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
-    """Gain of every measurement in nats, largest first."""
+    """Computes the gain of every measurement in nats, largest first."""
     names = ["quantity", "procedure", "deviation", "gain_nats"]
     rows = []
     for m in measurements(prior):
@@ -318,8 +320,8 @@ def measure_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
 
 
 def parameter_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
-    """Per coordinate: prior, quantiles, deviation over that of the prior, and whether its median is
-    near an end.
+    """Computes per coordinate: prior, quantiles, deviation over that of the prior, and whether its
+    median is near an end.
     """
     reference = prior.draw(2000, prior.plan.seed)
     rows = []
@@ -345,7 +347,9 @@ def parameter_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
 
 
 def ensemble_text(result: Result, system: Platform) -> str:
-    """The cars of the fine runs in one system as the text of an ensemble file, equally likely."""
+    """Returns the cars of the fine runs in one system as the text of an ensemble file, equally
+    likely.
+    """
     prior = result.emulator.prior
     plan = prior.plan
     cars = result.fine.cars
@@ -386,8 +390,8 @@ def ensemble_text(result: Result, system: Platform) -> str:
 
 
 def _fine_cells(result: Result, turn: Turn) -> tuple[str, str, str]:
-    """How many of the fine runs survived, when the swing of the median begins, and the share of
-    early swings.
+    """Returns how many of the fine runs survived, when the swing of the median begins, and the
+    share of early swings.
     """
     rows = [row for row in result.fine.rows[turn.name] if "error" not in row]
     survived = f"{sum(row['survived'] for row in rows)} of {len(rows)}"

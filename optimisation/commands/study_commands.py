@@ -40,7 +40,7 @@ def register(app: typer.Typer) -> None:
 def engine_for(
     out: Path | None, workers: int = 2, scheduler: str | None = None
 ) -> Iterator[tuple[Engine, ProgressLine]]:
-    """An engine whose workers record in a folder, and the terminal for lines of progress."""
+    """Opens an engine whose workers record in a folder, and the terminal for lines of progress."""
     from aerodima.workbench.batch.row_store import WORKER_RECORD, terminal
 
     progress = terminal()

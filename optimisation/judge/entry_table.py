@@ -51,7 +51,7 @@ _HEADER = (
 
 
 def known_speeds(table: pd.DataFrame) -> pd.Series:
-    """Entry speeds (rows of the table), m/s; NaN where there is none or it is not known."""
+    """Returns entry speeds (rows of the table), m/s; NaN where there is none or it is not known."""
     return table[SPEED].mask(_is_unknown(table))
 
 
@@ -60,8 +60,8 @@ def _is_unknown(table: pd.DataFrame) -> pd.Series:
 
 
 def entry_gains(table: pd.DataFrame, over: tuple[str, ...]) -> pd.Series:
-    """Gain in entry speed of each row over the fastest of other candidates in the same case; index
-    as the table's.
+    """Computes the gain in entry speed of each row over the fastest of other candidates in the same
+    case; index as the table's.
 
     A candidate that completes the manoeuvre at no speed has the gain -1. NaN where the entry speed
     of either is not known: a run came to nothing, the fine step bore no speed out, or there was no
@@ -81,7 +81,7 @@ def entry_gains(table: pd.DataFrame, over: tuple[str, ...]) -> pd.Series:
 
 
 def summarise_entries(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
-    """A row per manoeuvre and candidate, in the order of the table.
+    """Makes a row per manoeuvre and candidate, in the order of the table.
 
     A car's gain is its median over the floors. For each reference of `REFERENCES`: `gain_over_...`,
     the median over the cars; `worst_over_...`, that of the worst car; `low_over_...` and
@@ -135,7 +135,7 @@ def has_gain(summary: pd.DataFrame) -> bool:
 
 
 def median_interval(cars: FloatArray, seed: int) -> tuple[float, float]:
-    """Ends of the 95 % interval of the median over cars, which are drawn again with replacement;
+    """Computes the 95 % interval of the median over cars, which are drawn again with replacement;
     NaN without a car.
 
     Args:
@@ -152,8 +152,8 @@ def median_interval(cars: FloatArray, seed: int) -> tuple[float, float]:
 
 
 def entry_lines(summary: pd.DataFrame) -> list[str]:
-    """Lines of a table for the terminal: each manoeuvre is a heading, and every candidate has a
-    line below it.
+    """Makes a table for the terminal: each manoeuvre is a heading, and every candidate has a line
+    below it.
     """
     rows: list[tuple[str, ...]] = []
     for manoeuvre, own in summary.groupby("manoeuvre", sort=False):
@@ -162,8 +162,8 @@ def entry_lines(summary: pd.DataFrame) -> list[str]:
 
 
 def entry_page(table: pd.DataFrame, summary: pd.DataFrame) -> Page:
-    """A page: the fastest candidate of each manoeuvre first, then a table and a picture for every
-    manoeuvre.
+    """Makes a page: the fastest candidate of each manoeuvre first, then a table and a picture for
+    every manoeuvre.
     """
     fastest = []
     sections = []
@@ -219,8 +219,8 @@ def _row_cells(row: dict[Any, Any]) -> tuple[str, ...]:
 
 @styled()
 def entry_figure(table: pd.DataFrame) -> Figure:
-    """Entry speeds of all cars by floor and manoeuvre, a line per candidate, with the median as a
-    bar.
+    """Plots the entry speeds of all cars by surface and manoeuvre, a line per candidate, with the
+    median as a bar.
     """
     names = list(dict.fromkeys(table["manoeuvre"]))
     floors = list(dict.fromkeys(table["floor"]))

@@ -97,7 +97,7 @@ class RunTask:
 
 
 def load_any_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenario | RigScenario:
-    """A scenario of the car or of a rig, by its path or by the name of one that ships;
+    """Loads a scenario of the car or of a rig, by its path or by the name of one that ships;
     ScenarioError as `load`.
     """
     path = Path(name_or_path)
@@ -109,7 +109,7 @@ def load_any_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenar
 
 
 def step_settings(step: float) -> tuple[str, ...]:
-    """Settings of a step of the plant, s."""
+    """Returns the settings of a step of the plant, s."""
     return (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")
 
 
@@ -153,7 +153,7 @@ def tipped_before_turn(row: Mapping[Any, Any]) -> bool:
 
 
 def failed_row(task: RunTask, error: str, scenario: Scenario | RigScenario | None = None) -> Row:
-    """Row of a run that came to nothing; the columns of the metrics are missing in it."""
+    """Makes the row of a run without outcome; the columns of the metrics are missing in it."""
     return {"run": task.name, "outcome": None, "error": error, **_provenance(task, scenario)}
 
 
@@ -174,7 +174,7 @@ def _measured(task: RunTask, scenario: Scenario | RigScenario) -> Row:
 
 
 def measured_row(task: RunTask, scenario: Scenario | RigScenario, run: RunLog) -> Row:
-    """The row of a task whose scenario has been run, as `evaluate` gives it."""
+    """Makes the row of a task whose scenario has been run, as `evaluate` does."""
     last = {"error": "", **_provenance(task, scenario)}
     if isinstance(scenario, RigScenario):
         facts = {name: run.extra[name] for name in ("tail", "axis", "wind_speed_m_per_s")}
@@ -226,7 +226,9 @@ def _provenance(task: RunTask, scenario: Scenario | RigScenario | None) -> Row:
 def open_run_engine(
     workers: int = 2, scheduler: str | None = None, **options: Any
 ) -> AbstractContextManager[Engine]:
-    """`aerodima.workbench.open_engine`, whose workers are ready to simulate; with its options."""
+    """Opens `aerodima.workbench.open_engine`, whose workers are ready to simulate; with its
+    options.
+    """
     from aerodima.workbench.batch.dask_engine import open_engine
 
     return open_engine(workers, scheduler, module="aerodima.workbench.car.car_run", **options)
@@ -258,8 +260,8 @@ class CachedRunner:
         self.ran = 0
 
     def rows(self, tasks: Sequence[RunTask], done: Done | None = None) -> list[Row]:
-        """`evaluate` of each task, in order, under its own name; one that kills its worker gives a
-        row with an error.
+        """Returns `evaluate` of each task, in order, under its own name; one that kills its worker
+        gives a row with an error.
 
         Args:
             tasks: what is wanted.
@@ -277,8 +279,8 @@ class CachedRunner:
     def map(
         self, function: Callable[[Item], Any], items: Sequence[Item], keys: Sequence[str]
     ) -> list[Any]:
-        """`function` (of a module) of each item, JSON-able; raises what it raises, and UserError
-        for a lost worker.
+        """Returns `function` (of a module) of each item, JSON-able; raises what it raises, and
+        UserError for a lost worker.
         """
         words = (lambda _place, _row: self.stage) if self.stage else None
         found = self._once(partial(_result_of, function), items, keys, words)
@@ -292,7 +294,9 @@ class CachedRunner:
         words: Callable[[int, Row], str] | None,
         lost: Callable[[Item], Row] | None = None,
     ) -> list[Row]:
-        """Rows of items by their keys; `words` makes the line of progress of each new one."""
+        """Returns rows of items by their keys; `words` makes the line of progress of each
+        new one.
+        """
         missing = {
             key: item for key, item in zip(keys, items, strict=True) if key not in self._known
         }
@@ -344,8 +348,7 @@ def _result_of(function: Callable[[Any], Any], item: Any) -> Row:
 
 
 def run_key(task: RunTask) -> str:
-    """The same for the same run, whatever it is called: of all that determines its row, swing and
-    law included.
+    """Hashes all that determines the row of a run, swing and law included, but not its name.
 
     Of what a law's file imports nothing is looked at.
     """
@@ -357,8 +360,8 @@ def run_key(task: RunTask) -> str:
 
 
 def scenario_content(name: str, settings: Sequence[str] = ()) -> list[Any]:
-    """What the files behind a scenario with overrides hold, its swing among them: for keys of what
-    is remembered.
+    """Returns what the files behind a scenario with overrides hold, its swing among them, for keys
+    of cached results.
     """
     try:
         scenario = load_any_scenario(name, settings)
@@ -389,8 +392,8 @@ def _swing_content(name: str, _changed: int) -> str:
 
 
 def make_frame(rows: Sequence[Row]) -> pd.DataFrame:
-    """Rows with different keys as one table: numbers as float, truth values as boolean, everything
-    else as text.
+    """Makes one table of rows with different keys: numbers as float, truth values as boolean,
+    everything else as text.
 
     The order of the columns is that of their first appearance in a list of rows that is in order
     itself; the kind of a column does not depend on the order of its rows.

@@ -40,7 +40,9 @@ class Range(StrictModel):
     number: int = Field(description="of values", ge=1, le=10_000)
 
     def values(self) -> list[Value]:
-        """The values as the plain decimals that a reader expects, without bits of a division."""
+        """Returns the values as the plain decimals that a reader expects, without bits of a
+        division.
+        """
         return [float(f"{value:.12g}") for value in np.linspace(self.first, self.last, self.number)]
 
 
@@ -57,7 +59,7 @@ class Uniform(StrictModel):
         return self
 
     def at(self, share: np.ndarray) -> np.ndarray:
-        """Values of the quantiles (n)."""
+        """Returns the values of quantiles (n)."""
         return self.low + (self.high - self.low) * share
 
 
@@ -68,7 +70,7 @@ class Normal(StrictModel):
     deviation: float = Field(gt=0)
 
     def at(self, share: np.ndarray) -> np.ndarray:
-        """Values of the quantiles (n)."""
+        """Returns the values of quantiles (n)."""
         return norm.ppf(np.clip(share, 1e-9, 1.0 - 1e-9), self.mean, self.deviation)
 
 
@@ -87,7 +89,7 @@ class Sample(StrictModel):
     )
 
     def rows(self, times: int = 1) -> list[dict[str, Value]]:
-        """One dict of factor -> value per sample, so many times the number of samples."""
+        """Draws one dict of factor -> value per sample, so many times the number of samples."""
         names = list(self.factors)
         number = times * self.number
         generator = np.random.default_rng(self.seed)
@@ -124,7 +126,7 @@ class Block(StrictModel):
     sample: Sample | None = None
 
     def points(self) -> Iterator[dict[str, Value]]:
-        """Factor -> value of each run."""
+        """Yields factor -> value of each run."""
         names = list(self.grid)
         levels = [
             axis.values() if isinstance(axis, Range) else list(axis) for axis in self.grid.values()
@@ -149,7 +151,7 @@ class Block(StrictModel):
 
     @property
     def size(self) -> int:
-        """How many points there are."""
+        """Number of points."""
         lengths = [
             axis.number if isinstance(axis, Range) else len(axis) for axis in self.grid.values()
         ]
@@ -213,7 +215,9 @@ def load_study(path: str | Path) -> Study:
 
 
 def _refuse_empty_factors(path: Path, data: dict[str, Any]) -> None:
-    """One sentence for the mistake that the schema would answer with one per kind of factor."""
+    """Raises one sentence for the mistake that the schema would answer with one per
+    kind of factor.
+    """
     blocks = data.get("blocks", [data])
     for block in blocks if isinstance(blocks, list) else []:
         grid = block.get("grid") if isinstance(block, dict) else None
@@ -252,7 +256,7 @@ def check_factors(study: Study, where: str) -> None:
 
 
 def plan_runs(study: Study) -> list[PlannedRun]:
-    """Every run of a study, in the order of its table.
+    """Plans every run of a study, in the order of its table.
 
     Raises:
         SweepError: more than `MOST_RUNS`.
@@ -300,8 +304,8 @@ def _run(
 
 
 def _text(value: Value) -> str:
-    """The text that YAML reads back: floats in full precision (`1e-05` would be text, `1.0e-05` is
-    a number).
+    """Returns the text that YAML reads back: floats in full precision (`1e-05` would be text,
+    `1.0e-05` is a number).
     """
     if isinstance(value, bool):
         return str(value).lower()
@@ -325,7 +329,7 @@ def _in_blocks(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _sum(value: Value, added: Value) -> Value:
-    """Sum of a number of the grid and one of the sample; a seed of the sample stays whole."""
+    """Adds a number of the sample to that of the grid; a seed of the sample stays whole."""
     if not value:
         return added
     return float(value) + float(added)

@@ -39,9 +39,9 @@ from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 from aerodima.workbench.scenario.swing_file import SCHEMA, SwingFile, swing_from_dict
 
 MAX_STEP = 0.005
-"""Longest step of the reduced cars, s; the controller's ticks must be whole steps."""
+"""Largest step of the reduced cars, s; the controller's ticks must be whole steps."""
 KNOT_ROUNDING = 1e-2
-"""How far the curve between two knots on a stop may bulge beyond it, rad: the tail then rests on
+"""How far the curve between two knots on a stop may bulge beyond it, rad: the tail then lies on
 the stop."""
 
 CAR_KEYS = (
@@ -68,12 +68,12 @@ SCENARIO_CAR = Member("car", 1.0, {})
 
 @dataclass(frozen=True)
 class MotionSearch:
-    """How a motion is searched.
+    """Effort of the search of a motion.
 
     Attributes:
         starts: random ones; `seed` of them.
         knots: of the tail's rate, the first and the last included; `length` of the motion, s.
-        iterations: most major iterations of the solver from a start.
+        iterations: largest number of major iterations of the solver from a start.
     """
 
     starts: int = 7
@@ -83,15 +83,15 @@ class MotionSearch:
     iterations: int = 30
 
     def __post_init__(self) -> None:
-        allowed = {
-            "starts": (self.starts, self.starts >= 1, "at least 1"),
-            "knots": (self.knots, 4 <= self.knots <= 41, "4 to 41"),
-            "length": (self.length, 0.2 <= self.length <= 1.2, "0.2 to 1.2 s"),
-            "iterations": (self.iterations, self.iterations >= 1, "at least 1"),
-        }
-        for name, (value, good, words) in allowed.items():
-            if not good:
-                raise SwingError(f"{name}: {value:g}; allowed: {words}")
+        for name, low, high in (
+            ("starts", 1, math.inf),
+            ("knots", 4, 41),
+            ("length", 0.2, 1.2),
+            ("iterations", 1, math.inf),
+        ):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise SwingError(f"{name}: {value:g}; must be from {low:g} to {high:g}")
 
 
 def search_motion(
@@ -102,7 +102,8 @@ def search_motion(
     *,
     progress: ProgressLine = no_progress,
 ) -> SwingFile:
-    """The swing with which the training cars of a task turn furthest, each with its own steering.
+    """Searches the swing with which the training cars of a task turn furthest, each with its own
+    steering.
 
     Args:
         name: of the swing.
@@ -114,29 +115,29 @@ def search_motion(
     Raises:
         UserError: what the reduced car does not know, no floor, no turn that keeps all limits.
     """
-    floors, without = find_surfaces(task, task.training_cars or (SCENARIO_CAR,), runs)
+    surfaces, without = find_surfaces(task, task.training_cars or (SCENARIO_CAR,), runs)
     for words in without:
         progress(f"{words}: no floor; left out")
-    turns = [turn_on(task, floor) for floor in floors]
-    programme = turn_programme(turns, search, task)
+    turns = [turn_on(task, surface) for surface in surfaces]
+    program = make_turn_nlp(turns, search, task)
     solutions = []
     for number in range(search.starts):
         generator = np.random.default_rng([search.seed, number])
-        start = programme.shooting.random_start(generator)
-        solution = programme.solve(start, search.iterations)
+        start = program.shooting.random_start(generator)
+        solution = program.solve(start, search.iterations)
         solutions.append(solution)
         progress(_line(number, solution))
     best = best_of(solutions)
     if best.violation > FEASIBILITY_TOL:
         raise SwingError(f"no start came to a turn that keeps its limits; nearest: {best.worst}")
-    return swing_of(name, task, list(zip(floors, turns, strict=True)), programme, solutions, search)
+    return swing_of(name, task, list(zip(surfaces, turns, strict=True)), program, solutions, search)
 
 
-def turn_programme(
+def make_turn_nlp(
     turns: Sequence[Scenario], search: MotionSearch | None = None, task: Task | None = None
 ) -> TurnNlp:
-    """The programme of turns, not solved yet: costs and constraints may be added to its `prog` over
-    its `x`.
+    """Makes the nonlinear program of turns, not solved yet: costs and constraints may be added to
+    its `prog` over its `x`.
 
     Args:
         turns: cars on their floors, with a tail.
@@ -159,25 +160,31 @@ def turn_programme(
     return TurnNlp(shooting)
 
 
-def turn_on(task: Task, floor: TaskSurface) -> Scenario:
-    """The turn of a task's car on its floor, with the tail of the scenario."""
-    settings = task.settings(HELD, floor.car, floor.speed)
-    turn = load_scenario(task.scenario, (*settings, floor.setting))
+def turn_on(task: Task, surface: TaskSurface) -> Scenario:
+    """Returns the turn of a task's car on its surface, with the tail of the scenario."""
+    settings = task.settings(HELD, surface.car, surface.speed)
+    turn = load_scenario(task.scenario, (*settings, surface.setting))
     duration = turn.manoeuvre.turn_start + task.pulse + RUN_OUT_TIME
     return turn.varied(manoeuvre={"turn_hold": task.pulse, "duration": duration})
+
+
+turn_programme = make_turn_nlp
+"""Deprecated alias, to be dropped in 0.5."""
 
 
 def swing_of(
     name: str,
     task: Task,
     turns: Sequence[tuple[TaskSurface, Scenario]],
-    programme: TurnNlp,
+    program: TurnNlp,
     solutions: list[TurnSolution],
     search: MotionSearch,
 ) -> SwingFile:
-    """The best solution as a swing file: steering of the first car as settings, all in `found`."""
+    """Returns the best solution as a swing file: steering of the first car as settings, all in
+    `found`.
+    """
     best = best_of(solutions)
-    shooting = programme.shooting
+    shooting = program.shooting
     time, roll, rate = shooting.variables.motion(best.x)
     facts: dict[str, Any] = {
         "starts_converged": sum(one.converged for one in solutions),
@@ -212,7 +219,7 @@ def swing_of(
 
 
 def steering_of(shooting: TurnShooting, x: FloatArray, member: int) -> dict[str, float]:
-    """Settings of section `manoeuvre` that are one car's steering, in rad and s."""
+    """Returns the settings of section `manoeuvre` that are one car's steering, in rad and s."""
     steered = shooting.variables.steered(x[shooting.variables.own(member)])
     angle, first, hold = (float(f"{float(value):.9g}") for value in steered)
     return {"steer_angle": angle, "first_angle": first, "first_hold": hold}
@@ -227,7 +234,7 @@ def steered_swing(
     *,
     provenance: dict[str, Any],
 ) -> SwingFile:
-    """A swing that the steering releases; pitch stays at the angle of the wait, no torques.
+    """Makes a swing that the steering releases; pitch stays at the angle of the wait, no torques.
 
     Args:
         name: of the swing.

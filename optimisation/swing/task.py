@@ -48,7 +48,7 @@ SURFACE_SEARCH = LimitSearch(FRICTION, 0.3, 1.3, 0.05, 0.0125)
 
 
 class Task(StrictModel):
-    """What is asked; a file of `models/tasks`.
+    """Task of a motion search; a file of `models/tasks`.
 
     Attributes:
         scenario: of the turn, with its tail.
@@ -115,7 +115,9 @@ class Task(StrictModel):
         return there[: self.training]
 
     def settings(self, who: Candidate, car: Member, speed: float) -> tuple[str, ...]:
-        """Settings of a candidate's turns with a car and a speed (m/s), but for the floor."""
+        """Returns the settings of a candidate's turns with a car and a speed (m/s), but for the
+        surface.
+        """
         own = car.settings_on(self.scenario)
         return (*own, *step_settings(self.step), *who.at(speed), f"{SPEED}={speed!r}")
 
@@ -141,7 +143,7 @@ class TaskSurface:
 
 
 def load_task(name_or_path: str, settings: Sequence[str] = ()) -> Task:
-    """A task of `models/tasks`, or of a file.
+    """Loads a task of `models/tasks`, or of a file.
 
     Args:
         name_or_path: of the task.
@@ -169,7 +171,8 @@ def load_task(name_or_path: str, settings: Sequence[str] = ()) -> Task:
 def find_surfaces(
     task: Task, cars: Sequence[Member], runs: CachedRunner
 ) -> tuple[list[TaskSurface], list[str]]:
-    """Floors of cars, speeds and shares, and the cars and speeds that have none.
+    """Finds the surfaces of cars, speeds and friction scales, and the cars and speeds that have
+    none.
 
     Raises:
         UserError: none has a floor.

@@ -1,11 +1,11 @@
-"""Turns of all cars and of all central differences in one batch: what the programme asks, with
-slopes.
+"""Turns of all cars and of all central differences in one batch, with slopes, for the nonlinear
+program.
 
 A row of `ROWS` is a number per car. Peaks are taken by windows of `WINDOW`, each a row of its own:
 a peak of one window is smooth in the variables where it stands alone, and two peaks that compete
-stand in two rows. The course is read at the instant of the exit; what has none before the end of
-the run has that of its end. Nothing else is rounded: a wheel that lifts and a joint at its torque
-limit remain kinks of the model.
+stand in two rows. The course is read at the instant of the exit; a turn without exit before the end
+of the run has the course of its end. Nothing else is rounded: a wheel that lifts and a joint at its
+torque limit remain kinks of the model.
 
 Variables are one roll of the tail for all cars, and the steering of each car:
 
@@ -79,14 +79,14 @@ STEERING_SIZE = 3
 
 @dataclass(frozen=True)
 class TurnVariables:
-    """Where each variable stands, and what it may be.
+    """Index, unit and bounds of each variable.
 
     Attributes:
         members: number of cars.
         rates: number of knots at which the tail's rate is free.
         interval: between two knots, s.
         start: roll of the tail that waits, rad.
-        most_roll, most_rate: of the tail, to either side, rad and rad/s.
+        max_roll, max_rate: of the tail, to either side, rad and rad/s.
         steering: least and largest angle, rad.
         pulse: length of the steering, s.
         tick: of the driver, s; a first level lasts whole ticks in the end.
@@ -96,8 +96,8 @@ class TurnVariables:
     rates: int
     interval: float
     start: float
-    most_roll: float
-    most_rate: float
+    max_roll: float
+    max_rate: float
     steering: tuple[float, float]
     pulse: float = 0.5
     tick: float = 0.01
@@ -113,7 +113,9 @@ class TurnVariables:
         return self.tail + STEERING_SIZE * self.members
 
     def own(self, member: int) -> FloatArray:
-        """Places of the variables of one car's turn: the tail's, then its steering's."""
+        """Returns the indices of the variables of one car's turn: the tail's, then its
+        steering's.
+        """
         first = self.tail + STEERING_SIZE * member
         return np.concatenate([np.arange(self.tail), np.arange(first, first + STEERING_SIZE)])
 
@@ -132,22 +134,12 @@ class TurnVariables:
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Least and largest scaled values (size,)."""
         low, high = self.steering
-        ends = []
-        latest = self.pulse - self.tick
-        for side, angle, release, hold in (
-            (-1.0, low, MIN_RELEASE, self.tick),
-            (1.0, high, MAX_RELEASE, latest),
-        ):
-            ends.append(
-                np.concatenate(
-                    [
-                        [release],
-                        [side * self.most_rate] * self.rates,
-                        [angle, angle, hold] * self.members,
-                    ]
-                )
-            )
-        return ends[0] / self.units, ends[1] / self.units
+        members = self.members
+        tail = [self.max_rate] * self.rates
+        least = [MIN_RELEASE, *(-rate for rate in tail), *[low, low, self.tick] * members]
+        longest = self.pulse - self.tick
+        largest = [MAX_RELEASE, *tail, *[high, high, longest] * members]
+        return np.array(least) / self.units, np.array(largest) / self.units
 
     @cached_property
     def roll_rows(self) -> FloatArray:
@@ -164,8 +156,8 @@ class TurnVariables:
         return np.concatenate([at_knots[1:], midway])[:, 1:-1]
 
     def motion(self, own: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Knots of the tail: times since the start of the steering, rolls and rates, (knots, ...)
-        each.
+        """Returns the knots of the tail: times since the start of the steering, rolls and rates,
+        (knots, ...) each.
 
         Args:
             own: scaled variables of one car's turn (`own`), more axes behind.
@@ -183,7 +175,9 @@ class TurnVariables:
         return time, self.start + np.concatenate([still, travelled]), np.concatenate([still, rate])
 
     def steered(self, own: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Angle, first angle (rad) and its time (s) of a car's turn, from its scaled variables."""
+        """Returns angle, first angle (rad) and its time (s) of a car's turn, from its scaled
+        variables.
+        """
         return (
             ANGLE_SCALE * own[self.tail],
             ANGLE_SCALE * own[self.tail + 1],
@@ -191,7 +185,7 @@ class TurnVariables:
         )
 
     def on_ticks(self, x: FloatArray) -> FloatArray:
-        """All variables with first levels that last whole ticks of the driver."""
+        """Returns all variables with first levels that last whole ticks of the driver."""
         rounded = x.copy()
         places = self.tail + STEERING_SIZE * np.arange(self.members) + 2
         ticks = np.floor(TIME_SCALE * x[places] / self.tick + 0.5 + TICK_TOLERANCE)
@@ -199,7 +193,7 @@ class TurnVariables:
         return rounded
 
     def random_start(self, generator: np.random.Generator) -> FloatArray:
-        """A swing over the top of random length and travel, and some steering."""
+        """Draws a swing over the top of random length and travel, and some steering."""
         knots = self.interval * np.arange(1, self.rates + 1)
         length = self.interval * (self.rates + 1)
         uniform = generator.uniform
@@ -207,7 +201,7 @@ class TurnVariables:
         travel = uniform(0.2, 0.9) * 2.0 * abs(self.start)
         phase = np.clip(knots / duration, 0.0, 1.0)
         parabola = 6.0 * phase * (1.0 - phase) * travel / duration
-        rates = np.clip(parabola, -self.most_rate, self.most_rate)
+        rates = np.clip(parabola, -self.max_rate, self.max_rate)
         release = uniform(MIN_RELEASE, 0.7 * MAX_RELEASE)
         low, high = self.steering
         size = (self.members, 1)
@@ -229,7 +223,7 @@ class Row(NamedTuple):
 
 
 class Evaluation(NamedTuple):
-    """At some variables.
+    """Evaluation at some variables.
 
     Attributes:
         course: of every car (members,), rad, and `course_slopes` with the scaled variables
@@ -251,8 +245,8 @@ class TurnShooting:
         cars, plans: one of each member.
         begun: states at the start of the turns (24, members).
         variables: of the search.
-        torque: most that the roll motor may be asked for, N m.
-        most_roll, most_sideslip: of a turn that counts, rad: to either side, and at the exit.
+        torque: largest that the roll motor may be asked for, N m.
+        max_roll, max_sideslip: of a turn that counts, rad: to either side, and at the exit.
         length: of a step, s.
     """
 
@@ -261,8 +255,8 @@ class TurnShooting:
     begun: FloatArray
     variables: TurnVariables
     torque: float
-    most_roll: float
-    most_sideslip: float
+    max_roll: float
+    max_sideslip: float
     length: float
 
     @classmethod
@@ -283,33 +277,32 @@ class TurnShooting:
         cars = Vehicles.of(scenarios)
         first = scenarios[0]
         limit = TORQUE_SHARE * first.tail_motor.torque_limit
-        most_rate = float(np.min(cars.no_load_speed * (1.0 - limit / cars.stall_torque)))
-        hold = first.controller.hold_angle
-        least, largest = map(math.radians, task.steering)
+        low, high = map(math.radians, task.steering)
+        count = len(scenarios)
         variables = TurnVariables(
-            len(scenarios),
+            count,
             rates,
             interval,
-            -hold,
-            min(s.tail.roll_limit for s in scenarios),
-            most_rate,
-            (least, min(largest, *(s.servo.limit for s in scenarios))),
-            task.pulse,
-            1.0 / first.controller.rate,
+            start=-first.controller.hold_angle,
+            max_roll=min(s.tail.roll_limit for s in scenarios),
+            max_rate=float(np.min(cars.no_load_speed * (1.0 - limit / cars.stall_torque))),
+            steering=(low, min(high, *(s.servo.limit for s in scenarios))),
+            pulse=task.pulse,
+            tick=1.0 / first.controller.rate,
         )
         swinging = [
             s.varied(tail={"mode": "swing"}, controller={"swing_file": "none"}) for s in scenarios
         ]
-        count = len(scenarios)
-        chosen = {
+        numbers: dict[str, Any] = {
             "hold_kp": HOLD_GAINS["kp"],
             "hold_kd": HOLD_GAINS["kd"],
             "delay": 0.0,
             "hold": task.pulse,
+            "trigger_yaw_rate": np.inf,
+            "trigger_steering": RELEASE_STEERING,
         }
-        chosen |= {"trigger_yaw_rate": np.inf, "trigger_steering": RELEASE_STEERING}
-        numbers: dict[str, Any] = {name: np.full(count, value) for name, value in chosen.items()}
-        plans = replace(TurnPlans.of(swinging), **numbers)
+        columns = {name: np.full(count, value) for name, value in numbers.items()}
+        plans = replace(TurnPlans.of(swinging), **columns)
         begun = drive_turns(cars, plans, duration=0.0, length=length).last
         return cls(cars, plans, begun, variables, limit, task.most_roll, task.most_sideslip, length)
 
@@ -320,32 +313,42 @@ class TurnShooting:
 
     @cached_property
     def rows(self) -> tuple[Row, ...]:
-        """What is limited, for every car."""
-        most = self.most_roll - ROLL_MARGIN
-        when = [f" from {WINDOW * k:.1f} s on" for k in range(self.windows)]
+        """Limits of every car."""
+        roll = self.max_roll - ROLL_MARGIN
+        torque = self.torque
+        slip = self.max_sideslip
+        rows = []
+        for name, unit, size, lower, upper in (
+            ("roll", "rad", 0.1, -roll, roll),
+            ("height of the tail", "m", 0.1, CLEARANCE, np.inf),
+            ("torque asked for", "N m", 10.0, -torque, torque),
+        ):
+            for window in range(self.windows):
+                when = f"{name} from {WINDOW * window:.1f} s on"
+                rows.append(Row(when, unit, size, lower, upper))
         return (
-            *(Row(f"roll{words}", "rad", 0.1, -most, most) for words in when),
-            *(Row(f"height of the tail{words}", "m", 0.1, CLEARANCE, np.inf) for words in when),
-            *(
-                Row(f"torque asked for{words}", "N m", 10.0, -self.torque, self.torque)
-                for words in when
-            ),
+            *rows,
             Row("height of the board", "m", 0.1, BOARD_CLEARANCE, np.inf),
-            Row("sideslip at the exit", "rad", 0.1, -self.most_sideslip, self.most_sideslip),
+            Row("sideslip at the exit", "rad", 0.1, -slip, slip),
             Row("roll at the end", "rad", 0.1, -END_ROLL, END_ROLL),
             Row("yaw rate at the end", "rad/s", 1.0, -EXIT_YAW_RATE, EXIT_YAW_RATE),
         )
 
     def drive(self, own: FloatArray, members: IntArray) -> Turns:
-        """Turns of members (n), each with its own scaled variables (own, n), with their history."""
-        plans = self.plans.take(members)
+        """Drives turns of members (n), each with its own scaled variables (own, n), with their
+        history.
+        """
         time, roll, rate = self.variables.motion(own)
-        one = np.ones(len(members))
-        gains = [gain * one for gain in (FOLLOW_GAINS["kp"], FOLLOW_GAINS["kd"]) * 2]
         angle, first_angle, first_hold = self.variables.steered(own)
-        played = PlayedRoll(one, time, roll, rate, *gains)
+        one = np.ones(len(members))
+        kp = FOLLOW_GAINS["kp"] * one
+        kd = FOLLOW_GAINS["kd"] * one
         plans = replace(
-            plans, steer_angle=angle, first_angle=first_angle, first_hold=first_hold, played=played
+            self.plans.take(members),
+            steer_angle=angle,
+            first_angle=first_angle,
+            first_hold=first_hold,
+            played=PlayedRoll(one, time, roll, rate, kp, kd, kp, kd),
         )
         return drive_turns(
             self.cars.take(members),
@@ -357,25 +360,21 @@ class TurnShooting:
         )
 
     def random_start(self, generator: np.random.Generator) -> FloatArray:
-        """Scaled variables (size,): of some draws that whose turns count and lead furthest, else
-        the most upright.
+        """Draws scaled variables (size,): of some draws that whose turns count and lead furthest,
+        else the most upright one.
         """
         draws = np.array([self.variables.random_start(generator) for _ in range(DRAWS)])
-        count = self.variables.members
-        own = np.concatenate(
-            [draws[:, self.variables.own(member)].T for member in range(count)], axis=1
-        )
-        turns = self.drive(own, np.repeat(np.arange(count), DRAWS))
-        good = (
-            turns.clean
-            & (turns.peak_roll <= self.most_roll)
-            & (np.abs(turns.sideslip) <= self.most_sideslip)
-        )
-        worth = np.where(good, turns.course, -turns.peak_roll).reshape(count, DRAWS)
-        return np.asarray(draws[int(np.argmax(np.mean(worth, axis=0)))])
+        members = range(self.variables.members)
+        own = [draws[:, self.variables.own(member)].T for member in members]
+        turns = self.drive(np.concatenate(own, axis=1), np.repeat(members, DRAWS))
+        good = turns.clean & (turns.peak_roll <= self.max_roll)
+        good = good & (np.abs(turns.sideslip) <= self.max_sideslip)
+        worth = np.where(good, turns.course, -turns.peak_roll)
+        mean = np.mean(worth.reshape(len(members), DRAWS), axis=0)
+        return np.asarray(draws[int(np.argmax(mean))])
 
     def at(self, x: FloatArray) -> Evaluation:
-        """Courses and rows of all cars with their slopes.
+        """Evaluates courses and rows of all cars with their slopes.
 
         Args:
             x: scaled variables (size,).
@@ -399,7 +398,7 @@ class TurnShooting:
         return Evaluation(here[:, 0], slopes[:, 0], here[:, 1:], slopes[:, 1:])
 
     def _read(self, turns: Turns, members: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Courses (n,) and rows (rows, n) of turns."""
+        """Reads courses (n,) and rows (rows, n) of turns."""
         assert turns.history is not None
         assert turns.asked is not None
         cars = self.cars.take(members)
@@ -425,7 +424,9 @@ class TurnShooting:
         return turned, np.array(rows)
 
     def _peaks(self, values: FloatArray, lowest: bool = False) -> FloatArray:
-        """Per window the value (steps, n) of largest magnitude, or the least: (windows, n)."""
+        """Returns per window the value (steps, n) of largest magnitude, or the smallest: (windows,
+        n).
+        """
         windows = np.split(values, self.windows)
         return np.array(
             [-_peak(-window) if lowest else _peak(window, np.abs(window)) for window in windows]
@@ -433,6 +434,8 @@ class TurnShooting:
 
 
 def _peak(values: FloatArray, size: FloatArray | None = None) -> FloatArray:
-    """The values (steps, n) of the largest size, by default the largest themselves: (n,)."""
+    """Returns the values (steps, n) of the largest size, by default the largest
+    themselves: (n,).
+    """
     places = np.argmax(values if size is None else size, axis=0)
     return np.take_along_axis(values, places[None], axis=0)[0]

@@ -74,7 +74,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Verification:
-    """What was found.
+    """Result of a verification.
 
     Attributes:
         swing: what was driven.
@@ -90,7 +90,7 @@ class Verification:
 
     @property
     def complaints(self) -> list[str]:
-        """What speaks against the swing; empty when it is verified."""
+        """Checks that fail; empty when the swing is verified."""
         return [
             f"{one.name}: {one.value:.4g} {one.unit}".rstrip() + f"; allowed: {one.allowed}"
             for one in self.checks
@@ -106,7 +106,7 @@ def verify_swing(
     step: float = FINE_STEP,
     other_car: bool = False,
 ) -> Verification:
-    """Does a swing keep what it promises, on the full car?
+    """Checks on the full car that a swing keeps what it promises.
 
     Args:
         swing: path or name.

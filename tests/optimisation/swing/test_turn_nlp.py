@@ -43,8 +43,8 @@ def variables(**changes):
         "rates": 4,
         "interval": 0.12,
         "start": -1.5,
-        "most_roll": 1.5,
-        "most_rate": 20.0,
+        "max_roll": 1.5,
+        "max_rate": 20.0,
     }
     return TurnVariables(**{**data, "steering": (0.04, 0.5), **changes})
 
