@@ -57,8 +57,8 @@ TurnResults = dict[str, dict[str, Any]]
 """Name of a turn -> lists of what its cars came to, by name."""
 
 
-def emulate(plan: CalibrationPlan, runs: CachedRunner) -> Surrogate:
-    """Runs the reduced cars and the full cars of a plan, and fits the emulator to them.
+def fit_surrogate(plan: CalibrationPlan, runs: CachedRunner) -> Surrogate:
+    """Runs the reduced cars and the full cars of a plan, and fits the surrogate to them.
 
     The first wave of reduced cars is spread over the prior; a rough posterior says where the second
     wave, and one of both waves where the full cars are needed.
@@ -69,19 +69,19 @@ def emulate(plan: CalibrationPlan, runs: CachedRunner) -> Surrogate:
     seed = plan.seed
     first = prior.spread(size.cars // 2, seed)
     wide = _reduced(plan, runs, first, WIDE)
-    emulator = Surrogate.of_reduced(prior, first, wide)
+    surrogate = Surrogate.from_reduced(prior, first, wide)
     # The rough posterior is wide, so it settles later.
-    rough = sample(emulator, figures, seed, steps=2 * size.steps)
+    rough = sample(surrogate, figures, seed, steps=2 * size.steps)
     second = _different(rough.cars, size.cars, seed)
     narrow = _reduced(plan, runs, second, NARROW)
     both = {
         turn: {name: wide[turn][name] + narrow[turn][name] for name in narrow[turn]}
         for turn in narrow
     }
-    emulator = Surrogate.of_reduced(prior, np.vstack([first, second]), both)
-    posterior = sample(emulator, figures, seed)
+    surrogate = Surrogate.from_reduced(prior, np.vstack([first, second]), both)
+    posterior = sample(surrogate, figures, seed)
     full = _different(posterior.cars, size.full, seed)
-    return emulator.corrected(full, _full_flips(plan, runs, full, emulator))
+    return surrogate.corrected(full, _full_flips(plan, runs, full, surrogate))
 
 
 def _reduced(
@@ -102,13 +102,13 @@ def _reduced(
 
 
 def _full_flips(
-    plan: CalibrationPlan, runs: CachedRunner, cars: FloatArray, emulator: Surrogate
+    plan: CalibrationPlan, runs: CachedRunner, cars: FloatArray, surrogate: Surrogate
 ) -> TurnResults:
     """Runs `search_full` for cars (m, n) by name of the turn, around the friction at which they
     flip by the surrogate.
     """
     runs.stage = "full cars"
-    margins = {turn.name: emulator.margin(cars, turn) for turn in plan.turns}
+    margins = {turn.name: surrogate.margin(cars, turn) for turn in plan.turns}
     everywhere = {turn.name: cars for turn in plan.turns}
     return _joined(_by_turn(search_full, plan, runs, everywhere, 1, FULL_REACH, margins=margins))
 
@@ -184,32 +184,32 @@ class Posterior:
     length: float
 
 
-def log_likelihood(emulator: Surrogate, figures: Sequence[Figure], cars: FloatArray) -> FloatArray:
+def log_likelihood(surrogate: Surrogate, figures: Sequence[Figure], cars: FloatArray) -> FloatArray:
     """Computes the logarithm of the probability (m) of figures and of all outcomes, given cars (m,
     n).
 
     The trigger of the thesis' law is the yaw rate up to which the inner wheels stay on the ground:
     a car whose wheel lifts below it is unlikely, with a width of `LIFT_WIDTH`.
     """
-    plan = emulator.prior.plan
-    margins = {turn.name: emulator.margin(cars, turn) for turn in plan.turns}
-    total = emulator.log_outcomes(margins)
+    plan = surrogate.prior.plan
+    margins = {turn.name: surrogate.margin(cars, turn) for turn in plan.turns}
+    total = surrogate.log_outcomes(margins)
     for turn in plan.turns:
         if turn.table:
-            values = emulator.values(cars, turn, margins[turn.name])
+            values = surrogate.values(cars, turn, margins[turn.name])
             for figure in figures:
                 if figure.turn.name == turn.name:
                     shown = values[:, METRICS.index(figure.metric)]
-                    total += log_density(emulator, figure, cars, shown)
+                    total += log_density(surrogate, figure, cars, shown)
             lift = lift_of(plan)
             if turn == lift.turn:
-                width = np.hypot(LIFT_WIDTH, emulator.deviation(lift))
+                width = np.hypot(LIFT_WIDTH, surrogate.deviation(lift))
                 total += log_ndtr((values[:, METRICS.index(LIFT)] - lift.published) / width)
     return total
 
 
 def log_density(
-    emulator: Surrogate, figure: Figure, cars: FloatArray, values: FloatArray | None = None
+    surrogate: Surrogate, figure: Figure, cars: FloatArray, values: FloatArray | None = None
 ) -> FloatArray:
     """Computes the logarithm of the density of a published figure given cars (m, n), per share of
     the figure (m).
@@ -220,8 +220,8 @@ def log_density(
         values: of the figure (m), where they are known already.
     """
     if values is None:
-        values = emulator.value(cars, figure)
-    spread = spread_of(emulator, figure, cars, values)
+        values = surrogate.value(cars, figure)
+    spread = spread_of(surrogate, figure, cars, values)
     off = (figure.published - values) / spread
     normaliser = spread * np.sqrt(2.0 * np.pi) / abs(figure.published)
     found: FloatArray = -0.5 * off * off - np.log(normaliser)
@@ -229,7 +229,7 @@ def log_density(
 
 
 def spread_of(
-    emulator: Surrogate, figure: Figure, cars: FloatArray, values: FloatArray
+    surrogate: Surrogate, figure: Figure, cars: FloatArray, values: FloatArray
 ) -> FloatArray:
     """Computes the standard deviation (m) of the published figure around what cars (m, n) show (m),
     in its unit.
@@ -238,13 +238,13 @@ def spread_of(
     rate averages out.
     """
     name = ROLL_DISCREPANCY if figure.metric == "roll_integral_rad" else DISCREPANCY
-    share = cars[:, emulator.prior.column(name)]
-    found: FloatArray = np.hypot(share * values, emulator.deviation(figure))
+    share = cars[:, surrogate.prior.column(name)]
+    found: FloatArray = np.hypot(share * values, surrogate.deviation(figure))
     return found
 
 
 def sample(
-    emulator: Surrogate,
+    surrogate: Surrogate,
     figures: Sequence[Figure],
     seed: int,
     prior: CarPrior | None = None,
@@ -256,13 +256,13 @@ def sample(
     It walks in the logit of each range, so that no step leaves it.
 
     Args:
-        prior: another one than that of the emulator, inside its ranges.
+        prior: another one than that of the surrogate, inside its ranges.
         steps: in place of those of the plan.
     """
     import emcee
 
-    prior = prior or emulator.prior
-    size = emulator.prior.plan.size
+    prior = prior or surrogate.prior
+    size = surrogate.prior.plan.size
     steps = steps or size.steps
 
     low, high = prior.ranges.T
@@ -274,7 +274,7 @@ def sample(
         cars = cars_at(points)
         found = prior.log_density(cars) + np.sum(log_expit(points) + log_expit(-points), axis=1)
         can_be = np.isfinite(found)
-        found[can_be] += log_likelihood(emulator, figures, cars[can_be])
+        found[can_be] += log_likelihood(surrogate, figures, cars[can_be])
         return found
 
     spread = prior.spread(STARTS, seed)

@@ -49,7 +49,7 @@ MIN_MARGIN = 0.005
 """Margin that counts as none."""
 NODES = np.linspace(-6.0, 6.0, 121)
 WEIGHTS = np.log(norm.pdf(NODES) / norm.pdf(NODES).sum())[:, None]
-"""Values of what the emulator misses of a car, over its deviation, and the logarithms of their
+"""Values of what the surrogate misses of a car, over its deviation, and the logarithms of their
 weights."""
 
 
@@ -168,7 +168,7 @@ class Surrogate:
         flips: name of the turn -> logarithm of the friction at the flip.
         figures: name of the turn -> `METRICS`.
         shifts: name of the turn -> full less reduced cars in that logarithm; its deviation is that
-            of the emulator.
+            of the surrogate.
         corrections: name of the turn -> full less reduced cars in `METRICS`, likewise.
     """
 
@@ -179,7 +179,7 @@ class Surrogate:
     corrections: dict[str, Regression] = field(default_factory=dict)
 
     @classmethod
-    def of_reduced(
+    def from_reduced(
         cls, prior: CarPrior, cars: FloatArray, found: Mapping[str, Mapping[str, Any]]
     ) -> Surrogate:
         """Fits to `run_reduced` of all cars (m, n), by name of the turn."""
@@ -258,7 +258,7 @@ class Surrogate:
         """Returns the logarithm of the probability (m) of how all turns of the plan ended, by their
         `margin` (m).
 
-        What the emulator misses is one number for the turns of a car that differ in their speed
+        What the surrogate misses is one number for the turns of a car that differ in their speed
         alone.
         """
         total: FloatArray = np.zeros(())

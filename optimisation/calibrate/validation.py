@@ -63,10 +63,10 @@ class LeftOut:
 
 class Question(NamedTuple):
     """A table that is to be predicted from the figures of the others, by cars of a prior inside the
-    emulator's.
+    surrogate's.
     """
 
-    emulator: Surrogate
+    surrogate: Surrogate
     figures: Sequence[Figure]
     table: str
     seed: int
@@ -91,7 +91,7 @@ def _answer(question: Question) -> dict[str, Any]:
 
 
 def leave_out(
-    emulator: Surrogate,
+    surrogate: Surrogate,
     figures: Sequence[Figure],
     table: str,
     seed: int,
@@ -100,41 +100,41 @@ def leave_out(
     """Predicts a table from the figures of the others; see `Question`."""
     own = [figure for figure in figures if figure.turn.table == table]
     others = [figure for figure in figures if figure not in own]
-    cars = sample(emulator, others, seed, prior).cars
-    survivors = _survivors(emulator, emulator.prior.draw(len(cars), seed), own[0], seed)
+    cars = sample(surrogate, others, seed, prior).cars
+    survivors = _survivors(surrogate, surrogate.prior.draw(len(cars), seed), own[0], seed)
     rng = np.random.default_rng(seed)
     rows = []
     for figure in own:
-        low, median, high = np.quantile(predicted(emulator, figure, cars, rng), BAND)
-        prior_low, _, prior_high = np.quantile(predicted(emulator, figure, survivors, rng), BAND)
+        low, median, high = np.quantile(predicted(surrogate, figure, cars, rng), BAND)
+        prior_low, _, prior_high = np.quantile(predicted(surrogate, figure, survivors, rng), BAND)
         inside = low <= figure.published <= high
         rows.append(
             (figure.name, figure.published, low, median, high, prior_low, prior_high, inside)
         )
     names = ["figure", "published", "low", "median", "high", "prior_low", "prior_high", "inside"]
-    known, guessed = (joint_density(emulator, own, drawn) for drawn in (cars, survivors))
+    known, guessed = (joint_density(surrogate, own, drawn) for drawn in (cars, survivors))
     return LeftOut(
         table, pd.DataFrame(rows, columns=names), known, guessed, _constant(own, figures)
     )
 
 
 def predicted(
-    emulator: Surrogate, figure: Figure, cars: FloatArray, rng: np.random.Generator
+    surrogate: Surrogate, figure: Figure, cars: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
     """Draws (m) of what the thesis would have printed for cars (m, n)."""
-    values = emulator.value(cars, figure)
-    return values + spread_of(emulator, figure, cars, values) * rng.standard_normal(len(cars))
+    values = surrogate.value(cars, figure)
+    return values + spread_of(surrogate, figure, cars, values) * rng.standard_normal(len(cars))
 
 
-def joint_density(emulator: Surrogate, figures: Sequence[Figure], cars: FloatArray) -> float:
+def joint_density(surrogate: Surrogate, figures: Sequence[Figure], cars: FloatArray) -> float:
     """Returns the logarithm of the density of figures together, averaged over cars (m, n)."""
-    logs = np.sum([log_density(emulator, figure, cars) for figure in figures], axis=0)
+    logs = np.sum([log_density(surrogate, figure, cars) for figure in figures], axis=0)
     return float(logsumexp(logs) - np.log(len(cars)))
 
 
-def _survivors(emulator: Surrogate, cars: FloatArray, figure: Figure, seed: int) -> FloatArray:
+def _survivors(surrogate: Surrogate, cars: FloatArray, figure: Figure, seed: int) -> FloatArray:
     """Draws cars of the prior by their probability to survive the turn, as the printed one did."""
-    weight = emulator.survival(cars, figure.turn)
+    weight = surrogate.survival(cars, figure.turn)
     return cars[np.random.default_rng(seed).choice(len(cars), len(cars), p=weight / weight.sum())]
 
 
@@ -176,19 +176,19 @@ def rigid(prior: CarPrior) -> CarPrior:
 
 
 def _playing(
-    emulator: Surrogate, posterior: Posterior, rng: np.random.Generator
+    surrogate: Surrogate, posterior: Posterior, rng: np.random.Generator
 ) -> tuple[FloatArray, dict[str, bool]]:
     """Draws a posterior car (1, n) that survives every turn with a table, and how its turns end."""
     for _ in range(TRIES):
         car = posterior.cars[rng.integers(len(posterior.cars))][None]
-        ends = emulator.draw_outcomes(car, rng)
-        if all(ends[turn.name] for turn in emulator.prior.plan.turns if turn.table):
+        ends = surrogate.draw_outcomes(car, rng)
+        if all(ends[turn.name] for turn in surrogate.prior.plan.turns if turn.table):
             return car, ends
     raise UserError(f"none of {TRIES} posterior cars survives every turn with a table")
 
 
 def perfect_model(
-    emulator: Surrogate,
+    surrogate: Surrogate,
     posterior: Posterior,
     tables: Sequence[str],
     number: int,
@@ -199,17 +199,17 @@ def perfect_model(
     cars play the thesis.
     """
     rng = np.random.default_rng(seed)
-    plan = emulator.prior.plan
+    plan = surrogate.prior.plan
     questions = []
     for place in range(number):
-        car, ends = _playing(emulator, posterior, rng)
+        car, ends = _playing(surrogate, posterior, rng)
         turns = tuple(
             turn.model_copy(update={"ends": "survived" if ends[turn.name] else "flipped"})
             for turn in plan.turns
         )
-        played = replace(emulator, prior=CarPrior(plan.model_copy(update={"turns": turns})))
+        played = replace(surrogate, prior=CarPrior(plan.model_copy(update={"turns": turns})))
         figures = [
-            replace(f, published=float(predicted(emulator, f, car, rng)[0]))
+            replace(f, published=float(predicted(surrogate, f, car, rng)[0]))
             for f in figures_of(plan)
         ]
         questions += [Question(played, figures, table, seed + place) for table in tables]
@@ -301,13 +301,13 @@ def combinations(
     return found
 
 
-def brier(emulator: Surrogate, cars: FloatArray) -> tuple[float, Mapping[str, float]]:
+def brier(surrogate: Surrogate, cars: FloatArray) -> tuple[float, Mapping[str, float]]:
     """Returns the Brier score of the published outcomes, and the probability of surviving each
     turn.
     """
     chances = {
-        turn.name: float(np.mean(emulator.survival(cars, turn)))
-        for turn in emulator.prior.plan.turns
+        turn.name: float(np.mean(surrogate.survival(cars, turn)))
+        for turn in surrogate.prior.plan.turns
     }
-    misses = [chances[turn.name] - (turn.ends == "survived") for turn in emulator.prior.plan.turns]
+    misses = [chances[turn.name] - (turn.ends == "survived") for turn in surrogate.prior.plan.turns]
     return float(np.mean(np.square(misses))), chances

@@ -118,20 +118,21 @@ def threshold(
     from aerodima.optimisation.studies.runs import CachedRunner
 
     if factor not in SEARCHES:
-        raise SweepError(f"{factor}: allowed: {', '.join(SEARCHES)}")
-    given = {"low": low, "high": high, "scan": scan, "tolerance": tolerance}
-    changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    search = replace(SEARCHES[factor], **changes)
+        raise SweepError(f"{factor}: must be one of {', '.join(SEARCHES)}")
+    changes: dict[str, Any] = {"low": low, "high": high, "scan": scan, "tolerance": tolerance}
+    given = {name: value for name, value in changes.items() if value is not None}
+    search = replace(SEARCHES[factor], **given)
     workbench.load_scenario(scenario, settings or ())
+    case = Case(scenario, scenario, tuple(settings or ()))
     with engine_for(None, workers, scheduler) as (engine, progress):
-        cases = [Case(scenario, scenario, tuple(settings or ()))]
-        (found,) = find_thresholds(
-            cases,
+        (result,) = find_thresholds(
+            [case],
             search,
             CachedRunner(engine),
-            lambda done, known: progress(f"[{done}/{known}] runs"),
+            lambda done, needed: progress(f"[{done}/{needed}] runs"),
         )
-    typer.echo("\n".join(text_table(list(found.summary), [list(found.summary.values())])))
+    row = result.summary
+    typer.echo("\n".join(text_table(list(row), [list(row.values())])))
 
 
 @cli.grouped

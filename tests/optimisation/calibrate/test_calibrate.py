@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from aerodima.optimisation.calibrate.calibration import emulate
+from aerodima.optimisation.calibrate.calibration import fit_surrogate
 from aerodima.optimisation.calibrate.calibration_plan import FIGURES, LIFT, CarPrior, load_plan
 from aerodima.optimisation.calibrate.turn_runs import (
     AFTER,
@@ -207,7 +207,7 @@ def test_whole_job_writes_pages_and_ensembles_and_goes_on_with_its_runs(tmp_path
         for member in ensemble.members:
             ensemble.scenario(member, "turn_swing")
     before = dict(runs._known)
-    again = emulate(plan, runs)
+    again = fit_surrogate(plan, runs)
     assert runs._known == before
     assert set(again.figures) == {turn.name for turn in plan.turns}
 
