@@ -22,5 +22,6 @@ from .studies.run_study import run_study as run_study
 from .studies.runs import open_run_engine as open_run_engine
 from .studies.study import load_study as load_study
 from .swing.motion_search import MotionSearch as MotionSearch
+from .swing.motion_search import make_turn_nlp as make_turn_nlp
 from .swing.motion_search import turn_programme as turn_programme
 from .swing.task import Task as Task

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from types import MappingProxyType
 from typing import Any
 
@@ -15,7 +14,6 @@ from scipy.special import expit, log_expit, log_ndtr, logit
 
 from aerodima.optimisation.calibrate.calibration_plan import (
     DISCREPANCY,
-    FRICTION,
     LIFT,
     MAX_POSTERIOR_SAMPLES,
     ROLL_DISCREPANCY,
@@ -25,7 +23,7 @@ from aerodima.optimisation.calibrate.calibration_plan import (
     figures_of,
     lift_of,
 )
-from aerodima.optimisation.calibrate.surrogate import METRICS, Surrogate
+from aerodima.optimisation.calibrate.surrogate import METRICS, Surrogate, TurnResults
 from aerodima.optimisation.calibrate.turn_runs import (
     WorkItem,
     prior_of,
@@ -34,27 +32,25 @@ from aerodima.optimisation.calibrate.turn_runs import (
     search_full,
 )
 from aerodima.optimisation.studies.runs import CachedRunner
-from aerodima.workbench.batch.row_store import Row, content_key
+from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.core.array_types import FloatArray
 
-REDUCED_AT_ONCE = 300
-"""Reduced cars in one piece of work."""
-FULL_AT_ONCE = 4
-"""Full cars in one piece of work."""
-MIDDLE = 0.67
+REDUCED_PER_ITEM = 300
+"""Reduced cars in one item of work."""
+FULL_PER_ITEM = 4
+"""Full cars in one item of work."""
+MIDDLE_FRICTION = 0.67
 """Friction in the middle of the first search for a flip."""
-WIDE = 0.8
+WIDE_REACH = 0.8
 """Reach of the first search in the logarithm of the friction."""
-NARROW = 0.4
+NARROW_REACH = 0.4
 """Reach of the second search in the logarithm of the friction."""
 FULL_REACH = {"none": 0.05, "held": 0.05, "swing": 0.15}
 """Steps of the search for the flip of a full car from that of the reduced one."""
 LIFT_WIDTH = 0.1
-"""rad/s."""
+"""Width of the yaw rate at which the inner wheels lift, rad/s."""
 STARTS = 20_000
 """Cars of the prior of which the likeliest start the sampler."""
-TurnResults = dict[str, dict[str, Any]]
-"""Name of a turn -> lists of what its cars came to, by name."""
 
 
 def fit_surrogate(plan: CalibrationPlan, runs: CachedRunner) -> Surrogate:
@@ -68,12 +64,12 @@ def fit_surrogate(plan: CalibrationPlan, runs: CachedRunner) -> Surrogate:
     size = plan.size
     seed = plan.seed
     first = prior.spread(size.cars // 2, seed)
-    wide = _reduced(plan, runs, first, WIDE)
+    wide = _reduced(plan, runs, first, WIDE_REACH)
     surrogate = Surrogate.from_reduced(prior, first, wide)
     # The rough posterior is wide, so it settles later.
     rough = sample(surrogate, figures, seed, steps=2 * size.steps)
     second = _different(rough.cars, size.cars, seed)
-    narrow = _reduced(plan, runs, second, NARROW)
+    narrow = _reduced(plan, runs, second, NARROW_REACH)
     both = {
         turn: {name: wide[turn][name] + narrow[turn][name] for name in narrow[turn]}
         for turn in narrow
@@ -93,12 +89,12 @@ def _reduced(
     The wide search is around the middle of what friction may be.
     """
     around = {turn.name: cars.copy() for turn in plan.turns}
-    if reach == WIDE:
+    if reach == WIDE_REACH:
         for turn in plan.turns:
-            around[turn.name][:, prior_of(plan).column(f"{turn.system} {FRICTION}")] = MIDDLE
+            around[turn.name][:, prior_of(plan).column(turn.friction)] = MIDDLE_FRICTION
     runs.stage = "reduced cars"
     reaches: dict[str, float] = {turn.tail: reach for turn in plan.turns}
-    return _joined(_by_turn(run_reduced, plan, runs, around, REDUCED_AT_ONCE, reaches))
+    return _joined(_by_turn(run_reduced, plan, runs, around, REDUCED_PER_ITEM, reaches))
 
 
 def _full_flips(
@@ -113,11 +109,12 @@ def _full_flips(
     return _joined(_by_turn(search_full, plan, runs, everywhere, 1, FULL_REACH, margins=margins))
 
 
-def _joined(found: Mapping[str, list[Any]]) -> TurnResults:
-    return {
-        turn: {name: list(chain.from_iterable(part[name] for part in parts)) for name in parts[0]}
-        for turn, parts in found.items()
-    }
+def _joined(results: Mapping[str, list[Any]]) -> TurnResults:
+    """Joins the results of the items of each turn."""
+    joined = {}
+    for turn, parts in results.items():
+        joined[turn] = {name: [one for part in parts for one in part[name]] for name in parts[0]}
+    return joined
 
 
 def _different(cars: FloatArray, number: int, seed: int) -> FloatArray:
@@ -140,33 +137,20 @@ def _by_turn(
     """Runs work in items of so many cars and returns its results by name of the turn; all items are
     handed out together.
     """
-    pieces = []
+    items = []
     for turn in plan.turns:
         own = cars[turn.name]
-        reach = reaches.get(turn.tail, 0.0)
         for first in range(0, len(own), at_once):
             part = slice(first, first + at_once)
             numbers = tuple(map(tuple, own[part].tolist()))
             begins = tuple(margins[turn.name][part].tolist()) if margins else ()
-            pieces.append(WorkItem(plan, turn, numbers, reach, step, begins))
-    rounds = (plan.size.rounds, plan.size.full_rounds)
-    keys = [
-        content_key(
-            work.__name__,
-            p.turn.model_dump(),
-            p.cars,
-            p.margins,
-            p.reach,
-            p.step,
-            rounds,
-            plan.settings,
-        )
-        for p in pieces
-    ]
-    found: dict[str, list[Any]] = {turn.name: [] for turn in plan.turns}
-    for piece, result in zip(pieces, runs.map(work, pieces, keys), strict=True):
-        found[piece.turn.name].append(result)
-    return found
+            reach = reaches.get(turn.tail, 0.0)
+            items.append(WorkItem(plan, turn, numbers, reach, step, begins))
+    keys = [item.key(work.__name__) for item in items]
+    results: dict[str, list[Any]] = {turn.name: [] for turn in plan.turns}
+    for item, result in zip(items, runs.map(work, items, keys), strict=True):
+        results[item.turn.name].append(result)
+    return results
 
 
 @dataclass(frozen=True)
@@ -224,8 +208,7 @@ def log_density(
     spread = spread_of(surrogate, figure, cars, values)
     off = (figure.published - values) / spread
     normaliser = spread * np.sqrt(2.0 * np.pi) / abs(figure.published)
-    found: FloatArray = -0.5 * off * off - np.log(normaliser)
-    return found
+    return np.asarray(-0.5 * off * off - np.log(normaliser))
 
 
 def spread_of(
@@ -239,8 +222,7 @@ def spread_of(
     """
     name = ROLL_DISCREPANCY if figure.metric == "roll_integral_rad" else DISCREPANCY
     share = cars[:, surrogate.prior.column(name)]
-    found: FloatArray = np.hypot(share * values, surrogate.deviation(figure))
-    return found
+    return np.asarray(np.hypot(share * values, surrogate.deviation(figure)))
 
 
 def sample(
@@ -272,10 +254,11 @@ def sample(
 
     def log_posterior(points: FloatArray) -> FloatArray:
         cars = cars_at(points)
-        found = prior.log_density(cars) + np.sum(log_expit(points) + log_expit(-points), axis=1)
-        can_be = np.isfinite(found)
-        found[can_be] += log_likelihood(surrogate, figures, cars[can_be])
-        return found
+        density = prior.log_density(cars)
+        density = density + np.sum(log_expit(points) + log_expit(-points), axis=1)
+        can_be = np.isfinite(density)
+        density[can_be] += log_likelihood(surrogate, figures, cars[can_be])
+        return density
 
     spread = prior.spread(STARTS, seed)
     starts = logit(np.clip((spread - low) / (high - low), 1e-6, 1.0 - 1e-6))
@@ -317,5 +300,6 @@ def run_fine(plan: CalibrationPlan, posterior: Posterior, runs: CachedRunner) ->
     cars = _different(posterior.cars, plan.size.ensemble, plan.seed)
     runs.stage = "full cars"
     everywhere = {turn.name: cars for turn in plan.turns}
-    found = _by_turn(run_full, plan, runs, everywhere, FULL_AT_ONCE, step=plan.size.fine_step)
-    return FineRuns(cars, {turn: list(chain.from_iterable(parts)) for turn, parts in found.items()})
+    items = _by_turn(run_full, plan, runs, everywhere, FULL_PER_ITEM, step=plan.size.fine_step)
+    rows = {turn: [row for part in parts for row in part] for turn, parts in items.items()}
+    return FineRuns(cars, rows)

@@ -17,10 +17,9 @@ from scipy.special import log_ndtr
 from scipy.stats import norm
 
 from aerodima.optimisation.calibrate.calibration_plan import (
-    FIELD_NUISANCES,
     FIGURES,
-    FRICTION,
     LIFT,
+    NUISANCES,
     CarPrior,
     Figure,
     Turn,
@@ -29,6 +28,8 @@ from aerodima.workbench.core.array_types import FloatArray, IntArray
 from aerodima.workbench.core.errors import UserError
 
 METRICS = (*FIGURES, LIFT)
+TurnResults = Mapping[str, Mapping[str, Any]]
+"""Name of a turn -> lists of the results of its cars, by name."""
 VARIANCE_BOUNDS = (1e-2, 1e3)
 """Bounds of the variance that a process is tuned in."""
 LENGTH_BOUNDS = (0.3, 100.0)
@@ -47,10 +48,10 @@ RIDGES = np.logspace(0.0, 4.0, 9)
 """Ridges of a correction that are tried."""
 MIN_MARGIN = 0.005
 """Margin that counts as none."""
-NODES = np.linspace(-6.0, 6.0, 121)
-WEIGHTS = np.log(norm.pdf(NODES) / norm.pdf(NODES).sum())[:, None]
-"""Values of what the surrogate misses of a car, over its deviation, and the logarithms of their
-weights."""
+QUADRATURE_NODES = np.linspace(-6.0, 6.0, 121)
+"""Residuals of the surrogate for a car, over their deviation."""
+LOG_WEIGHTS = np.log(norm.pdf(QUADRATURE_NODES) / norm.pdf(QUADRATURE_NODES).sum())[:, None]
+"""Logarithms of the weights of the nodes."""
 
 
 @dataclass(frozen=True)
@@ -60,15 +61,15 @@ class Regression:
     Attributes:
         columns: of the cars.
         model: scaled columns (m, c) -> values (m, k).
-        deviation: of what it misses in cars that it was not fitted to (k), in the unit of its
+        deviation: of the residuals of cars that it was not fitted to (k), in the unit of its
             values.
-        missed: what it misses of each row once it was fitted without that row's car (m, k).
+        residuals: of each row, fitted without that row's car (m, k).
     """
 
     columns: tuple[int, ...]
     model: Callable[[FloatArray], FloatArray]
     deviation: FloatArray
-    missed: FloatArray = field(default_factory=lambda: np.zeros((0, 1)))
+    residuals: FloatArray = field(default_factory=lambda: np.zeros((0, 1)))
 
     @classmethod
     def process(
@@ -78,8 +79,8 @@ class Regression:
         (m, n).
 
         Args:
-            cars: which car a row is of (m); what the process misses of a car is found without all
-                rows of that car.
+            cars: which car a row is of (m); the residuals of a car are found without all rows of
+                that car.
         """
         from sklearn.gaussian_process import GaussianProcessRegressor
         from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
@@ -107,12 +108,12 @@ class Regression:
         places = chosen / lengths
         model = partial(_process_at, lengths, places, weights * (size * spread), middle)
         inverse = cho_solve((fitted.L_, True), np.eye(len(rows)))
-        missed = np.full(values.shape, np.nan)
+        residuals = np.full(values.shape, np.nan)
         for own in _rows_by(cars[rows]):
-            missed[rows[own]] = spread * np.linalg.solve(inverse[np.ix_(own, own)], weights[own])
-        rest = np.isnan(missed[:, 0])  # not fitted, so that the process has not seen them
-        missed[rest] = values[rest] - model(scaled[rest][:, columns])
-        return cls(tuple(columns), model, _deviation(missed[rows]), missed)
+            residuals[rows[own]] = spread * np.linalg.solve(inverse[np.ix_(own, own)], weights[own])
+        rest = np.isnan(residuals[:, 0])  # not fitted, so that the process has not seen them
+        residuals[rest] = values[rest] - model(scaled[rest][:, columns])
+        return cls(tuple(columns), model, _deviation(residuals[rows]), residuals)
 
     @classmethod
     def line(
@@ -126,12 +127,10 @@ class Regression:
         folds = GroupKFold(min(8, len(np.unique(cars))))
         tried = GridSearchCV(Ridge(), {"alpha": RIDGES}, cv=folds, scoring="neg_mean_squared_error")
         ridge = tried.fit(chosen, values, groups=cars).best_estimator_
-        missed = values - cross_val_predict(ridge, chosen, values, groups=cars, cv=folds).reshape(
-            values.shape
-        )
-        slopes = np.atleast_2d(ridge.coef_)
-        offset = np.atleast_1d(ridge.intercept_)
-        return cls(tuple(columns), partial(_plane_at, slopes, offset), _deviation(missed), missed)
+        predicted = cross_val_predict(ridge, chosen, values, groups=cars, cv=folds)
+        residuals = values - predicted.reshape(values.shape)
+        model = partial(_plane_at, np.atleast_2d(ridge.coef_), np.atleast_1d(ridge.intercept_))
+        return cls(tuple(columns), model, _deviation(residuals), residuals)
 
     def __call__(self, scaled: FloatArray) -> FloatArray:
         """Returns values (m, k) at scaled cars (m, n)."""
@@ -179,57 +178,24 @@ class Surrogate:
     corrections: dict[str, Regression] = field(default_factory=dict)
 
     @classmethod
-    def from_reduced(
-        cls, prior: CarPrior, cars: FloatArray, found: Mapping[str, Mapping[str, Any]]
-    ) -> Surrogate:
+    def from_reduced(cls, prior: CarPrior, cars: FloatArray, results: TurnResults) -> Surrogate:
         """Fits to `run_reduced` of all cars (m, n), by name of the turn."""
-        flips = {}
-        figures = {}
-        for turn in prior.plan.turns:
-            name = turn.name
-            known, flip, tried, shown, whose = _search(turn, cars, found[name], MIN_REDUCED_CARS)
-            scaled = prior.scaled(cars[known])
-            columns = _of_the_flip(prior, turn)
-            surface = Regression.process(columns, scaled, flip[known, None], known)
-            flips[name] = surface
-            if turn.table:
-                margin = _unseen(prior, turn, flip, surface, tried, whose)
-                inputs = _with_margin(prior.scaled(tried), margin)
-                columns = _of_a_figure(prior, turn)
-                figures[name] = Regression.process(columns, inputs, shown, whose)
-        return cls(prior, flips, figures)
+        return cls(prior, *_fit(Regression.process, prior, cars, results, MIN_REDUCED_CARS))
 
-    def corrected(self, cars: FloatArray, found: Mapping[str, Mapping[str, Any]]) -> Surrogate:
+    def corrected(self, cars: FloatArray, results: TurnResults) -> Surrogate:
         """Corrects by `search_full` of all cars (m, n), by name of the turn."""
-        prior = self.prior
-        shifts = {}
-        corrections = {}
-        for turn in prior.plan.turns:
-            name = turn.name
-            known, flip, tried, shown, whose = _search(turn, cars, found[name], MIN_FULL_CARS)
-            scaled = prior.scaled(cars[known])
-            missed = flip[known, None] - self.flips[name](scaled)
-            surface = Regression.line(_of_the_flip(prior, turn), scaled, missed, known)
-            shifts[name] = surface
-            if turn.table:
-                margin = _unseen(prior, turn, flip, surface, tried, whose)
-                inputs = _with_margin(prior.scaled(tried), margin)
-                missed = shown - self.figures[name](inputs)
-                columns = _of_a_figure(prior, turn)
-                corrections[name] = Regression.line(columns, inputs, missed, whose)
-        return replace(self, shifts=shifts, corrections=corrections)
+        fits = _fit(Regression.line, self.prior, cars, results, MIN_FULL_CARS, self)
+        return replace(self, shifts=fits[0], corrections=fits[1])
 
     def margin(self, cars: FloatArray, turn: Turn) -> FloatArray:
         """Returns the logarithm of the friction at the flip over that of the car (m); above 0 it
         survives.
         """
         scaled = self.prior.scaled(cars)
-        shift = self.shifts.get(turn.name)
-        found = self.flips[turn.name](scaled) + (0.0 if shift is None else shift(scaled))
-        margin: FloatArray = found[:, 0] - np.log(
-            cars[:, self.prior.column(f"{turn.system} {FRICTION}")]
-        )
-        return margin
+        flip = self.flips[turn.name](scaled)
+        if turn.name in self.shifts:
+            flip = flip + self.shifts[turn.name](scaled)
+        return np.asarray(flip[:, 0] - np.log(cars[:, self.prior.column(turn.friction)]))
 
     def flip_deviation(self, turn: Turn) -> float:
         """Returns the standard deviation of the residuals of the margin."""
@@ -240,16 +206,15 @@ class Surrogate:
         the residuals of the surrogate.
         """
         width = np.hypot(self.prior.plan.outcome_width[turn.tail], self.flip_deviation(turn))
-        found: FloatArray = norm.cdf(self.margin(cars, turn) / width)
-        return found
+        return np.asarray(norm.cdf(self.margin(cars, turn) / width))
 
     def draw_outcomes(self, car: FloatArray, rng: np.random.Generator) -> dict[str, bool]:
         """Draws which turns a car (1, n) survives, with the probabilities of `log_outcomes`."""
         plan = self.prior.plan
-        missed = {_kind(turn): rng.standard_normal() for turn in plan.turns}
+        residuals = {_kind(turn): rng.standard_normal() for turn in plan.turns}
         survives = {}
         for turn in plan.turns:
-            margin = self.margin(car, turn)[0] + self.flip_deviation(turn) * missed[_kind(turn)]
+            margin = self.margin(car, turn)[0] + self.flip_deviation(turn) * residuals[_kind(turn)]
             needed = plan.outcome_width[turn.tail] * rng.standard_normal()
             survives[turn.name] = bool(margin > needed)
         return survives
@@ -265,21 +230,23 @@ class Surrogate:
         for _, turns in groupby(sorted(self.prior.plan.turns, key=_kind), key=_kind):
             joint: FloatArray = np.zeros(())
             for turn in turns:
-                missed = self.flip_deviation(turn) * NODES[:, None]
-                z = (margins[turn.name] + missed) / self.prior.plan.outcome_width[turn.tail]
+                residuals = self.flip_deviation(turn) * QUADRATURE_NODES[:, None]
+                z = (margins[turn.name] + residuals) / self.prior.plan.outcome_width[turn.tail]
                 joint = joint + log_ndtr(z if turn.ends == "survived" else -z)
-            total = total + np.logaddexp.reduce(joint + WEIGHTS)
+            total = total + np.logaddexp.reduce(joint + LOG_WEIGHTS)
         return total
 
     def values(self, cars: FloatArray, turn: Turn, margin: FloatArray | None = None) -> FloatArray:
         """Returns `METRICS` of cars (m, n) in a turn (m, 6), each in its unit; `margin` (m) where
         it is known already.
         """
-        inputs = _with_margin(
-            self.prior.scaled(cars), self.margin(cars, turn) if margin is None else margin
-        )
-        correction = self.corrections.get(turn.name)
-        return self.figures[turn.name](inputs) + (0.0 if correction is None else correction(inputs))
+        if margin is None:
+            margin = self.margin(cars, turn)
+        inputs = _with_margin(self.prior.scaled(cars), margin)
+        values = self.figures[turn.name](inputs)
+        if turn.name in self.corrections:
+            values = values + self.corrections[turn.name](inputs)
+        return values
 
     def value(self, cars: FloatArray, figure: Figure) -> FloatArray:
         """Returns a figure of cars (m, n), in its unit (m)."""
@@ -291,37 +258,71 @@ class Surrogate:
         return float(surface.deviation[METRICS.index(figure.metric)])
 
 
+def _fit(
+    fit: Callable[[list[int], FloatArray, FloatArray, IntArray], Regression],
+    prior: CarPrior,
+    cars: FloatArray,
+    results: TurnResults,
+    min_cars: int,
+    base: Surrogate | None = None,
+) -> tuple[dict[str, Regression], dict[str, Regression]]:
+    """Fits the flips and figures of every turn, or what they are beyond those of a surrogate.
+
+    Args:
+        fit: of `Regression`.
+        prior: whose coordinates the cars have.
+        cars: that were searched (m, n).
+        results: of `run_reduced` or `search_full`, by name of the turn.
+        min_cars: that a fit needs.
+        base: surrogate that is corrected.
+    """
+    flips = {}
+    figures = {}
+    for turn in prior.plan.turns:
+        name = turn.name
+        known, flip, tried, shown, index = _search(turn, cars, results[name], min_cars)
+        scaled = prior.scaled(cars[known])
+        values = flip[known, None]
+        if base is not None:
+            values = values - base.flips[name](scaled)
+        regression = fit(_flip_columns(prior, turn), scaled, values, known)
+        flips[name] = regression
+        if turn.table:
+            margin = _unseen(prior, turn, flip, regression, tried, index)
+            inputs = _with_margin(prior.scaled(tried), margin)
+            if base is not None:
+                shown = shown - base.figures[name](inputs)
+            columns = [*prior.inputs(turn.system), len(prior.names)]
+            figures[name] = fit(columns, inputs, shown, index)
+    return flips, figures
+
+
 def _kind(turn: Turn) -> tuple[str, str]:
     return turn.system, turn.tail
 
 
-def _of_the_flip(prior: CarPrior, turn: Turn) -> list[int]:
+def _flip_columns(prior: CarPrior, turn: Turn) -> list[int]:
+    """Returns the columns that the flip of a turn depends on."""
     columns = prior.inputs(turn.system)[:-1]
-    left = {prior.column(name) for name in ("window", *FIELD_NUISANCES) if name != "gyro_bias"}
-    return [column for column in columns if column not in left]
+    without = [prior.column(name) for name in NUISANCES if name != "gyro_bias"]
+    return [column for column in columns if column not in without]
 
 
 def _unseen(
     prior: CarPrior,
     turn: Turn,
     flip: FloatArray,
-    surface: Regression,
+    regression: Regression,
     tried: FloatArray,
-    whose: IntArray,
+    index: IntArray,
 ) -> FloatArray:
     """Returns the margin of cars that were tried (k), as the surrogate predicts it for cars it was
-    not fitted to.
+    not fitted to; `index` (k) of each among the flips.
     """
-    without = flip.copy()
-    without[np.isfinite(flip)] -= surface.missed[:, 0]
-    margin: FloatArray = without[whose] - np.log(
-        tried[:, prior.column(f"{turn.system} {FRICTION}")]
-    )
-    return margin
-
-
-def _of_a_figure(prior: CarPrior, turn: Turn) -> list[int]:
-    return [*prior.inputs(turn.system), len(prior.names)]
+    predicted = flip.copy()
+    predicted[np.isfinite(flip)] -= regression.residuals[:, 0]
+    friction = tried[:, prior.column(turn.friction)]
+    return np.asarray(predicted[index] - np.log(friction))
 
 
 def _with_margin(scaled: FloatArray, margin: FloatArray) -> FloatArray:
@@ -332,34 +333,34 @@ def _with_margin(scaled: FloatArray, margin: FloatArray) -> FloatArray:
 
 
 def _search(
-    turn: Turn, cars: FloatArray, found: Mapping[str, Any], least: int
+    turn: Turn, cars: FloatArray, result: Mapping[str, Any], min_cars: int
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, IntArray]:
     """Returns which of the cars flip, the flip of each, cars (k, n) that survived, their figures
     (k, 6), and the index of their car.
     """
-    flip = np.array(found["flips"], float)
+    flip = np.array(result["flips"], float)
     known = np.flatnonzero(np.isfinite(flip))
-    tried = np.array(found["inputs"]).reshape(-1, cars.shape[1])
+    tried = np.array(result["inputs"]).reshape(-1, cars.shape[1])
     order = np.argsort(cars[:, 0])
     # No two cars share their first number.
-    whose = order[np.searchsorted(cars[order, 0], tried[:, 0])]
-    own = np.isfinite(flip[whose])
-    shown = len(np.unique(whose[own]))
-    if min(len(known), shown) < least:
+    index = order[np.searchsorted(cars[order, 0], tried[:, 0])]
+    has_flip = np.isfinite(flip[index])
+    shown = len(np.unique(index[has_flip]))
+    if min(len(known), shown) < min_cars:
+        errors = "".join(result.get("errors", [])[:1])
         raise UserError(
             f"{turn.name} m/s: {len(known)} of {len(flip)} cars flip at a friction that was tried, "
-            f"{shown} of these have runs that survive; needed are {least} of "
-            f"each{''.join(found.get('errors', [])[:1])}"
+            f"{shown} of these have runs that survive; needed are {min_cars} of each{errors}"
         )
-    return known, flip, tried[own], np.array(found["figures"])[own], whose[own]
+    figures = np.array(result["figures"])
+    return known, flip, tried[has_flip], figures[has_flip], index[has_flip]
 
 
-def _deviation(missed: FloatArray) -> FloatArray:
+def _deviation(residuals: FloatArray) -> FloatArray:
     """Returns the size that 68 % of residuals (m, k) do not exceed; a car at a flip's edge may be
     off by any amount.
     """
-    found: FloatArray = np.quantile(np.abs(missed), 0.6827, axis=0)
-    return found
+    return np.asarray(np.quantile(np.abs(residuals), 0.6827, axis=0))
 
 
 def _rows_by(cars: IntArray) -> list[IntArray]:

@@ -23,7 +23,7 @@ from aerodima.optimisation.calibrate.calibration_plan import (
     Turn,
 )
 from aerodima.optimisation.studies.limit_search import Bracket
-from aerodima.workbench.batch.row_store import Row
+from aerodima.workbench.batch.row_store import Row, content_key
 from aerodima.workbench.car.reduced.dynamics import RATES, V, W
 from aerodima.workbench.car.reduced.turn_plans import TurnPlans
 from aerodima.workbench.car.reduced.turns import Turns, drive_turns
@@ -126,6 +126,20 @@ class WorkItem:
     reach: float = 0.0
     step: float | None = None
     margins: tuple[float, ...] = ()
+
+    def key(self, work: str) -> str:
+        """Returns the key of the cached result of some work."""
+        size = self.plan.size
+        return content_key(
+            work,
+            self.turn.model_dump(),
+            self.cars,
+            self.margins,
+            self.reach,
+            self.step,
+            (size.rounds, size.full_rounds),
+            self.plan.settings,
+        )
 
 
 @lru_cache(maxsize=4)

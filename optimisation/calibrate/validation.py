@@ -86,8 +86,8 @@ def predictions(questions: Sequence[Question], runs: CachedRunner) -> list[LeftO
 
 
 def _answer(question: Question) -> dict[str, Any]:
-    found = leave_out(*question)
-    return vars(found) | {"rows": found.rows.to_dict("records")}
+    prediction = leave_out(*question)
+    return vars(prediction) | {"rows": prediction.rows.to_dict("records")}
 
 
 def leave_out(

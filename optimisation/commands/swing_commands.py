@@ -194,12 +194,8 @@ def judge(
 
 def _write_entries(out: Path, table: pd.DataFrame) -> bool:
     """Writes the entry speeds and their summary; returns whether a tail is faster than none."""
-    from aerodima.optimisation.judge.entry_table import (
-        entry_lines,
-        entry_page,
-        has_gain,
-        summarise_entries,
-    )
+    from aerodima.optimisation.judge.entry_page import entry_lines, entry_page
+    from aerodima.optimisation.judge.entry_table import has_gain, summarise_entries
 
     summary = summarise_entries(table)
     page = entry_page(table, summary)

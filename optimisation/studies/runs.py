@@ -45,7 +45,7 @@ FINE_STEP = 0.0005
 """Step of the plant at which claims are made, s; a fourth of that of ordinary runs."""
 Item = TypeVar("Item")
 Done = Callable[[int, Any], None]
-"""Told the place of a new row and the row, in the order in which they finish."""
+"""Receives the index of a new row and the row, in the order in which they finish."""
 WORKER_LOST_AGAIN = (
     f"{WORKER_LOST} again and again, also alone in the cluster (out of memory, or "
     "a crash in the solver)"
@@ -208,17 +208,18 @@ def measured_row(task: RunTask, scenario: Scenario | RigScenario, run: RunLog) -
 
 
 def _provenance(task: RunTask, scenario: Scenario | RigScenario | None) -> Row:
-    seed = None
-    digest = None
-    if scenario is not None:
-        seed = scenario.seed
-        resolved = json.dumps(scenario.resolved(), sort_keys=True)
-        digest = hashlib.sha256(resolved.encode()).hexdigest()
-    return {
+    row: Row = {
         "scenario": task.scenario,
         "settings": " ".join(task.settings),
-        "seed": seed,
-        "scenario_sha256": digest,
+        "seed": None,
+        "scenario_sha256": None,
+    }
+    if scenario is not None:
+        resolved = json.dumps(scenario.resolved(), sort_keys=True)
+        row["seed"] = scenario.seed
+        row["scenario_sha256"] = hashlib.sha256(resolved.encode()).hexdigest()
+    return {
+        **row,
         **{f"version_{name}": version for name, version in sorted(software_versions().items())},
     }
 
@@ -273,7 +274,7 @@ class CachedRunner:
                 done(place, row)
             return f"{self.stage} {row['outcome'] or 'failed':8}".lstrip()
 
-        found = self._once(evaluate, tasks, [run_key(task) for task in tasks], words, _lost)
+        found = self._rows_by_key(evaluate, tasks, [run_key(task) for task in tasks], words, _lost)
         return [row | {"run": task.name} for task, row in zip(tasks, found, strict=True)]
 
     def map(
@@ -283,10 +284,10 @@ class CachedRunner:
         UserError for a lost worker.
         """
         words = (lambda _place, _row: self.stage) if self.stage else None
-        found = self._once(partial(_result_of, function), items, keys, words)
+        found = self._rows_by_key(partial(_result_of, function), items, keys, words)
         return [row["result"] for row in found]
 
-    def _once(
+    def _rows_by_key(
         self,
         work: Callable[[Item], Row],
         items: Sequence[Item],
@@ -365,10 +366,9 @@ def scenario_content(name: str, settings: Sequence[str] = ()) -> list[Any]:
     """
     try:
         scenario = load_any_scenario(name, settings)
+        swing = ""
         if isinstance(scenario, Scenario):
             swing = _swing(scenario.controller.swing_file)
-        else:
-            swing = ""
         return [scenario.resolved(), swing]
     except UserError as error:
         return [str(error)]

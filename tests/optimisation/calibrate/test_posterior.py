@@ -121,7 +121,7 @@ def test_what_is_missed_of_a_row_is_its_value_less_the_prediction_without_its_ca
     values = scaled[:, :1] + 0.01 * RNG.standard_normal((len(cars), 1))
     values[7] += 1.0
     for fit in (Regression.process, Regression.line):
-        assert fit([0], scaled, values, np.arange(len(cars))).missed[7, 0] == pytest.approx(
+        assert fit([0], scaled, values, np.arange(len(cars))).residuals[7, 0] == pytest.approx(
             1.0, abs=0.15
         )
 
@@ -130,7 +130,7 @@ def test_margin_of_a_car_that_was_not_seen_lacks_what_is_missed_of_its_flip():
     turn = PLAN.turns[0]
     tried = PRIOR.draw(2, seed=17)
     tried[:, PRIOR.column(f"{turn.system} car.tyre_friction")] = 0.5
-    surface = replace(constant(0.0), missed=np.array([[0.1], [-0.05]]))
+    surface = replace(constant(0.0), residuals=np.array([[0.1], [-0.05]]))
     flip = np.array([np.log(0.6), np.nan, np.log(0.7)])
     margin = _unseen(PRIOR, turn, flip, surface, tried, np.array([0, 2]))
     assert margin == pytest.approx([np.log(0.6 / 0.5) - 0.1, np.log(0.7 / 0.5) + 0.05])

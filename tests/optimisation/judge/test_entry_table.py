@@ -7,11 +7,10 @@ import pandas as pd
 import pytest
 
 from aerodima.optimisation.judge.candidate import HELD, LOW_BALLAST, NO_TAIL, THESIS
+from aerodima.optimisation.judge.entry_page import entry_lines, entry_page
 from aerodima.optimisation.judge.entry_speed import NO_REFERENCE, NOT_CONFIRMED
 from aerodima.optimisation.judge.entry_table import (
     entry_gains,
-    entry_lines,
-    entry_page,
     has_gain,
     median_interval,
     summarise_entries,
