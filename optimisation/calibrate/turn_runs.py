@@ -196,7 +196,7 @@ def run_reduced(item: WorkItem) -> dict[str, Any]:
             figures.append(list(shown.values()))
     known = (bracket.held > ends.held) & (bracket.lost < ends.lost)
     middle = bracket.next_value(centre, item.reach)
-    flips = np.where(known, middle, None).tolist()
+    flips = [float(value) if ok else None for value, ok in zip(middle, known, strict=True)]
     return {"flips": flips, "inputs": inputs, "figures": figures}
 
 

@@ -107,15 +107,21 @@ def leave_out(
     for figure in own:
         low, median, high = np.quantile(predicted(surrogate, figure, cars, rng), BAND)
         prior_low, _, prior_high = np.quantile(predicted(surrogate, figure, survivors, rng), BAND)
-        inside = low <= figure.published <= high
         rows.append(
-            (figure.name, figure.published, low, median, high, prior_low, prior_high, inside)
+            {
+                "figure": figure.name,
+                "published": figure.published,
+                "low": low,
+                "median": median,
+                "high": high,
+                "prior_low": prior_low,
+                "prior_high": prior_high,
+                "inside": low <= figure.published <= high,
+            }
         )
-    names = ["figure", "published", "low", "median", "high", "prior_low", "prior_high", "inside"]
-    known, guessed = (joint_density(surrogate, own, drawn) for drawn in (cars, survivors))
-    return LeftOut(
-        table, pd.DataFrame(rows, columns=names), known, guessed, _constant(own, figures)
-    )
+    known = joint_density(surrogate, own, cars)
+    guessed = joint_density(surrogate, own, survivors)
+    return LeftOut(table, pd.DataFrame(rows), known, guessed, _constant(own, figures))
 
 
 def predicted(
@@ -290,24 +296,24 @@ def combinations(
     ]
     before, after = (prior.scaled(c)[:, physical] for c in (prior.draw(4000, seed), cars))
     ratios, vectors = eigh(np.cov(after.T), np.cov(before.T))
-    found = []
+    best = []
     for ratio, vector in list(zip(ratios, vectors.T, strict=True))[:5]:
         share = vector * np.std(before, axis=0)
+        share = share / np.linalg.norm(share)
         largest = np.argsort(-np.abs(share))[:4]
-        scale = np.linalg.norm(share)
-        found.append(
-            (float(ratio), {prior.names[physical[i]]: float(share[i] / scale) for i in largest})
-        )
-    return found
+        names = [prior.names[physical[index]] for index in largest]
+        best.append((float(ratio), dict(zip(names, share[largest].tolist(), strict=True))))
+    return best
 
 
 def brier(surrogate: Surrogate, cars: FloatArray) -> tuple[float, Mapping[str, float]]:
     """Returns the Brier score of the published outcomes, and the probability of surviving each
     turn.
     """
-    chances = {
-        turn.name: float(np.mean(surrogate.survival(cars, turn)))
-        for turn in surrogate.prior.plan.turns
-    }
-    misses = [chances[turn.name] - (turn.ends == "survived") for turn in surrogate.prior.plan.turns]
+    chances = {}
+    misses = []
+    for turn in surrogate.prior.plan.turns:
+        chance = float(np.mean(surrogate.survival(cars, turn)))
+        chances[turn.name] = chance
+        misses.append(chance - (turn.ends == "survived"))
     return float(np.mean(np.square(misses))), chances

@@ -58,8 +58,8 @@ def entry_page(table: pd.DataFrame, summary: pd.DataFrame) -> Page:
         words = (
             f"Entry speeds in the manoeuvre {manoeuvre}: a dot for every car, a bar at the median"
         )
-        parts = [Plot(figure, "", words), Table(_HEADER, _cells(own))]
-        sections.append(Section(str(manoeuvre), parts))
+        table_of = Table(_HEADER, _cells(own))
+        sections.append(Section(str(manoeuvre), [Plot(figure, "", words), table_of]))
     cars = ", ".join(dict.fromkeys(table["car"]))
     surfaces = ", ".join(dict.fromkeys(table["floor"]))
     lead = (

@@ -148,7 +148,8 @@ def best_speed(start: BoundStart) -> float:
         count = numbers.shape[1]
         cars = at_speeds(car.take(np.zeros(count, int)), np.tile(speeds, members))
         rolls, pitches = np.split(numbers[drivers:], [ROLLS])
-        motion = PathMotion(*numbers[:drivers], rolls, pitches)
+        preview, correction, lag = numbers[:drivers]
+        motion = PathMotion(preview, correction, lag, rolls, pitches)
         gains = gains_of([{}] * count, scenario)
         entries = enter(cars, scenario, gains, np.full(count, follows), motion)
         completed = entries.upright.reshape(members, -1)

@@ -185,7 +185,6 @@ def swing_of(
     """
     best = best_of(solutions)
     shooting = program.shooting
-    time, roll, rate = shooting.variables.motion(best.x)
     facts: dict[str, Any] = {
         "starts_converged": sum(one.converged for one in solutions),
         "starts": len(solutions),
@@ -193,29 +192,29 @@ def swing_of(
         "wall_time_s": round(sum(one.wall_time for one in solutions), 1),
         "course_rad": float(np.mean(best.course)),
     }
-    for member, ((floor, _), predicted) in enumerate(zip(turns, best.course, strict=True)):
-        own = f"{floor.car.name}_{floor.speed:g}_{floor.share:g}"
-        steering = steering_of(shooting, best.x, member)
-        for key, value in steering.items():
+    for member, (surface, _) in enumerate(turns):
+        prefix = f"{surface.car.name}_{surface.speed:g}_{surface.share:g}"
+        for key, value in steering_of(shooting, best.x, member).items():
             unit = "s" if key.endswith("hold") else "rad"
-            facts[f"{own}_{key}_{unit}"] = value
-        facts[f"{own}_friction"] = floor.friction
-        facts[f"{own}_course_rad"] = float(predicted)
-    floor, turn = turns[0]
-    steering = {**steering_of(shooting, best.x, 0), "turn_hold": task.pulse, "speed": floor.speed}
-    settings = (*floor.car.settings_on(task.scenario), floor.setting)
-    made = {
+            facts[f"{prefix}_{key}_{unit}"] = value
+        facts[f"{prefix}_friction"] = surface.friction
+        facts[f"{prefix}_course_rad"] = float(best.course[member])
+    surface, turn = turns[0]
+    steering = steering_of(shooting, best.x, 0)
+    steering |= {"turn_hold": task.pulse, "speed": surface.speed}
+    settings = [*surface.car.settings_on(task.scenario), surface.setting]
+    settings += [f"manoeuvre.{key}={value!r}" for key, value in steering.items()]
+    members = ", ".join(dict.fromkeys(one.car.name for one, _ in turns))
+    provenance = {
         "source": "aerodima swing search",
         "scenario": task.scenario,
         "seed": search.seed,
-        "settings": (*settings, *(f"manoeuvre.{key}={value!r}" for key, value in steering.items())),
-        "options": {
-            **asdict(search),
-            "members": ", ".join(dict.fromkeys(one.car.name for one, _ in turns)),
-        },
+        "settings": tuple(settings),
+        "options": {**asdict(search), "members": members},
         "found": facts,
     }
-    return steered_swing(name, turn, time, roll, rate, provenance=made)
+    motion = shooting.variables.motion(best.x)
+    return steered_swing(name, turn, *motion, provenance=provenance)
 
 
 def steering_of(shooting: TurnShooting, x: FloatArray, member: int) -> dict[str, float]:
@@ -284,15 +283,14 @@ def steered_swing(
     )
 
 
-def _line(number: int, found: TurnSolution) -> str:
-    course = ", ".join(f"{math.degrees(value):.1f}" for value in found.course)
-    if found.converged:
+def _line(number: int, solution: TurnSolution) -> str:
+    course = ", ".join(f"{math.degrees(value):.1f}" for value in solution.course)
+    state = "stopped"
+    if solution.converged:
         state = "converged"
-    elif found.violation > FEASIBILITY_TOL:
-        state = f"violates {found.worst}"
-    else:
-        state = "stopped"
+    elif solution.violation > FEASIBILITY_TOL:
+        state = f"violates {solution.worst}"
     return (
-        f"start {number + 1}: course {course} deg, {state}, {found.evaluations} batches in "
-        f"{found.wall_time:.0f} s"
+        f"start {number + 1}: course {course} deg, {state}, {solution.evaluations} batches in "
+        f"{solution.wall_time:.0f} s"
     )

@@ -1,7 +1,8 @@
-"""Task: the turn of a motion search: training cars on floors, a pulse of steering, and limits of a
-turn that counts.
+"""Task: the turn of a motion search: training cars on surfaces, a pulse of steering, and limits of
+a turn that counts.
 
-A floor is a multiple of the critical friction of the published swing at full lock.
+The friction of a surface is a multiple of the critical friction of the published swing at full
+lock.
 """
 
 from __future__ import annotations
@@ -86,22 +87,19 @@ class Task(StrictModel):
             require_unique([f"{value:g}" for value in values], name)
             for value in values:
                 if not low <= value <= high:
-                    raise SweepError(f"{name} {value:g}: allowed: {low:g} to {high:g}")
-        least, largest = self.steering
-        if not 0.0 < least < largest:
-            raise SweepError(
-                f"steering {least:g} to {largest:g} degrees: allowed: 0 < first < second"
-            )
+                    raise SweepError(f"{name} {value:g}: must be {low:g} to {high:g}")
+        low, high = self.steering
+        if not 0.0 < low < high:
+            raise SweepError(f"steering {low:g} to {high:g} degrees: must be 0 < first < second")
         try:
-            turn = load_scenario(
-                self.scenario, [f"manoeuvre.steer_angle={math.radians(largest)!r}"]
-            ).manoeuvre
+            full_lock = f"manoeuvre.steer_angle={math.radians(high)!r}"
+            turn = load_scenario(self.scenario, [full_lock]).manoeuvre
         except UserError as error:
             raise SweepError(f"task: {error}") from None
-        if turn.kind != "turn":
-            raise SweepError(f"{self.scenario}: manoeuvre.kind {turn.kind}; allowed: turn")
-        if turn.turns != 1:
-            raise SweepError(f"{self.scenario}: manoeuvre.turns {turn.turns}; allowed: 1")
+        for key, expected in (("kind", "turn"), ("turns", 1)):
+            given = getattr(turn, key)
+            if given != expected:
+                raise SweepError(f"{self.scenario}: manoeuvre.{key} {given}; must be {expected}")
 
     @property
     def training_cars(self) -> tuple[Member, ...]:
@@ -109,7 +107,7 @@ class Task(StrictModel):
         there = load_ensemble(self.ensemble).split(self.seed).training
         if self.training > len(there):
             raise SweepError(
-                f"training: {self.training}; the ensemble has {len(there)}: allowed: 0 to "
+                f"training: {self.training}; the ensemble has {len(there)}: must be 0 to "
                 f"{len(there)}"
             )
         return there[: self.training]
@@ -124,7 +122,7 @@ class Task(StrictModel):
 
 @dataclass(frozen=True)
 class TaskSurface:
-    """A case: `share` times the critical friction is the friction of the floor. speed: m/s."""
+    """Surface of a car at a speed, m/s, whose friction is `share` times the critical one."""
 
     car: Member
     speed: float
@@ -133,12 +131,12 @@ class TaskSurface:
 
     @property
     def friction(self) -> float:
-        """Friction of tyres on the floor."""
+        """Friction of tyres on the surface."""
         return float(f"{self.share * self.critical:.6g}")
 
     @property
     def setting(self) -> str:
-        """The override that makes the floor."""
+        """Override that makes the surface."""
         return f"{FRICTION}={self.friction!r}"
 
 
@@ -159,7 +157,7 @@ def load_task(name_or_path: str, settings: Sequence[str] = ()) -> Task:
         key, separator, text = setting.partition("=")
         if not separator or key.strip() not in known or key.startswith("schema"):
             raise SweepError(
-                f"--set {setting}: allowed is KEY=VALUE; {nearest(key.strip(), known[1:])}"
+                f"--set {setting}: must be KEY=VALUE; {nearest(key.strip(), known[1:])}"
             )
         try:
             data[key.strip()] = yaml.safe_load(text)
@@ -177,23 +175,26 @@ def find_surfaces(
     Raises:
         UserError: none has a floor.
     """
-    keys = [(car, speed) for car in cars for speed in task.speeds]
-    cases = [Case(THESIS.name, task.scenario, task.settings(THESIS, *key)) for key in keys]
-    starts = [
-        load_scenario(task.scenario, car.settings_on(task.scenario)).car.tyre_friction
-        for car, _ in keys
-    ]
-    floors = []
+    cases = []
+    starts = []
+    keys = []
+    for car in cars:
+        own = load_scenario(task.scenario, car.settings_on(task.scenario))
+        for speed in task.speeds:
+            keys.append((car, speed))
+            cases.append(Case(THESIS.name, task.scenario, task.settings(THESIS, car, speed)))
+            starts.append(own.car.tyre_friction)
+    thresholds = find_thresholds(cases, SURFACE_SEARCH, runs, starts=starts)
+    surfaces = []
     without = []
-    for (car, speed), found in zip(
-        keys, find_thresholds(cases, SURFACE_SEARCH, runs, starts=starts), strict=True
-    ):
-        if found.survived is None:
+    for (car, speed), threshold in zip(keys, thresholds, strict=True):
+        critical = threshold.survived
+        if critical is None:
             without.append(f"{car.name} at {speed:g} m/s")
         else:
-            floors += [TaskSurface(car, speed, share, found.survived) for share in task.floors]
-    if cars and not floors:
+            surfaces += [TaskSurface(car, speed, share, critical) for share in task.floors]
+    if cars and not surfaces:
         raise SweepError(
             f"{', '.join(without)}: the published swing at full lock is clean on no floor"
         )
-    return floors, without
+    return surfaces, without

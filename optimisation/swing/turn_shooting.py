@@ -293,7 +293,7 @@ class TurnShooting:
         swinging = [
             s.varied(tail={"mode": "swing"}, controller={"swing_file": "none"}) for s in scenarios
         ]
-        numbers: dict[str, Any] = {
+        numbers = {
             "hold_kp": HOLD_GAINS["kp"],
             "hold_kd": HOLD_GAINS["kd"],
             "delay": 0.0,
@@ -301,7 +301,7 @@ class TurnShooting:
             "trigger_yaw_rate": np.inf,
             "trigger_steering": RELEASE_STEERING,
         }
-        columns = {name: np.full(count, value) for name, value in numbers.items()}
+        columns: dict[str, Any] = {name: np.full(count, value) for name, value in numbers.items()}
         plans = replace(TurnPlans.of(swinging), **columns)
         begun = drive_turns(cars, plans, duration=0.0, length=length).last
         return cls(cars, plans, begun, variables, limit, task.most_roll, task.most_sideslip, length)
