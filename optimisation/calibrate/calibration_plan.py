@@ -76,8 +76,6 @@ Ends = Literal["survived", "flipped"]
 Tail = Literal["none", "held", "swing"]
 Nuisance = Literal["window", "latency", "gyro_bias", "forward"]
 NUISANCES: tuple[Nuisance, ...] = get_args(Nuisance)
-FIELD_NUISANCES = NUISANCES[1:]
-"""Nuisances of the car on the field alone."""
 
 
 class Turn(StrictModel):

@@ -140,9 +140,6 @@ def judge(
     out: Annotated[
         Path, cli.written("Folder for table, summary and runs; stopped climbs go on in it.")
     ],
-    work: cli.WorkOptions,
-    climbs: ClimbOptions,
-    options: CaseOptions,
     manoeuvre: Annotated[
         list[str] | None,
         typer.Option(
@@ -164,6 +161,10 @@ def judge(
     ] = None,
     law: cli.Laws = None,
     cars: TestCars = 4,
+    *,
+    options: CaseOptions,
+    climbs: ClimbOptions,
+    work: cli.WorkOptions,
 ) -> None:
     """Compare candidates by the speed at which a car may enter.
 

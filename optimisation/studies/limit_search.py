@@ -28,8 +28,8 @@ from aerodima.workbench.core.errors import SweepError
 SCAN_SECTIONS = 3
 """Parts of a bracket per round of a scan: two runs, one per core of a small computer."""
 
-Start = float | Literal["scan", "bisect"]
-"""Value at which a climb begins, or another way to search."""
+Start = float | Literal["scan"]
+"""Value at which a climb begins, or `scan`."""
 Candidate = TypeVar("Candidate")
 
 
@@ -142,7 +142,7 @@ class LimitSearch:
         """Returns the values that are needed next; none at the end.
 
         Args:
-            start: of a climb, or another way to search.
+            start: of a climb, or `scan`.
             verdicts: value -> whether it holds, of all that was evaluated so far.
         """
         bracket = Bracket.from_verdicts(verdicts)
@@ -152,21 +152,10 @@ class LimitSearch:
             values = [self._climb(start, bracket)]
         return [value for value in values if value not in verdicts]
 
-    def _climb(self, start: float | Literal["bisect"], bracket: Bracket) -> float:
+    def _climb(self, start: float, bracket: Bracket) -> float:
         """Returns the next value of a climb; one that is known already ends it."""
-        ends = [-math.inf, math.inf]
-        first = 0
-        if start == "bisect":
-            ends = [-1, self._last + 1]
-        else:
-            first = self.index(start)
-        if bracket.held > -math.inf:
-            ends[0] = self.index(bracket.held)
-        if bracket.lost < math.inf:
-            ends[1] = self.index(bracket.lost)
-        stride = max(1, round(self.scan / self.tolerance))
-        index = math.floor(Bracket(*ends).next_value(first, stride))
-        return self.value(min(max(index, 0), self._last))
+        stride = self.tolerance * max(1, round(self.scan / self.tolerance))
+        return self.value(self.index(bracket.next_value(start, stride)))
 
     def _scan(self, bracket: Bracket, is_new: bool) -> list[float]:
         held = bracket.held

@@ -35,6 +35,7 @@ from aerodima.workbench.car.reduced.vehicle_parameters import Vehicles
 
 SCENARIO, SPEED = "turn_designed", ("manoeuvre.speed=4.5",)
 SEARCH = LimitSearch(FRICTION, 0.3, 1.2, 0.1, 0.0125)
+MIDDLE = 0.75
 SWING = ("tail.mode=swing", "controller.swing_file=none")
 CONTROLLERS = {
     "none": ("tail.mode=none",),
@@ -105,7 +106,7 @@ def screened_friction(scenarios, search):
         )
         return [bool(clean) for clean in turns.clean]
 
-    return search_thresholds(search, ["bisect"] * len(scenarios), run, bool)
+    return search_thresholds(search, [MIDDLE] * len(scenarios), run, bool)
 
 
 def compared_friction(engine, cases):
@@ -119,7 +120,7 @@ def compared_friction(engine, cases):
             ]
         )
 
-    full = search_thresholds(SEARCH, ["bisect"] * len(cases), run, is_clean)
+    full = search_thresholds(SEARCH, [MIDDLE] * len(cases), run, is_clean)
     reduced = screened_friction([load_scenario(SCENARIO, case) for case in cases], SEARCH)
     return agreement(
         *(np.array([each.survived for each in found], float) for found in (full, reduced))
@@ -164,7 +165,7 @@ def best_ranks(engine, car, seed):
     def run(wanted):
         return [bool(clean([order[0]], friction)) for _, friction in wanted]
 
-    limit = search_thresholds(SEARCH, ["bisect"], run, bool)[0].survived
+    limit = search_thresholds(SEARCH, [MIDDLE], run, bool)[0].survived
     place = -1 if limit is None else SEARCH.index(limit)
     best = order[:1]
     left = order[1:]
