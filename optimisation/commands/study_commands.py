@@ -125,12 +125,8 @@ def threshold(
     workbench.load_scenario(scenario, settings or ())
     case = Case(scenario, scenario, tuple(settings or ()))
     with engine_for(None, workers, scheduler) as (engine, progress):
-        (result,) = find_thresholds(
-            [case],
-            search,
-            CachedRunner(engine),
-            lambda done, needed: progress(f"[{done}/{needed}] runs"),
-        )
+        runs = CachedRunner(engine, progress=progress)
+        (result,) = find_thresholds([case], search, runs)
     row = result.summary
     typer.echo("\n".join(text_table(list(row), [list(row.values())])))
 

@@ -129,7 +129,6 @@ def find_thresholds(
     cases: Sequence[Case],
     search: LimitSearch,
     runs: CachedRunner,
-    done: Callable[[int, int], None] | None = None,
     starts: Sequence[float] | None = None,
 ) -> list[Threshold]:
     """Searches the thresholds of several cases at once, so that all workers are busy.
@@ -138,30 +137,19 @@ def find_thresholds(
         cases: what is searched.
         search: range and steps of all of them.
         runs: where they are made.
-        done: receives how many runs are finished, and how many are known to be needed so far.
         starts: where the climb of each case over clean runs begins; None scans for survival.
 
     Raises:
         SweepError: the scenario of a scan cannot be resolved at all.
     """
-    finished = 0
-    needed = 0
-
-    def count(_index: int, _row: Row) -> None:
-        nonlocal finished
-        finished += 1
-        if done is not None:
-            done(finished, needed)
 
     def run(wanted: Sequence[tuple[int, float]]) -> list[Row]:
-        nonlocal needed
-        needed += len(wanted)
         tasks = []
         for index, value in wanted:
             case = cases[index]
             settings = (*case.settings, f"{search.factor}={value!r}")
             tasks.append(RunTask(f"{case.name} {value:g}", case.scenario, settings))
-        return runs.rows(tasks, count)
+        return runs.rows(tasks)
 
     if starts is not None:
         return search_thresholds(search, starts, run, is_clean)

@@ -44,8 +44,6 @@ MIN_SPEED_SHARE = 0.9
 FINE_STEP = 0.0005
 """Step of the plant at which claims are made, s; a fourth of that of ordinary runs."""
 Item = TypeVar("Item")
-Done = Callable[[int, Any], None]
-"""Receives the index of a new row and the row, in the order in which they finish."""
 WORKER_LOST_AGAIN = (
     f"{WORKER_LOST} again and again, also alone in the cluster (out of memory, or "
     "a crash in the solver)"
@@ -260,22 +258,13 @@ class CachedRunner:
         self.stage = stage
         self.ran = 0
 
-    def rows(self, tasks: Sequence[RunTask], done: Done | None = None) -> list[Row]:
+    def rows(self, tasks: Sequence[RunTask]) -> list[Row]:
         """Returns `evaluate` of each task, in order, under its own name; one that kills its worker
         gives a row with an error.
-
-        Args:
-            tasks: what is wanted.
-            done: receives new rows.
         """
-
-        def words(place: int, row: Row) -> str:
-            if done is not None:
-                done(place, row)
-            return f"{self.stage} {row['outcome'] or 'failed':8}".lstrip()
-
-        found = self._rows_by_key(evaluate, tasks, [run_key(task) for task in tasks], words, _lost)
-        return [row | {"run": task.name} for task, row in zip(tasks, found, strict=True)]
+        keys = [run_key(task) for task in tasks]
+        rows = self._rows_by_key(evaluate, tasks, keys, _lost)
+        return [row | {"run": task.name} for task, row in zip(tasks, rows, strict=True)]
 
     def map(
         self, function: Callable[[Item], Any], items: Sequence[Item], keys: Sequence[str]
@@ -283,38 +272,34 @@ class CachedRunner:
         """Returns `function` (of a module) of each item, JSON-able; raises what it raises, and
         UserError for a lost worker.
         """
-        words = (lambda _place, _row: self.stage) if self.stage else None
-        found = self._rows_by_key(partial(_result_of, function), items, keys, words)
-        return [row["result"] for row in found]
+        rows = self._rows_by_key(partial(_result_of, function), items, keys)
+        return [row["result"] for row in rows]
 
     def _rows_by_key(
         self,
         work: Callable[[Item], Row],
         items: Sequence[Item],
         keys: Sequence[str],
-        words: Callable[[int, Row], str] | None,
         lost: Callable[[Item], Row] | None = None,
     ) -> list[Row]:
-        """Returns rows of items by their keys; `words` makes the line of progress of each
-        new one.
-        """
-        missing = {
-            key: item for key, item in zip(keys, items, strict=True) if key not in self._known
-        }
-        places = list(missing)
-        wanted = len(set(keys))
-        bar = ProgressBar(self.say, wanted, wanted - len(missing))
+        """Returns rows of items by their keys, with a line of progress for each new one."""
+        by_key = dict(zip(keys, items, strict=True))
+        missing = [key for key in by_key if key not in self._known]
+        bar = ProgressBar(self.say, len(by_key), len(by_key) - len(missing))
 
-        def keep(place: int, row: Row) -> None:
+        def keep(index: int, row: Row) -> None:
             self.ran += 1
+            key = missing[index]
             if self._store is None:
-                self._known[places[place]] = row
+                self._known[key] = row
             else:
-                self._store.add(places[place], row)
-            if words is not None:
-                bar.one_more(words(place, row))
+                self._store.add(key, row)
+            if "result" not in row:
+                bar.one_more(f"{self.stage} {row['outcome'] or 'failed':8}".lstrip())
+            elif self.stage:
+                bar.one_more(self.stage)
 
-        self._engine.map(work, list(missing.values()), keep, lost)
+        self._engine.map(work, [by_key[key] for key in missing], keep, lost)
         return [self._known[key] for key in keys]
 
 

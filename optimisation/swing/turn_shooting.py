@@ -404,38 +404,30 @@ class TurnShooting:
         cars = self.cars.take(members)
         last = turns.last
         states = np.moveaxis(turns.history, 0, 1)  # (24, steps, n)
-        count = states.shape[1]
-        tail, board = heights(
-            states.reshape(len(states), -1), self.cars.take(np.tile(members, count))
-        )
+        roll = states[5]
+        every = self.cars.take(np.tile(members, len(roll)))
+        tail, board = heights(states.reshape(len(states), -1), every)
+        tail = tail.reshape(roll.shape)
+        board = board.reshape(roll.shape)
         end = course(last, cars)
         without = np.isnan(turns.course)
         turned = np.where(without, end - course(self.begun, self.cars)[members], turns.course)
         sideslip = np.where(without, last[3] - end, turns.sideslip)
+        windows = self.windows
         rows = [
-            *self._peaks(states[5]),
-            *self._peaks(tail.reshape(count, -1), lowest=True),
-            *self._peaks(turns.asked),
-            -_peak(-board.reshape(count, -1)),
+            *_peaks(roll, np.abs(roll), windows),
+            *_peaks(tail, -tail, windows),
+            *_peaks(turns.asked, np.abs(turns.asked), windows),
+            *_peaks(board, -board, 1),
             sideslip,
             last[5],
             last[14],
         ]
         return turned, np.array(rows)
 
-    def _peaks(self, values: FloatArray, lowest: bool = False) -> FloatArray:
-        """Returns per window the value (steps, n) of largest magnitude, or the smallest: (windows,
-        n).
-        """
-        windows = np.split(values, self.windows)
-        return np.array(
-            [-_peak(-window) if lowest else _peak(window, np.abs(window)) for window in windows]
-        )
 
-
-def _peak(values: FloatArray, size: FloatArray | None = None) -> FloatArray:
-    """Returns the values (steps, n) of the largest size, by default the largest
-    themselves: (n,).
-    """
-    places = np.argmax(values if size is None else size, axis=0)
-    return np.take_along_axis(values, places[None], axis=0)[0]
+def _peaks(values: FloatArray, size: FloatArray, windows: int) -> FloatArray:
+    """Returns the values (steps, n) of the largest size in each window: (windows, n)."""
+    shape = (windows, -1, values.shape[1])
+    index = np.argmax(size.reshape(shape), axis=1)[:, None]
+    return np.take_along_axis(values.reshape(shape), index, axis=1)[:, 0]

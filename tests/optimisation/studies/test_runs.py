@@ -90,9 +90,9 @@ def test_a_mistake_of_the_programme_is_raised_and_one_in_a_law_is_a_row(
 def test_workers_give_the_rows_of_a_serial_loop_in_order(engine):
     work = [*tasks(4), RunTask("bad", "straight", ("car.mass=-1",))]
     finished = []
-    rows = CachedRunner(engine).rows(work, lambda place, row: finished.append((place, row["run"])))
+    rows = CachedRunner(engine, progress=finished.append).rows(work)
     assert rows == CachedRunner().rows(work)
-    assert sorted(finished) == [(place, task.name) for place, task in enumerate(work)]
+    assert [line.split()[1] for line in finished] == ["1/5", "2/5", "3/5", "4/5", "5/5"]
     assert engine.workers == 2
     assert engine.startup > 0.0
 
