@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -88,13 +87,15 @@ def _reduced(
 
     The wide search is around the middle of what friction may be.
     """
-    around = {turn.name: cars.copy() for turn in plan.turns}
-    if reach == WIDE_REACH:
-        for turn in plan.turns:
-            around[turn.name][:, prior_of(plan).column(turn.friction)] = MIDDLE_FRICTION
     runs.stage = "reduced cars"
-    reaches: dict[str, float] = {turn.tail: reach for turn in plan.turns}
-    return _joined(_by_turn(run_reduced, plan, runs, around, REDUCED_PER_ITEM, reaches))
+    items = []
+    for turn in plan.turns:
+        own = cars.copy()
+        if reach == WIDE_REACH:
+            own[:, prior_of(plan).column(turn.friction)] = MIDDLE_FRICTION
+        for part in _parts(len(own), REDUCED_PER_ITEM):
+            items.append(WorkItem(plan, turn, _numbers(own[part]), reach))
+    return _joined(_by_turn(run_reduced, runs, items))
 
 
 def _full_flips(
@@ -104,9 +105,13 @@ def _full_flips(
     flip by the surrogate.
     """
     runs.stage = "full cars"
-    margins = {turn.name: surrogate.margin(cars, turn) for turn in plan.turns}
-    everywhere = {turn.name: cars for turn in plan.turns}
-    return _joined(_by_turn(search_full, plan, runs, everywhere, 1, FULL_REACH, margins=margins))
+    items = []
+    for turn in plan.turns:
+        reach = FULL_REACH[turn.tail]
+        for car, margin in zip(cars, surrogate.margin(cars, turn).tolist(), strict=True):
+            item = WorkItem(plan, turn, _numbers(car[None]), reach, margins=(margin,))
+            items.append(item)
+    return _joined(_by_turn(search_full, runs, items))
 
 
 def _joined(results: Mapping[str, list[Any]]) -> TurnResults:
@@ -117,6 +122,14 @@ def _joined(results: Mapping[str, list[Any]]) -> TurnResults:
     return joined
 
 
+def _parts(count: int, size: int) -> list[slice]:
+    return [slice(first, first + size) for first in range(0, count, size)]
+
+
+def _numbers(cars: FloatArray) -> tuple[tuple[float, ...], ...]:
+    return tuple(map(tuple, cars.tolist()))
+
+
 def _different(cars: FloatArray, number: int, seed: int) -> FloatArray:
     """Returns so many of the drawn cars (m, n), no two alike: a sampler that stays
     repeats a car.
@@ -125,31 +138,13 @@ def _different(cars: FloatArray, number: int, seed: int) -> FloatArray:
 
 
 def _by_turn(
-    work: Callable[[WorkItem], Any],
-    plan: CalibrationPlan,
-    runs: CachedRunner,
-    cars: Mapping[str, FloatArray],
-    at_once: int,
-    reaches: Mapping[str, float] = MappingProxyType({}),
-    step: float | None = None,
-    margins: Mapping[str, FloatArray] = MappingProxyType({}),
+    work: Callable[[WorkItem], Any], runs: CachedRunner, items: Sequence[WorkItem]
 ) -> dict[str, list[Any]]:
-    """Runs work in items of so many cars and returns its results by name of the turn; all items are
-    handed out together.
-    """
-    items = []
-    for turn in plan.turns:
-        own = cars[turn.name]
-        for first in range(0, len(own), at_once):
-            part = slice(first, first + at_once)
-            numbers = tuple(map(tuple, own[part].tolist()))
-            begins = tuple(margins[turn.name][part].tolist()) if margins else ()
-            reach = reaches.get(turn.tail, 0.0)
-            items.append(WorkItem(plan, turn, numbers, reach, step, begins))
+    """Runs items, which are handed out together, and returns their results by name of the turn."""
+    results: dict[str, list[Any]] = {}
     keys = [item.key(work.__name__) for item in items]
-    results: dict[str, list[Any]] = {turn.name: [] for turn in plan.turns}
     for item, result in zip(items, runs.map(work, items, keys), strict=True):
-        results[item.turn.name].append(result)
+        results.setdefault(item.turn.name, []).append(result)
     return results
 
 
@@ -299,7 +294,11 @@ def run_fine(plan: CalibrationPlan, posterior: Posterior, runs: CachedRunner) ->
     """Runs cars of a posterior through every turn with the full car at the plan's fine step."""
     cars = _different(posterior.cars, plan.size.ensemble, plan.seed)
     runs.stage = "full cars"
-    everywhere = {turn.name: cars for turn in plan.turns}
-    items = _by_turn(run_full, plan, runs, everywhere, FULL_PER_ITEM, step=plan.size.fine_step)
-    rows = {turn: [row for part in parts for row in part] for turn, parts in items.items()}
+    items = []
+    for turn in plan.turns:
+        for part in _parts(len(cars), FULL_PER_ITEM):
+            item = WorkItem(plan, turn, _numbers(cars[part]), step=plan.size.fine_step)
+            items.append(item)
+    results = _by_turn(run_full, runs, items)
+    rows = {turn: [row for part in parts for row in part] for turn, parts in results.items()}
     return FineRuns(cars, rows)
