@@ -16,10 +16,13 @@ from .identify.static_fit import fit_static_log as fit_static_log
 from .identify.swing_coefficients import fit_added_mass_log as fit_added_mass_log
 from .identify.swing_coefficients import fit_friction_log as fit_friction_log
 from .identify.swing_coefficients import fit_robot_tail_log as fit_robot_tail_log
+from .judge.entry_speed import find_entry_speeds as find_entry_speeds
+from .judge.reduced_entries import sweep_speeds as sweep_speeds
 from .studies.rollover_threshold import critical_friction as critical_friction
 from .studies.run_study import run_study as run_study
 from .studies.runs import open_run_engine as open_run_engine
 from .studies.study import load_study as load_study
 from .swing.motion_search import MotionSearch as MotionSearch
+from .swing.motion_search import make_turn_nlp as make_turn_nlp
 from .swing.motion_search import turn_programme as turn_programme
 from .swing.task import Task as Task

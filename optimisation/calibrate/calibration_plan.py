@@ -11,11 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 from scipy.stats import norm, qmc
 
 from aerodima.workbench.car.car_model import chassis_centre
@@ -42,16 +42,14 @@ from aerodima.workbench.scenario.scenario import (
 
 FRICTION = "car.tyre_friction"
 SLIP = "car.tyre_slip_angle"
-NUISANCES = ("window", "latency", "gyro_bias", "forward")
-OF_THE_FIELD = NUISANCES[1:]
-FORWARD = 0.5
+CAUSAL_FILTER_THRESHOLD = 0.5
 """Value of `forward` above which the filter runs in one direction."""
-LONGEST = {"window": 1.2, "latency": 0.3}
-"""s; what is recorded around the steering allows no more."""
-KEPT = 2000
+MAX_NUISANCES = {"window": 1.2, "latency": 0.3}
+"""Largest values, s; what is recorded around the steering allows no more."""
+MAX_POSTERIOR_SAMPLES = 2000
 """Cars of a posterior that are kept."""
-OFF = "discrepancy"
-OFF_ROLL = "discrepancy of roll"
+DISCREPANCY = "discrepancy"
+ROLL_DISCREPANCY = "discrepancy of roll"
 LIFT = "lift_yaw_rate_rad_per_s"
 FIGURES = (
     "max_yaw_rate_rad_per_s",
@@ -62,10 +60,22 @@ FIGURES = (
 )
 """Metrics that carry information of their own: Kohut is speed times yaw rate, the speed is
 commanded."""
+SCHEMA = "aerodima/calibration-plan/3"
 
-Range = tuple[float, float]
+
+def _ordered(ends: tuple[float, float]) -> tuple[float, float]:
+    low, high = ends
+    if not low < high:
+        raise ValueError(f"{low:g} to {high:g}; the lower end must come first")
+    return ends
+
+
+Range = Annotated[tuple[float, float], AfterValidator(_ordered)]
+"""Lower and upper end."""
 Ends = Literal["survived", "flipped"]
 Tail = Literal["none", "held", "swing"]
+Nuisance = Literal["window", "latency", "gyro_bias", "forward"]
+NUISANCES: tuple[Nuisance, ...] = get_args(Nuisance)
 
 
 class Turn(StrictModel):
@@ -84,8 +94,13 @@ class Turn(StrictModel):
         """Unique in a plan."""
         return f"{self.system} {self.tail} {self.speed:g}"
 
+    @property
+    def friction(self) -> str:
+        """Name of the coordinate that is the friction of its tyres."""
+        return f"{self.system} {FRICTION}"
 
-class Density(StrictModel):
+
+class NormalPrior(StrictModel):
     """A normal prior in place of a uniform one, cut at the range of the parameter."""
 
     mean: float
@@ -93,8 +108,8 @@ class Density(StrictModel):
     reason: str = Field(min_length=1)
 
 
-class Size(StrictModel):
-    """How much is run.
+class Budget(StrictModel):
+    """Number of cars, runs and steps.
 
     Attributes:
         cars: reduced cars of a rough posterior that drive every turn, after half as many of the
@@ -120,81 +135,82 @@ class Size(StrictModel):
 class CalibrationPlan(StrictModel):
     """A plan as its file has it; the file says what each entry means."""
 
-    schema_: Literal["aerodima/calibration-plan/3"] = Field(alias="schema")
+    schema_: str = Field(alias="schema")
     name: str = Field(min_length=1, max_length=80)
     seed: int = Field(ge=0)
     body: tuple[str, ...] = Field(min_length=1)
     each: tuple[Literal["car.tyre_friction"], Literal["car.tyre_slip_angle"]]
     ranges: dict[str, Range]
-    density: dict[str, Density]
-    nuisances: dict[str, Range]
+    density: dict[str, NormalPrior]
+    nuisances: dict[Nuisance, Range]
     discrepancy: Range
     discrepancy_of_roll: Range
     outcome_width: dict[Tail, Annotated[float, Field(gt=0, le=1)]]
     turns: tuple[Turn, ...] = Field(min_length=1)
     settings: dict[Platform, tuple[str, ...]]
     left_out: dict[str, str]
-    size: Size
+    size: Budget
 
     @model_validator(mode="after")
-    def _names_are_known(self) -> Self:
-        turns = self.turns
+    def _is_consistent(self) -> Self:
+        self._require_known_names()
+        self._require_nuisances()
+        self._require_tables()
+        size = self.size
+        unknowns = len(self.body) + 2 * len(self.each) + len(NUISANCES) + 2
+        if size.walkers < 2 * unknowns:
+            raise ValueError(
+                f"size: walkers: {size.walkers}; must be at least {2 * unknowns}, twice the "
+                "unknowns"
+            )
+        together = size.cars + size.full
+        most = min(MAX_POSTERIOR_SAMPLES, size.walkers * size.steps)
+        if together > most:
+            raise ValueError(f"size: cars and full: {together}; must be at most {most} together")
+        return self
+
+    def _require_known_names(self) -> None:
         keys = {*self.body, *self.each}
-        of_systems = {f"{turn.system} {key}" for turn in turns for key in self.each}
+        of_systems = {f"{turn.system} {key}" for turn in self.turns for key in self.each}
         tables = {published.source for published in published_values()}
         figures = {f"{table} {metric}" for table in tables for metric in FIGURES}
-        for place, names, allowed in (
+        shown = {turn.table for turn in self.turns if turn.table}
+        for place, names, known in (
             ("ranges", set(self.ranges), keys | of_systems),
             ("density", set(self.density), keys),
-            ("nuisances", set(self.nuisances), set(NUISANCES)),
             ("left_out", set(self.left_out), figures),
-            ("turns: table", {turn.table for turn in turns} - {""}, tables),
+            ("turns: table", shown, tables),
         ):
-            for name in sorted(names - allowed):
-                raise ValueError(f"{place}: {name!r}; {nearest(name, sorted(allowed))}")
-        for name in NUISANCES:
-            if name not in self.nuisances:
-                raise ValueError(
-                    f"nuisances: {name!r} is missing; needed are {', '.join(NUISANCES)}"
-                )
-        for tail in sorted({turn.tail for turn in turns} - set(self.outcome_width)):
+            for name in sorted(names - known):
+                raise ValueError(f"{place}: {name!r}; {nearest(name, sorted(known))}")
+        for tail in sorted({turn.tail for turn in self.turns} - set(self.outcome_width)):
             raise ValueError(
                 f"outcome_width: {tail!r} is missing; needed is one for the tail of every turn"
             )
-        off = ((OFF, self.discrepancy), (OFF_ROLL, self.discrepancy_of_roll))
-        ranges = [*self.ranges.items(), *self.nuisances.items(), *off]
-        for name, (low, high) in ranges:
-            if not low < high:
-                raise ValueError(f"{name}: {low:g} to {high:g}; allowed: the lower end first")
-        for name, most in LONGEST.items():
-            low, high = self.nuisances[name]
-            if low < 0.0 or high > most:
+
+    def _require_nuisances(self) -> None:
+        missing = set(NUISANCES) - set(self.nuisances)
+        if missing:
+            raise ValueError(f"nuisances: missing: {', '.join(sorted(missing))}")
+        for name, (low, high) in self.nuisances.items():
+            most = MAX_NUISANCES.get(name, high)
+            if name in MAX_NUISANCES and not 0.0 <= low < high <= most:
                 raise ValueError(
-                    f"nuisances: {name}: {low:g} to {high:g} s; allowed: within 0 to {most:g} s"
+                    f"nuisances: {name}: {low:g} to {high:g} s; must be within 0 to {most:g} s"
                 )
-        shown = [turn.table for turn in turns if turn.table]
-        for listed in (shown, [turn.name for turn in turns]):
-            for name in listed:
-                if listed.count(name) > 1:
-                    raise ValueError(f"turns: {name!r} stands there twice; allowed: once")
-        if len(shown) < 2 or any(
-            all(f"{table} {metric}" in self.left_out for metric in FIGURES) for table in shown
-        ):
+
+    def _require_tables(self) -> None:
+        shown = [turn.table for turn in self.turns if turn.table]
+        names = [*shown, *(turn.name for turn in self.turns)]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"turns: duplicate {name!r}")
+        used = {figure.turn.table for figure in figures_of(self)}
+        if len(shown) < 2 or used != set(shown):
             raise ValueError(
                 f"turns: tables {', '.join(shown) or 'none'}; needed are two with figures that "
                 "are not left out"
             )
-        size = self.size
-        cars = len(self.body) + 2 * len(self.each) + len(NUISANCES) + 2
-        if size.walkers < 2 * cars:
-            raise ValueError(
-                f"size: walkers: {size.walkers}; allowed: at least {2 * cars}, twice the unknowns"
-            )
-        together = size.cars + size.full
-        most = min(KEPT, size.walkers * size.steps)
-        if together > most:
-            raise ValueError(f"size: cars and full: {together}; allowed: {most} together")
-        return self
 
 
 def load_plan(name_or_path: str | Path = "two_systems") -> CalibrationPlan:
@@ -204,9 +220,7 @@ def load_plan(name_or_path: str | Path = "two_systems") -> CalibrationPlan:
         ScenarioError: names the file, the key and what is allowed.
     """
     path = find_file(name_or_path, "calibration/plans", "calibration plan")
-    plan = checked(
-        CalibrationPlan, read_yaml(path), str(path), schema="aerodima/calibration-plan/3"
-    )
+    plan = checked(CalibrationPlan, read_yaml(path), str(path), schema=SCHEMA)
     for key in (*plan.body, *plan.each):
         _prior_range(key, str(path))
     return plan
@@ -250,19 +264,20 @@ class Figure:
 
 
 def figures_of(plan: CalibrationPlan) -> tuple[Figure, ...]:
-    """Figures that cars are held to, in the order of the tables."""
-    rows = {published.source: published for published in published_values()}
-    found = []
+    """Returns the figures that cars are compared with, in the order of the tables."""
+    rows = {published.source: published.metrics for published in published_values()}
+    figures = []
     for turn in plan.turns:
-        if turn.table:
-            metrics = rows[turn.table].metrics
-            found += [Figure(turn, metric, getattr(metrics, metric)) for metric in FIGURES]
-    return tuple(figure for figure in found if figure.name not in plan.left_out)
+        for metric in FIGURES if turn.table else ():
+            figure = Figure(turn, metric, getattr(rows[turn.table], metric))
+            if figure.name not in plan.left_out:
+                figures.append(figure)
+    return tuple(figures)
 
 
 def lift_of(plan: CalibrationPlan) -> Figure:
-    """Yaw rate up to which both inner wheels stay on the ground (thesis 6.3.4), of the first turn
-    with a table.
+    """Returns the yaw rate up to which both inner wheels stay on the ground (thesis 6.3.4), of the
+    first turn with a table.
     """
     return Figure(next(turn for turn in plan.turns if turn.table), LIFT, inner_lift_yaw_rate())
 
@@ -284,89 +299,95 @@ class CarPrior:
 
     def __post_init__(self) -> None:
         plan = self.plan
-        systems = dict.fromkeys(turn.system for turn in plan.turns)
-        keys = [*plan.body, *(f"{system} {key}" for system in systems for key in plan.each)]
+        keys = list(plan.body)
+        for system in dict.fromkeys(turn.system for turn in plan.turns):
+            keys += [f"{system} {key}" for key in plan.each]
         ranges = []
         for key in keys:
             name = key.split()[-1]
             ranges.append(plan.ranges.get(key) or plan.ranges.get(name) or _prior_range(name))
         ranges += [plan.nuisances[name] for name in NUISANCES]
         ranges += [plan.discrepancy, plan.discrepancy_of_roll]
-        object.__setattr__(self, "names", (*keys, *NUISANCES, OFF, OFF_ROLL))
-        object.__setattr__(self, "ranges", np.array(ranges))
-        object.__setattr__(self, "_base", load_scenario("turn_swing"))
+        names = (*keys, *NUISANCES, DISCREPANCY, ROLL_DISCREPANCY)
+        for name, value in (
+            ("names", names),
+            ("ranges", np.array(ranges)),
+            ("_base", load_scenario("turn_swing")),
+        ):
+            object.__setattr__(self, name, value)
 
     def column(self, name: str) -> int:
-        """Place of a coordinate."""
+        """Returns the index of a coordinate."""
         return self.names.index(name)
 
     def inputs(self, system: Platform) -> list[int]:
-        """Columns that a turn of a system depends on, its friction and slip angle last."""
+        """Returns the columns that a turn of a system depends on, its friction and slip angle
+        last.
+        """
         nuisances = NUISANCES if system == "physical" else NUISANCES[:1]
-        names = [
-            *self.plan.body,
-            *nuisances,
-            *(f"{system} {key}" for key in reversed(self.plan.each)),
-        ]
-        return [self.column(name) for name in names]
+        tyres = [f"{system} {key}" for key in reversed(self.plan.each)]
+        return [self.column(name) for name in (*self.plan.body, *nuisances, *tyres)]
 
     def scaled(self, cars: FloatArray) -> FloatArray:
-        """Cars (m, n) with -1 to 1 from end to end of each range; `forward` is a switch and has -1
-        or 1 alone.
+        """Scales cars (m, n) to -1 to 1 from end to end of each range; `forward` is a switch and
+        has -1 or 1 alone.
         """
         low, high = self.ranges.T
         scaled: FloatArray = 2.0 * (cars - low) / (high - low) - 1.0
         forward = self.column("forward")
-        scaled[:, forward] = np.where(cars[:, forward] > FORWARD, 1.0, -1.0)
+        scaled[:, forward] = np.where(cars[:, forward] > CAUSAL_FILTER_THRESHOLD, 1.0, -1.0)
         return scaled
 
     def log_density(self, cars: FloatArray) -> FloatArray:
-        """Logarithm of the density (m), up to a constant; -inf where a car cannot be."""
+        """Returns the logarithm of the density (m), up to a constant; -inf where a car
+        cannot be.
+        """
         low, high = self.ranges.T
         inside = np.all((cars >= low) & (cars <= high), axis=1)
-        off = cars[:, [self.column(OFF), self.column(OFF_ROLL)]]
+        off = cars[:, [self.column(DISCREPANCY), self.column(ROLL_DISCREPANCY)]]
         total = -np.sum(np.log(np.maximum(off, 1e-9)), axis=1)
         for key, density in self.plan.density.items():
-            for index in (number for number, name in enumerate(self.names) if name.endswith(key)):
-                total = total + norm.logpdf(cars[:, index], density.mean, density.deviation)
-        found = np.full(len(cars), -np.inf)
-        found[inside] = np.where(self._can_be(cars[inside]), total[inside], -np.inf)
-        return found
+            for index, name in enumerate(self.names):
+                if name.endswith(key):
+                    total = total + norm.logpdf(cars[:, index], density.mean, density.deviation)
+        inside[inside] = self._can_be(cars[inside])
+        return np.where(inside, total, -np.inf)
 
     def spread(self, number: int, seed: int) -> FloatArray:
-        """Cars (m, n) that can be, evenly over the ranges, from a scrambled Sobol sequence."""
+        """Returns cars (m, n) that can be, evenly over the ranges, from a scrambled Sobol
+        sequence.
+        """
         low, high = self.ranges.T
-        points = qmc.Sobol(len(self.names), seed=seed).random_base2(
-            int(np.ceil(np.log2(4 * number)))
-        )
+        power = int(np.ceil(np.log2(4 * number)))
+        points = qmc.Sobol(len(self.names), seed=seed).random_base2(power)
         cars: FloatArray = low + points * (high - low)
         return cars[self._can_be(cars)][:number]
 
     def draw(self, number: int, seed: int) -> FloatArray:
-        """Cars (number, n) of the prior."""
-        rng = np.random.default_rng(seed)
+        """Draws cars (number, n) of the prior."""
         cars = self.spread(40 * number, seed)
-        weight = np.exp(self.log_density(cars) - np.max(self.log_density(cars)))
-        return cars[rng.choice(len(cars), number, p=weight / weight.sum())]
-
-    def values(self, car: FloatArray, system: Platform) -> dict[str, float]:
-        """Parameters of a car (n) as `section.key`, six digits, that its run in a system needs."""
-        found = {name: car[self.column(name)] for name in self.plan.body}
-        found |= {key: car[self.column(f"{system} {key}")] for key in self.plan.each}
-        return {key: float(f"{value:.6g}") for key, value in found.items()}
+        density = self.log_density(cars)
+        weight = np.exp(density - np.max(density))
+        chosen = np.random.default_rng(seed).choice(len(cars), number, p=weight / weight.sum())
+        return cars[chosen]
 
     def settings(self, car: FloatArray, turn: Turn) -> list[str]:
-        """Overrides of a scenario for one car (n) in a turn; a gyro bias moves the trigger."""
-        values = {key: f"{value:.6g}" for key, value in self.values(car, turn.system).items()}
-        if turn.system == "physical":
+        """Returns the overrides of a scenario for one car (n) in a turn, six digits; a gyro bias
+        moves the trigger.
+        """
+        system = turn.system
+        values = {name: car[self.column(name)] for name in self.plan.body}
+        values |= {key: car[self.column(f"{system} {key}")] for key in self.plan.each}
+        if system == "physical":
             trigger = self._base.controller.trigger_yaw_rate - car[self.column("gyro_bias")]
-            values["controller.trigger_yaw_rate"] = f"{trigger:.6g}"
-        given = [f"{key}={value}" for key, value in values.items()]
-        return [*given, f"manoeuvre.speed={turn.speed!r}", *self.plan.settings.get(turn.system, ())]
+            values["controller.trigger_yaw_rate"] = trigger
+        settings = [f"{key}={float(f'{value:.6g}'):.6g}" for key, value in values.items()]
+        settings.append(f"manoeuvre.speed={turn.speed!r}")
+        return [*settings, *self.plan.settings.get(system, ())]
 
     def _can_be(self, cars: FloatArray) -> NDArray[np.bool_]:
-        """Which cars (m) of (m, n) exist: gyration of a body, and a chassis with its centre of mass
-        inside the car.
+        """Returns which cars (m) of (m, n) exist: gyration of a body, and a chassis with its centre
+        of mass inside the car.
         """
         sections: dict[str, Any] = {
             name: SimpleNamespace(**dict(getattr(self._base, name)))
@@ -377,14 +398,11 @@ class CarPrior:
             setattr(sections[section], name, cars[:, self.column(key)])
         car = sections["car"]
         tail = sections["tail"]
-        radii = np.sort(
-            np.broadcast_arrays(car.gyration_roll, car.gyration_pitch, car.gyration_yaw), axis=0
-        )
+        gyration = (car.gyration_roll, car.gyration_pitch, car.gyration_yaw)
+        radii = np.sort(np.broadcast_arrays(*gyration), axis=0) ** 2
         mass, x, z = chassis_centre(car, tail, self._base.environment.gravity)
-        inside = (
-            (z > 0.05) & (z < 2 * car.com_height) & (x > 0.0) & (x < car.wheelbase) & (mass > 0.0)
-        )
-        sail = np.less_equal(tail.sail_length, tail.length)
-        return np.broadcast_to(
-            inside & sail & (radii[2] ** 2 <= radii[0] ** 2 + radii[1] ** 2), len(cars)
-        )
+        good = (mass > 0.0) & (x > 0.0) & (x < car.wheelbase)
+        good = good & (z > 0.05) & (z < 2 * car.com_height)
+        good = good & (radii[2] <= radii[0] + radii[1])
+        good = good & np.less_equal(tail.sail_length, tail.length)
+        return np.broadcast_to(good, len(cars))

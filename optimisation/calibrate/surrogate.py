@@ -18,9 +18,8 @@ from scipy.stats import norm
 
 from aerodima.optimisation.calibrate.calibration_plan import (
     FIGURES,
-    FRICTION,
     LIFT,
-    OF_THE_FIELD,
+    NUISANCES,
     CarPrior,
     Figure,
     Turn,
@@ -29,73 +28,79 @@ from aerodima.workbench.core.array_types import FloatArray, IntArray
 from aerodima.workbench.core.errors import UserError
 
 METRICS = (*FIGURES, LIFT)
-SIZES = (1e-2, 1e3)
+TurnResults = Mapping[str, Mapping[str, Any]]
+"""Name of a turn -> lists of the results of its cars, by name."""
+VARIANCE_BOUNDS = (1e-2, 1e3)
 """Bounds of the variance that a process is tuned in."""
-LENGTHS = (0.3, 100.0)
+LENGTH_BOUNDS = (0.3, 100.0)
 """Bounds of its lengths over scaled columns."""
-NOISES = (1e-5, 1.0)
+NOISE_BOUNDS = (1e-5, 1.0)
 """Bounds of the variance of its noise."""
-TUNED = 250
+HYPERPARAMETER_SAMPLES = 250
 """Most rows by which a process is tuned."""
-FITTED = 1200
+TRAINING_SAMPLES = 1200
 """Most rows to which a process is fitted."""
-LEAST = 8
+MIN_REDUCED_CARS = 8
 """Cars that a process needs."""
-LEAST_FULL = 3
+MIN_FULL_CARS = 3
 """Full cars that a correction needs."""
 RIDGES = np.logspace(0.0, 4.0, 9)
 """Ridges of a correction that are tried."""
-CLOSEST = 0.005
+MIN_MARGIN = 0.005
 """Margin that counts as none."""
-NODES = np.linspace(-6.0, 6.0, 121)
-WEIGHTS = np.log(norm.pdf(NODES) / norm.pdf(NODES).sum())[:, None]
-"""Values of what the emulator misses of a car, over its deviation, and the logarithms of their
-weights."""
+QUADRATURE_NODES = np.linspace(-6.0, 6.0, 121)
+"""Residuals of the surrogate for a car, over their deviation."""
+LOG_WEIGHTS = np.log(norm.pdf(QUADRATURE_NODES) / norm.pdf(QUADRATURE_NODES).sum())[:, None]
+"""Logarithms of the weights of the nodes."""
 
 
 @dataclass(frozen=True)
-class Surface:
+class Regression:
     """A regression over some columns of scaled cars.
 
     Attributes:
         columns: of the cars.
         model: scaled columns (m, c) -> values (m, k).
-        deviation: of what it misses in cars that it was not fitted to (k), in the unit of its
+        deviation: of the residuals of cars that it was not fitted to (k), in the unit of its
             values.
-        missed: what it misses of each row once it was fitted without that row's car (m, k).
+        residuals: of each row, fitted without that row's car (m, k).
     """
 
     columns: tuple[int, ...]
     model: Callable[[FloatArray], FloatArray]
     deviation: FloatArray
-    missed: FloatArray = field(default_factory=lambda: np.zeros((0, 1)))
+    residuals: FloatArray = field(default_factory=lambda: np.zeros((0, 1)))
 
     @classmethod
     def process(
         cls, columns: list[int], scaled: FloatArray, values: FloatArray, cars: IntArray
-    ) -> Surface:
-        """A Gaussian process with a length for every column, fitted to values (m, k) at scaled cars
+    ) -> Regression:
+        """Fits a Gaussian process with a length for every column to values (m, k) at scaled cars
         (m, n).
 
         Args:
-            cars: which car a row is of (m); what the process misses of a car is found without all
-                rows of that car.
+            cars: which car a row is of (m); the residuals of a car are found without all rows of
+                that car.
         """
         from sklearn.gaussian_process import GaussianProcessRegressor
         from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-        rows = np.random.default_rng(len(values)).permutation(len(values))[:FITTED]
+        rows = np.random.default_rng(len(values)).permutation(len(values))[:TRAINING_SAMPLES]
         middle = values.mean(axis=0)
         spread = values.std(axis=0) + 1e-9
         chosen = scaled[rows][:, columns]
         target = (values[rows] - middle) / spread
-        kernel = ConstantKernel(1.0, SIZES) * RBF(
-            np.full(len(columns), 2.0), LENGTHS
-        ) + WhiteKernel(0.01, NOISES)
+        kernel = ConstantKernel(1.0, VARIANCE_BOUNDS) * RBF(
+            np.full(len(columns), 2.0), LENGTH_BOUNDS
+        ) + WhiteKernel(0.01, NOISE_BOUNDS)
         with warnings.catch_warnings():
             # The length of a column without influence is at its bound.
             warnings.simplefilter("ignore")
-            tuned = GaussianProcessRegressor(kernel).fit(chosen[:TUNED], target[:TUNED]).kernel_
+            tuned = (
+                GaussianProcessRegressor(kernel)
+                .fit(chosen[:HYPERPARAMETER_SAMPLES], target[:HYPERPARAMETER_SAMPLES])
+                .kernel_
+            )
         fitted = GaussianProcessRegressor(tuned, optimizer=None).fit(chosen, target)
         size = tuned.k1.k1.constant_value
         lengths = tuned.k1.k2.length_scale
@@ -103,18 +108,18 @@ class Surface:
         places = chosen / lengths
         model = partial(_process_at, lengths, places, weights * (size * spread), middle)
         inverse = cho_solve((fitted.L_, True), np.eye(len(rows)))
-        missed = np.full(values.shape, np.nan)
+        residuals = np.full(values.shape, np.nan)
         for own in _rows_by(cars[rows]):
-            missed[rows[own]] = spread * np.linalg.solve(inverse[np.ix_(own, own)], weights[own])
-        rest = np.isnan(missed[:, 0])  # not fitted, so that the process has not seen them
-        missed[rest] = values[rest] - model(scaled[rest][:, columns])
-        return cls(tuple(columns), model, _deviation(missed[rows]), missed)
+            residuals[rows[own]] = spread * np.linalg.solve(inverse[np.ix_(own, own)], weights[own])
+        rest = np.isnan(residuals[:, 0])  # not fitted, so that the process has not seen them
+        residuals[rest] = values[rest] - model(scaled[rest][:, columns])
+        return cls(tuple(columns), model, _deviation(residuals[rows]), residuals)
 
     @classmethod
     def line(
         cls, columns: list[int], scaled: FloatArray, values: FloatArray, cars: IntArray
-    ) -> Surface:
-        """A plane with a ridge, for rows of few cars; arguments as those of `process`."""
+    ) -> Regression:
+        """Fits a plane with a ridge, for rows of few cars; arguments as those of `process`."""
         from sklearn.linear_model import Ridge
         from sklearn.model_selection import GridSearchCV, GroupKFold, cross_val_predict
 
@@ -122,15 +127,13 @@ class Surface:
         folds = GroupKFold(min(8, len(np.unique(cars))))
         tried = GridSearchCV(Ridge(), {"alpha": RIDGES}, cv=folds, scoring="neg_mean_squared_error")
         ridge = tried.fit(chosen, values, groups=cars).best_estimator_
-        missed = values - cross_val_predict(ridge, chosen, values, groups=cars, cv=folds).reshape(
-            values.shape
-        )
-        slopes = np.atleast_2d(ridge.coef_)
-        offset = np.atleast_1d(ridge.intercept_)
-        return cls(tuple(columns), partial(_plane_at, slopes, offset), _deviation(missed), missed)
+        predicted = cross_val_predict(ridge, chosen, values, groups=cars, cv=folds)
+        residuals = values - predicted.reshape(values.shape)
+        model = partial(_plane_at, np.atleast_2d(ridge.coef_), np.atleast_1d(ridge.intercept_))
+        return cls(tuple(columns), model, _deviation(residuals), residuals)
 
     def __call__(self, scaled: FloatArray) -> FloatArray:
-        """Values (m, k) at scaled cars (m, n)."""
+        """Returns values (m, k) at scaled cars (m, n)."""
         return self.model(scaled[:, self.columns])
 
 
@@ -141,7 +144,9 @@ def _process_at(
     middle: FloatArray,
     inputs: FloatArray,
 ) -> FloatArray:
-    """As sklearn's `predict`, without its checks, which take most of the time of a posterior."""
+    """Predicts as sklearn's `predict`, without its checks, which take most of the time of a
+    posterior.
+    """
     at = inputs / lengths
     alike = at @ places.T
     alike -= 0.5 * np.sum(places**2, axis=1)
@@ -154,203 +159,211 @@ def _plane_at(slopes: FloatArray, offset: FloatArray, inputs: FloatArray) -> Flo
 
 
 @dataclass(frozen=True)
-class Emulator:
-    """What every turn of a plan shows, for any car.
+class Surrogate:
+    """Figures and flips of every turn of a plan, for any car.
 
     Attributes:
         prior: whose coordinates the cars have.
         flips: name of the turn -> logarithm of the friction at the flip.
         figures: name of the turn -> `METRICS`.
         shifts: name of the turn -> full less reduced cars in that logarithm; its deviation is that
-            of the emulator.
+            of the surrogate.
         corrections: name of the turn -> full less reduced cars in `METRICS`, likewise.
     """
 
     prior: CarPrior
-    flips: dict[str, Surface]
-    figures: dict[str, Surface]
-    shifts: dict[str, Surface] = field(default_factory=dict)
-    corrections: dict[str, Surface] = field(default_factory=dict)
+    flips: dict[str, Regression]
+    figures: dict[str, Regression]
+    shifts: dict[str, Regression] = field(default_factory=dict)
+    corrections: dict[str, Regression] = field(default_factory=dict)
 
     @classmethod
-    def of_reduced(
-        cls, prior: CarPrior, cars: FloatArray, found: Mapping[str, Mapping[str, Any]]
-    ) -> Emulator:
-        """From `run_reduced` of all cars (m, n), by name of the turn."""
-        flips = {}
-        figures = {}
-        for turn in prior.plan.turns:
-            name = turn.name
-            known, flip, tried, shown, whose = _search(turn, cars, found[name], LEAST)
-            scaled = prior.scaled(cars[known])
-            columns = _of_the_flip(prior, turn)
-            surface = Surface.process(columns, scaled, flip[known, None], known)
-            flips[name] = surface
-            if turn.table:
-                margin = _unseen(prior, turn, flip, surface, tried, whose)
-                inputs = _with_margin(prior.scaled(tried), margin)
-                columns = _of_a_figure(prior, turn)
-                figures[name] = Surface.process(columns, inputs, shown, whose)
-        return cls(prior, flips, figures)
+    def from_reduced(cls, prior: CarPrior, cars: FloatArray, results: TurnResults) -> Surrogate:
+        """Fits to `run_reduced` of all cars (m, n), by name of the turn."""
+        return cls(prior, *_fit(Regression.process, prior, cars, results, MIN_REDUCED_CARS))
 
-    def corrected(self, cars: FloatArray, found: Mapping[str, Mapping[str, Any]]) -> Emulator:
-        """By `search_full` of all cars (m, n), by name of the turn."""
-        prior = self.prior
-        shifts = {}
-        corrections = {}
-        for turn in prior.plan.turns:
-            name = turn.name
-            known, flip, tried, shown, whose = _search(turn, cars, found[name], LEAST_FULL)
-            scaled = prior.scaled(cars[known])
-            missed = flip[known, None] - self.flips[name](scaled)
-            surface = Surface.line(_of_the_flip(prior, turn), scaled, missed, known)
-            shifts[name] = surface
-            if turn.table:
-                margin = _unseen(prior, turn, flip, surface, tried, whose)
-                inputs = _with_margin(prior.scaled(tried), margin)
-                missed = shown - self.figures[name](inputs)
-                columns = _of_a_figure(prior, turn)
-                corrections[name] = Surface.line(columns, inputs, missed, whose)
-        return replace(self, shifts=shifts, corrections=corrections)
+    def corrected(self, cars: FloatArray, results: TurnResults) -> Surrogate:
+        """Corrects by `search_full` of all cars (m, n), by name of the turn."""
+        fits = _fit(Regression.line, self.prior, cars, results, MIN_FULL_CARS, self)
+        return replace(self, shifts=fits[0], corrections=fits[1])
 
     def margin(self, cars: FloatArray, turn: Turn) -> FloatArray:
-        """Logarithm of the friction at the flip over that of the car (m); above 0 it survives."""
+        """Returns the logarithm of the friction at the flip over that of the car (m); above 0 it
+        survives.
+        """
         scaled = self.prior.scaled(cars)
-        shift = self.shifts.get(turn.name)
-        found = self.flips[turn.name](scaled) + (0.0 if shift is None else shift(scaled))
-        margin: FloatArray = found[:, 0] - np.log(
-            cars[:, self.prior.column(f"{turn.system} {FRICTION}")]
-        )
-        return margin
+        flip = self.flips[turn.name](scaled)
+        if turn.name in self.shifts:
+            flip = flip + self.shifts[turn.name](scaled)
+        return np.asarray(flip[:, 0] - np.log(cars[:, self.prior.column(turn.friction)]))
 
     def flip_deviation(self, turn: Turn) -> float:
-        """What the emulator misses of the margin, one standard deviation."""
+        """Returns the standard deviation of the residuals of the margin."""
         return float(self.shifts.get(turn.name, self.flips[turn.name]).deviation[0])
 
     def survival(self, cars: FloatArray, turn: Turn) -> FloatArray:
-        """Probability (m) that a car survives a turn, with the width of the plan and what the
-        emulator misses.
+        """Returns the probability (m) that a car survives a turn, with the width of the plan and
+        the residuals of the surrogate.
         """
         width = np.hypot(self.prior.plan.outcome_width[turn.tail], self.flip_deviation(turn))
-        found: FloatArray = norm.cdf(self.margin(cars, turn) / width)
-        return found
+        return np.asarray(norm.cdf(self.margin(cars, turn) / width))
 
     def draw_outcomes(self, car: FloatArray, rng: np.random.Generator) -> dict[str, bool]:
-        """Which turns a car (1, n) survives, drawn as `log_outcomes` has it."""
+        """Draws which turns a car (1, n) survives, with the probabilities of `log_outcomes`."""
         plan = self.prior.plan
-        missed = {_kind(turn): rng.standard_normal() for turn in plan.turns}
+        residuals = {_kind(turn): rng.standard_normal() for turn in plan.turns}
         survives = {}
         for turn in plan.turns:
-            margin = self.margin(car, turn)[0] + self.flip_deviation(turn) * missed[_kind(turn)]
+            margin = self.margin(car, turn)[0] + self.flip_deviation(turn) * residuals[_kind(turn)]
             needed = plan.outcome_width[turn.tail] * rng.standard_normal()
             survives[turn.name] = bool(margin > needed)
         return survives
 
     def log_outcomes(self, margins: Mapping[str, FloatArray]) -> FloatArray:
-        """Logarithm of the probability (m) of how all turns of the plan ended, by their `margin`
-        (m).
+        """Returns the logarithm of the probability (m) of how all turns of the plan ended, by their
+        `margin` (m).
 
-        What the emulator misses is one number for the turns of a car that differ in their speed
+        What the surrogate misses is one number for the turns of a car that differ in their speed
         alone.
         """
         total: FloatArray = np.zeros(())
         for _, turns in groupby(sorted(self.prior.plan.turns, key=_kind), key=_kind):
             joint: FloatArray = np.zeros(())
             for turn in turns:
-                missed = self.flip_deviation(turn) * NODES[:, None]
-                z = (margins[turn.name] + missed) / self.prior.plan.outcome_width[turn.tail]
+                residuals = self.flip_deviation(turn) * QUADRATURE_NODES[:, None]
+                z = (margins[turn.name] + residuals) / self.prior.plan.outcome_width[turn.tail]
                 joint = joint + log_ndtr(z if turn.ends == "survived" else -z)
-            total = total + np.logaddexp.reduce(joint + WEIGHTS)
+            total = total + np.logaddexp.reduce(joint + LOG_WEIGHTS)
         return total
 
     def values(self, cars: FloatArray, turn: Turn, margin: FloatArray | None = None) -> FloatArray:
-        """`METRICS` of cars (m, n) in a turn (m, 6), each in its unit; `margin` (m) where it is
-        known already.
+        """Returns `METRICS` of cars (m, n) in a turn (m, 6), each in its unit; `margin` (m) where
+        it is known already.
         """
-        inputs = _with_margin(
-            self.prior.scaled(cars), self.margin(cars, turn) if margin is None else margin
-        )
-        correction = self.corrections.get(turn.name)
-        return self.figures[turn.name](inputs) + (0.0 if correction is None else correction(inputs))
+        if margin is None:
+            margin = self.margin(cars, turn)
+        inputs = _with_margin(self.prior.scaled(cars), margin)
+        values = self.figures[turn.name](inputs)
+        if turn.name in self.corrections:
+            values = values + self.corrections[turn.name](inputs)
+        return values
 
     def value(self, cars: FloatArray, figure: Figure) -> FloatArray:
-        """A figure of cars (m, n), in its unit (m)."""
+        """Returns a figure of cars (m, n), in its unit (m)."""
         return self.values(cars, figure.turn)[:, METRICS.index(figure.metric)]
 
     def deviation(self, figure: Figure) -> float:
-        """What the emulator misses of a figure, one standard deviation."""
+        """Returns the standard deviation of the residuals of a figure."""
         surface = self.corrections.get(figure.turn.name, self.figures[figure.turn.name])
         return float(surface.deviation[METRICS.index(figure.metric)])
+
+
+def _fit(
+    fit: Callable[[list[int], FloatArray, FloatArray, IntArray], Regression],
+    prior: CarPrior,
+    cars: FloatArray,
+    results: TurnResults,
+    min_cars: int,
+    base: Surrogate | None = None,
+) -> tuple[dict[str, Regression], dict[str, Regression]]:
+    """Fits the flips and figures of every turn, or what they are beyond those of a surrogate.
+
+    Args:
+        fit: of `Regression`.
+        prior: whose coordinates the cars have.
+        cars: that were searched (m, n).
+        results: of `run_reduced` or `search_full`, by name of the turn.
+        min_cars: that a fit needs.
+        base: surrogate that is corrected.
+    """
+    flips = {}
+    figures = {}
+    for turn in prior.plan.turns:
+        name = turn.name
+        known, flip, tried, shown, index = _search(turn, cars, results[name], min_cars)
+        scaled = prior.scaled(cars[known])
+        values = flip[known, None]
+        if base is not None:
+            values = values - base.flips[name](scaled)
+        regression = fit(_flip_columns(prior, turn), scaled, values, known)
+        flips[name] = regression
+        if turn.table:
+            margin = _unseen(prior, turn, flip, regression, tried, index)
+            inputs = _with_margin(prior.scaled(tried), margin)
+            if base is not None:
+                shown = shown - base.figures[name](inputs)
+            columns = [*prior.inputs(turn.system), len(prior.names)]
+            figures[name] = fit(columns, inputs, shown, index)
+    return flips, figures
 
 
 def _kind(turn: Turn) -> tuple[str, str]:
     return turn.system, turn.tail
 
 
-def _of_the_flip(prior: CarPrior, turn: Turn) -> list[int]:
+def _flip_columns(prior: CarPrior, turn: Turn) -> list[int]:
+    """Returns the columns that the flip of a turn depends on."""
     columns = prior.inputs(turn.system)[:-1]
-    left = {prior.column(name) for name in ("window", *OF_THE_FIELD) if name != "gyro_bias"}
-    return [column for column in columns if column not in left]
+    without = [prior.column(name) for name in NUISANCES if name != "gyro_bias"]
+    return [column for column in columns if column not in without]
 
 
 def _unseen(
     prior: CarPrior,
     turn: Turn,
     flip: FloatArray,
-    surface: Surface,
+    regression: Regression,
     tried: FloatArray,
-    whose: IntArray,
+    index: IntArray,
 ) -> FloatArray:
-    """Margin of cars that were tried (k), as the emulator has it for cars it was not fitted to."""
-    without = flip.copy()
-    without[np.isfinite(flip)] -= surface.missed[:, 0]
-    margin: FloatArray = without[whose] - np.log(
-        tried[:, prior.column(f"{turn.system} {FRICTION}")]
-    )
-    return margin
-
-
-def _of_a_figure(prior: CarPrior, turn: Turn) -> list[int]:
-    return [*prior.inputs(turn.system), len(prior.names)]
+    """Returns the margin of cars that were tried (k), as the surrogate predicts it for cars it was
+    not fitted to; `index` (k) of each among the flips.
+    """
+    predicted = flip.copy()
+    predicted[np.isfinite(flip)] -= regression.residuals[:, 0]
+    friction = tried[:, prior.column(turn.friction)]
+    return np.asarray(predicted[index] - np.log(friction))
 
 
 def _with_margin(scaled: FloatArray, margin: FloatArray) -> FloatArray:
-    """Scaled cars (m, n) and the logarithm of their margin (m): a car leans ever further as the
-    margin goes to 0.
+    """Joins scaled cars (m, n) and the logarithm of their margin (m): a car leans ever further as
+    the margin goes to 0.
     """
-    return np.column_stack([scaled, np.log(0.5 * (margin + np.hypot(margin, 2.0 * CLOSEST)))])
+    return np.column_stack([scaled, np.log(0.5 * (margin + np.hypot(margin, 2.0 * MIN_MARGIN)))])
 
 
 def _search(
-    turn: Turn, cars: FloatArray, found: Mapping[str, Any], least: int
+    turn: Turn, cars: FloatArray, result: Mapping[str, Any], min_cars: int
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, IntArray]:
-    """Which of the cars flip, the flip of each, cars (k, n) that survived, their figures (k, 6),
-    and whose they are.
+    """Returns which of the cars flip, the flip of each, cars (k, n) that survived, their figures
+    (k, 6), and the index of their car.
     """
-    flip = np.array(found["flips"], float)
+    flip = np.array(result["flips"], float)
     known = np.flatnonzero(np.isfinite(flip))
-    tried = np.array(found["inputs"]).reshape(-1, cars.shape[1])
+    tried = np.array(result["inputs"]).reshape(-1, cars.shape[1])
     order = np.argsort(cars[:, 0])
     # No two cars share their first number.
-    whose = order[np.searchsorted(cars[order, 0], tried[:, 0])]
-    own = np.isfinite(flip[whose])
-    shown = len(np.unique(whose[own]))
-    if min(len(known), shown) < least:
+    index = order[np.searchsorted(cars[order, 0], tried[:, 0])]
+    has_flip = np.isfinite(flip[index])
+    shown = len(np.unique(index[has_flip]))
+    if min(len(known), shown) < min_cars:
+        errors = "".join(result.get("errors", [])[:1])
         raise UserError(
             f"{turn.name} m/s: {len(known)} of {len(flip)} cars flip at a friction that was tried, "
-            f"{shown} of these have runs that survive; needed are {least} of "
-            f"each{''.join(found.get('errors', [])[:1])}"
+            f"{shown} of these have runs that survive; needed are {min_cars} of each{errors}"
         )
-    return known, flip, tried[own], np.array(found["figures"])[own], whose[own]
+    figures = np.array(result["figures"])
+    return known, flip, tried[has_flip], figures[has_flip], index[has_flip]
 
 
-def _deviation(missed: FloatArray) -> FloatArray:
-    """What 68 % of errors (m, k) do not exceed; a car at a flip's edge may miss by any amount."""
-    found: FloatArray = np.quantile(np.abs(missed), 0.6827, axis=0)
-    return found
+def _deviation(residuals: FloatArray) -> FloatArray:
+    """Returns the size that 68 % of residuals (m, k) do not exceed; a car at a flip's edge may be
+    off by any amount.
+    """
+    return np.asarray(np.quantile(np.abs(residuals), 0.6827, axis=0))
 
 
 def _rows_by(cars: IntArray) -> list[IntArray]:
-    """Rows of each car."""
+    """Returns the rows of each car."""
     order = np.argsort(cars, kind="stable")
     return np.split(order, np.flatnonzero(np.diff(cars[order])) + 1)

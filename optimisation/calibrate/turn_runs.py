@@ -15,15 +15,15 @@ from scipy.integrate import cumulative_trapezoid, trapezoid
 from scipy.signal import butter, lfilter
 
 from aerodima.optimisation.calibrate.calibration_plan import (
+    CAUSAL_FILTER_THRESHOLD,
     FIGURES,
-    FORWARD,
-    FRICTION,
     LIFT,
     CalibrationPlan,
     CarPrior,
     Turn,
 )
-from aerodima.workbench.batch.row_store import Row
+from aerodima.optimisation.studies.limit_search import Bracket
+from aerodima.workbench.batch.row_store import Row, content_key
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.states import RATES, V, W
 from aerodima.workbench.car.reduced.turn_plans import TurnPlans
@@ -50,7 +50,7 @@ LEFT = [index for index, wheel in enumerate(WHEELS) if wheel.endswith("left")]
 
 @dataclass(frozen=True)
 class Motion:
-    """What figures are made of, every `STEP` from `BEFORE` the steering on.
+    """Signals of a run, every `STEP` from `BEFORE` the steering on.
 
     Attributes:
         yaw_rate, acceleration, roll_rate: rad/s, lateral m/s2, outwards rad/s, (k) each.
@@ -64,8 +64,8 @@ class Motion:
 
 
 def figures_of_motion(motion: Motion, turn: Turn, nuisances: dict[str, float]) -> dict[str, float]:
-    """`FIGURES` of one run that survived, as the thesis took them for the system, and the yaw rate
-    of the lift.
+    """Computes `FIGURES` of one run that survived, as the thesis took them for the system, and the
+    yaw rate of the lift.
 
     Args:
         motion: of the run.
@@ -83,7 +83,7 @@ def figures_of_motion(motion: Motion, turn: Turn, nuisances: dict[str, float]) -
     if of_the_field:
         start -= nuisances["latency"]
         signals[0] = signals[0] + nuisances["gyro_bias"]
-        if nuisances["forward"] > FORWARD:
+        if nuisances["forward"] > CAUSAL_FILTER_THRESHOLD:
             b, a = butter(IMU_FILTER.order, IMU_FILTER.cutoff_hz, fs=1.0 / SAMPLE_TIMES["physical"])
             signals = [lfilter(b, a, values - values[0]) + values[0] for values in signals]
         else:
@@ -106,12 +106,12 @@ def figures_of_motion(motion: Motion, turn: Turn, nuisances: dict[str, float]) -
 
 
 def nuisances_of(prior: CarPrior, car: FloatArray) -> dict[str, float]:
-    """Name -> value of a car (n)."""
+    """Returns name -> value of a car (n)."""
     return {name: float(car[prior.column(name)]) for name in prior.plan.nuisances}
 
 
 @dataclass(frozen=True)
-class Piece:
+class WorkItem:
     """Work for the engine: cars (m, n) in one turn.
 
     Attributes:
@@ -128,6 +128,20 @@ class Piece:
     step: float | None = None
     margins: tuple[float, ...] = ()
 
+    def key(self, work: str) -> str:
+        """Returns the key of the cached result of some work."""
+        size = self.plan.size
+        return content_key(
+            work,
+            self.turn.model_dump(),
+            self.cars,
+            self.margins,
+            self.reach,
+            self.step,
+            (size.rounds, size.full_rounds),
+            self.plan.settings,
+        )
+
 
 @lru_cache(maxsize=4)
 def _prior(plan: str) -> CarPrior:
@@ -135,11 +149,11 @@ def _prior(plan: str) -> CarPrior:
 
 
 def prior_of(plan: CalibrationPlan) -> CarPrior:
-    """The prior of a plan, made once in each process."""
+    """Returns the prior of a plan, made once in each process."""
     return _prior(plan.model_dump_json(by_alias=True))
 
 
-def run_reduced(piece: Piece) -> dict[str, Any]:
+def run_reduced(item: WorkItem) -> dict[str, Any]:
     """Searches the friction at which each reduced car flips; figures of every run of the search
     that survived.
 
@@ -147,32 +161,25 @@ def run_reduced(piece: Piece) -> dict[str, Any]:
         `flips` (m): logarithm of the friction at the flip, None where the search did not find it;
         and of the survived runs `inputs` (k, n), cars with their friction, and `figures` (k, 6).
     """
-    plan = piece.plan
+    plan = item.plan
     prior = prior_of(plan)
-    column = prior.column
-    turn = piece.turn
-    cars = np.array(piece.cars)
-    of_friction = column(f"{turn.system} {FRICTION}")
-    of_bias = column("gyro_bias")
-    names = list(plan.nuisances)
-    of_nuisances = [column(name) for name in names]
+    turn = item.turn
+    cars = np.array(item.cars)
+    friction = prior.column(turn.friction)
     scenarios = [load_scenario(f"turn_{turn.tail}", prior.settings(car, turn)) for car in cars]
     vehicles = VehicleParams.from_scenarios(scenarios)
     plans = TurnPlans.from_scenarios(scenarios)
     begun = drive_turns(vehicles, plans, duration=0.0, length=STEP).last
     rng = np.random.default_rng([plan.seed, crc32(turn.name.encode()), crc32(cars.tobytes())])
-    x = cars[:, column("imu.x")]
-    z = cars[:, column("imu.z")]
-    centre = np.log(cars[:, of_friction])
-    least = centre - piece.reach
-    most = centre + piece.reach
-    low = least
-    high = most
+    x, z = (cars[:, prior.column(key)] for key in ("imu.x", "imu.z"))
+    centre = np.log(cars[:, friction])
+    ends = Bracket(centre - item.reach, centre + item.reach)
+    bracket = ends
     inputs = []
     figures = []
     for _ in range(plan.size.rounds):
-        tried = np.exp(0.5 * (low + high))
-        driven = drive_turns(
+        tried = np.exp(bracket.next_value(centre, item.reach))
+        turns = drive_turns(
             replace(vehicles, friction=tried),
             plans,
             duration=AFTER,
@@ -180,29 +187,34 @@ def run_reduced(piece: Piece) -> dict[str, Any]:
             history=True,
             begun=begun,
         )
-        survived = driven.survived
-        logarithm = np.log(tried)
-        low = np.where(survived, logarithm, low)
-        high = np.where(survived, high, logarithm)
-        motions = _motions(driven, x, z)
-        for place in np.flatnonzero(survived):
-            # Other nuisances for every run: they cost nothing.
-            car = cars[place].copy()
-            car[of_nuisances] = [rng.uniform(*plan.nuisances[name]) for name in names]
-            car[of_bias] = cars[place, of_bias]
-            car[of_friction] = tried[place]
+        bracket = bracket.updated(np.log(tried), turns.survived)
+        motions = _motions(turns, x, z)
+        for index in np.flatnonzero(turns.survived):
+            car = _with_drawn_nuisances(prior, cars[index], rng)
+            car[friction] = tried[index]
             inputs.append(car.tolist())
-            shown = figures_of_motion(motions[place], turn, nuisances_of(prior, car))
+            shown = figures_of_motion(motions[index], turn, nuisances_of(prior, car))
             figures.append(list(shown.values()))
-    known = (low > least) & (high < most)
-    flips: list[float | None] = (0.5 * (low + high)).tolist()
-    for place in np.flatnonzero(~known):
-        flips[place] = None
+    known = (bracket.held > ends.held) & (bracket.lost < ends.lost)
+    middle = bracket.next_value(centre, item.reach)
+    flips = [float(value) if ok else None for value, ok in zip(middle, known, strict=True)]
     return {"flips": flips, "inputs": inputs, "figures": figures}
 
 
+def _with_drawn_nuisances(prior: CarPrior, car: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Returns a car (n) with other nuisances, but for its bias: they cost nothing."""
+    drawn = car.copy()
+    for name, ends in prior.plan.nuisances.items():
+        drawn[prior.column(name)] = rng.uniform(*ends)
+    bias = prior.column("gyro_bias")
+    drawn[bias] = car[bias]
+    return drawn
+
+
 def _motions(driven: Turns, x: FloatArray, z: FloatArray) -> list[Motion]:
-    """Motion of each reduced car at its IMU, x and z (m) in B; at rest before the steering."""
+    """Returns the motion of each reduced car at its IMU, x and z (m) in B; still before the
+    steering.
+    """
     assert driven.history is not None
     assert driven.loads is not None
     rates = driven.history[:, RATES]
@@ -225,65 +237,58 @@ def _motions(driven: Turns, x: FloatArray, z: FloatArray) -> list[Motion]:
     return [Motion(*signals) for signals in zip(yaw, lateral, roll, both, strict=True)]
 
 
-def search_full(piece: Piece) -> dict[str, Any]:
+def search_full(item: WorkItem) -> dict[str, Any]:
     """Searches the friction at which each full car flips; returns what `run_reduced` does.
 
-    The search begins at the margin of each car and goes up or down, by the reach of the piece and
+    The search begins at the margin of each car and goes up or down, by the reach of the item and
     then by twice as much as the step before, until the outcome changes; then it bisects. The last
     run has the friction of the car. A bracket wider than the reach gives no flip. `errors` says why
     cars could not be run.
     """
-    prior = prior_of(piece.plan)
-    turn = piece.turn
-    column = prior.column(f"{turn.system} {FRICTION}")
-    flips: list[float | None] = []
-    found: dict[str, list[Any]] = {"flips": flips, "inputs": [], "figures": [], "errors": []}
+    prior = prior_of(item.plan)
+    turn = item.turn
+    column = prior.column(turn.friction)
+    result: dict[str, list[Any]] = {"flips": [], "inputs": [], "figures": [], "errors": []}
 
     def survives(car: FloatArray, friction: float) -> bool:
         tried = car.copy()
         tried[column] = np.exp(friction)
-        row = _full_row(prior, turn, tried, piece.step)
+        row = _full_row(prior, turn, tried, item.step)
         if "error" in row:
             raise UserError(row["error"])
         if row["survived"]:
-            found["inputs"].append(tried.tolist())
-            found["figures"].append([row[metric] for metric in (*FIGURES, LIFT)])
+            result["inputs"].append(tried.tolist())
+            result["figures"].append([row[metric] for metric in (*FIGURES, LIFT)])
         return bool(row["survived"])
 
-    for numbers, margin in zip(piece.cars, piece.margins, strict=True):
+    for numbers, margin in zip(item.cars, item.margins, strict=True):
         car = np.array(numbers)
         own = float(np.log(car[column]))
+        bracket = Bracket()
+        stride = 0.5 * item.reach
         tried = own + margin
-        low = -np.inf
-        high = np.inf
-        ahead = piece.reach
         try:
-            for _ in range(piece.plan.size.full_rounds):
-                if survives(car, tried):
-                    low = tried
-                else:
-                    high = tried
-                if np.isfinite(high - low):
-                    tried = 0.5 * (low + high)
-                else:
-                    tried += ahead if np.isfinite(low) else -ahead
-                    ahead *= 2.0
+            for _ in range(item.plan.size.full_rounds):
+                bracket = bracket.updated(tried, survives(car, tried))
+                stride *= 2.0
+                tried = float(bracket.next_value(tried, stride))
             survives(car, own)
         except UserError as error:
-            found["errors"].append(f"; {error}")
-        flips.append(tried if high - low <= piece.reach else None)
-    return found
+            result["errors"].append(f"; {error}")
+        is_narrow = bracket.lost - bracket.held <= item.reach
+        result["flips"].append(tried if is_narrow else None)
+    return result
 
 
-def run_full(piece: Piece) -> list[Row]:
+def run_full(item: WorkItem) -> list[Row]:
     """Runs full cars (m) in a turn, each at its own friction.
 
     Returns:
         A row per car: `survived` and `clean`, `trigger` s after the steering or None, and the
         figures of a survived run; or `error` of a car that could not be run.
     """
-    prior = prior_of(piece.plan)
-    return [_full_row(prior, piece.turn, np.array(car), piece.step) for car in piece.cars]
+    prior = prior_of(item.plan)
+    return [_full_row(prior, item.turn, np.array(car), item.step) for car in item.cars]
 
 
 def _full_row(prior: CarPrior, turn: Turn, car: FloatArray, step: float | None) -> Row:

@@ -20,15 +20,15 @@ from scipy.stats import norm, t
 
 from aerodima.optimisation.calibrate.calibration import Posterior, log_density, sample, spread_of
 from aerodima.optimisation.calibrate.calibration_plan import (
-    OFF,
-    OFF_ROLL,
+    DISCREPANCY,
+    ROLL_DISCREPANCY,
     SLIP,
     CarPrior,
     Figure,
     figures_of,
 )
-from aerodima.optimisation.calibrate.surrogate import Emulator
-from aerodima.optimisation.studies.runs import Runs
+from aerodima.optimisation.calibrate.surrogate import Surrogate
+from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.workbench.batch.row_store import content_key
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
@@ -63,35 +63,35 @@ class LeftOut:
 
 class Question(NamedTuple):
     """A table that is to be predicted from the figures of the others, by cars of a prior inside the
-    emulator's.
+    surrogate's.
     """
 
-    emulator: Emulator
+    surrogate: Surrogate
     figures: Sequence[Figure]
     table: str
     seed: int
     prior: CarPrior | None = None
 
 
-def predictions(questions: Sequence[Question], runs: Runs) -> list[LeftOut]:
-    """`leave_out` of each question, each once."""
+def predictions(questions: Sequence[Question], runs: CachedRunner) -> list[LeftOut]:
+    """Returns `leave_out` of each question, each once."""
     keys = [
         content_key("leave_out", hashlib.sha256(pickle.dumps(question)).hexdigest())
         for question in questions
     ]
     return [
         LeftOut(**row | {"rows": pd.DataFrame(row["rows"])})
-        for row in runs.call(_answer, questions, keys)
+        for row in runs.map(_answer, questions, keys)
     ]
 
 
 def _answer(question: Question) -> dict[str, Any]:
-    found = leave_out(*question)
-    return vars(found) | {"rows": found.rows.to_dict("records")}
+    prediction = leave_out(*question)
+    return vars(prediction) | {"rows": prediction.rows.to_dict("records")}
 
 
 def leave_out(
-    emulator: Emulator,
+    surrogate: Surrogate,
     figures: Sequence[Figure],
     table: str,
     seed: int,
@@ -100,47 +100,53 @@ def leave_out(
     """Predicts a table from the figures of the others; see `Question`."""
     own = [figure for figure in figures if figure.turn.table == table]
     others = [figure for figure in figures if figure not in own]
-    cars = sample(emulator, others, seed, prior).cars
-    survivors = _survivors(emulator, emulator.prior.draw(len(cars), seed), own[0], seed)
+    cars = sample(surrogate, others, seed, prior).cars
+    survivors = _survivors(surrogate, surrogate.prior.draw(len(cars), seed), own[0], seed)
     rng = np.random.default_rng(seed)
     rows = []
     for figure in own:
-        low, median, high = np.quantile(predicted(emulator, figure, cars, rng), BAND)
-        prior_low, _, prior_high = np.quantile(predicted(emulator, figure, survivors, rng), BAND)
-        inside = low <= figure.published <= high
+        low, median, high = np.quantile(predicted(surrogate, figure, cars, rng), BAND)
+        prior_low, _, prior_high = np.quantile(predicted(surrogate, figure, survivors, rng), BAND)
         rows.append(
-            (figure.name, figure.published, low, median, high, prior_low, prior_high, inside)
+            {
+                "figure": figure.name,
+                "published": figure.published,
+                "low": low,
+                "median": median,
+                "high": high,
+                "prior_low": prior_low,
+                "prior_high": prior_high,
+                "inside": low <= figure.published <= high,
+            }
         )
-    names = ["figure", "published", "low", "median", "high", "prior_low", "prior_high", "inside"]
-    known, guessed = (joint_density(emulator, own, drawn) for drawn in (cars, survivors))
-    return LeftOut(
-        table, pd.DataFrame(rows, columns=names), known, guessed, _constant(own, figures)
-    )
+    known = joint_density(surrogate, own, cars)
+    guessed = joint_density(surrogate, own, survivors)
+    return LeftOut(table, pd.DataFrame(rows), known, guessed, _constant(own, figures))
 
 
 def predicted(
-    emulator: Emulator, figure: Figure, cars: FloatArray, rng: np.random.Generator
+    surrogate: Surrogate, figure: Figure, cars: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
     """Draws (m) of what the thesis would have printed for cars (m, n)."""
-    values = emulator.value(cars, figure)
-    return values + spread_of(emulator, figure, cars, values) * rng.standard_normal(len(cars))
+    values = surrogate.value(cars, figure)
+    return values + spread_of(surrogate, figure, cars, values) * rng.standard_normal(len(cars))
 
 
-def joint_density(emulator: Emulator, figures: Sequence[Figure], cars: FloatArray) -> float:
-    """Logarithm of the density of figures together, averaged over cars (m, n)."""
-    logs = np.sum([log_density(emulator, figure, cars) for figure in figures], axis=0)
+def joint_density(surrogate: Surrogate, figures: Sequence[Figure], cars: FloatArray) -> float:
+    """Returns the logarithm of the density of figures together, averaged over cars (m, n)."""
+    logs = np.sum([log_density(surrogate, figure, cars) for figure in figures], axis=0)
     return float(logsumexp(logs) - np.log(len(cars)))
 
 
-def _survivors(emulator: Emulator, cars: FloatArray, figure: Figure, seed: int) -> FloatArray:
-    """Cars of the prior, drawn by their probability to survive the turn, as the printed one did."""
-    weight = emulator.survival(cars, figure.turn)
+def _survivors(surrogate: Surrogate, cars: FloatArray, figure: Figure, seed: int) -> FloatArray:
+    """Draws cars of the prior by their probability to survive the turn, as the printed one did."""
+    weight = surrogate.survival(cars, figure.turn)
     return cars[np.random.default_rng(seed).choice(len(cars), len(cars), p=weight / weight.sum())]
 
 
 def _constant(own: Sequence[Figure], figures: Sequence[Figure]) -> float:
-    """What the other tables say of the same metrics, with Student's t for so few; nan where only
-    one other does.
+    """Returns the density by the other tables' values of the same metrics, with Student's t for so
+    few; NaN where only one other has them.
     """
     total = 0.0
     for figure in own:
@@ -156,7 +162,9 @@ def _constant(own: Sequence[Figure], figures: Sequence[Figure]) -> float:
 
 
 def rigid(prior: CarPrior) -> CarPrior:
-    """The stiffest tyres of the prior, no latency, no bias, zero phase, no delay of the swing."""
+    """Returns the prior with its stiffest tyres, no latency, no bias, zero phase, no delay of the
+    swing.
+    """
     plan = prior.plan
     low = dict(zip(prior.names, prior.ranges[:, 0], strict=True))
     delay = float(low.get("controller.delay", 0.0))
@@ -174,40 +182,40 @@ def rigid(prior: CarPrior) -> CarPrior:
 
 
 def _playing(
-    emulator: Emulator, posterior: Posterior, rng: np.random.Generator
+    surrogate: Surrogate, posterior: Posterior, rng: np.random.Generator
 ) -> tuple[FloatArray, dict[str, bool]]:
-    """A posterior car (1, n) and how its turns end, one that survives every turn with a table."""
+    """Draws a posterior car (1, n) that survives every turn with a table, and how its turns end."""
     for _ in range(TRIES):
         car = posterior.cars[rng.integers(len(posterior.cars))][None]
-        ends = emulator.draw_outcomes(car, rng)
-        if all(ends[turn.name] for turn in emulator.prior.plan.turns if turn.table):
+        ends = surrogate.draw_outcomes(car, rng)
+        if all(ends[turn.name] for turn in surrogate.prior.plan.turns if turn.table):
             return car, ends
     raise UserError(f"none of {TRIES} posterior cars survives every turn with a table")
 
 
 def perfect_model(
-    emulator: Emulator,
+    surrogate: Surrogate,
     posterior: Posterior,
     tables: Sequence[str],
     number: int,
     seed: int,
-    runs: Runs,
+    runs: CachedRunner,
 ) -> float:
-    """Share of the figures of tables that lie in their 90 % interval when posterior cars play the
-    thesis.
+    """Returns the share of the figures of tables that lie in their 90 % interval when posterior
+    cars play the thesis.
     """
     rng = np.random.default_rng(seed)
-    plan = emulator.prior.plan
+    plan = surrogate.prior.plan
     questions = []
     for place in range(number):
-        car, ends = _playing(emulator, posterior, rng)
+        car, ends = _playing(surrogate, posterior, rng)
         turns = tuple(
             turn.model_copy(update={"ends": "survived" if ends[turn.name] else "flipped"})
             for turn in plan.turns
         )
-        played = replace(emulator, prior=CarPrior(plan.model_copy(update={"turns": turns})))
+        played = replace(surrogate, prior=CarPrior(plan.model_copy(update={"turns": turns})))
         figures = [
-            replace(f, published=float(predicted(emulator, f, car, rng)[0]))
+            replace(f, published=float(predicted(surrogate, f, car, rng)[0]))
             for f in figures_of(plan)
         ]
         questions += [Question(played, figures, table, seed + place) for table in tables]
@@ -235,7 +243,9 @@ class Measurement:
 
 
 def information(measurement: Measurement, cars: FloatArray, seed: int, draws: int = 400) -> float:
-    """Expected gain of a measurement over what posterior cars (m, n) know: information, nats."""
+    """Returns the expected gain of a measurement over what posterior cars (m, n) know: information,
+    nats.
+    """
     truth = measurement.value(cars)
     rng = np.random.default_rng(seed)
     seen = rng.choice(truth, draws) + measurement.deviation * rng.standard_normal(draws)
@@ -247,8 +257,8 @@ def information(measurement: Measurement, cars: FloatArray, seed: int, draws: in
 
 
 def measurements(prior: CarPrior) -> tuple[Measurement, ...]:
-    """What a lab with a scale, a ruler and a flat floor can measure of the real car:
-    `calibration/measurements.csv`.
+    """Reads the measurements that a lab with a scale, a ruler and a flat floor can make of the real
+    car: `calibration/measurements.csv`.
 
     Its deviations are in the unit of the parameter; without a parameter it is the angle of balance,
     in degrees.
@@ -267,7 +277,7 @@ def measurements(prior: CarPrior) -> tuple[Measurement, ...]:
 
 
 def _angle_of_balance(prior: CarPrior, cars: FloatArray) -> FloatArray:
-    """Roll at which cars (m) balance on the outer edges of their tyres, degrees."""
+    """Returns the roll at which cars (m) balance on the outer edges of their tyres, degrees."""
     width = load_scenario("turn_none").car.tyre_width
     track, height = (cars[:, prior.column(key)] for key in ("car.track", "car.com_height"))
     return np.degrees(np.arctan2(0.5 * (track + width), height))
@@ -276,30 +286,34 @@ def _angle_of_balance(prior: CarPrior, cars: FloatArray) -> FloatArray:
 def combinations(
     prior: CarPrior, cars: FloatArray, seed: int
 ) -> list[tuple[float, dict[str, float]]]:
-    """What the data determine best: variance over that of the prior, and its largest coordinates,
-    five of them.
+    """Finds what the data determine best: variance over that of the prior, and its largest
+    coordinates, five of them.
     """
     physical = [
-        index for index, name in enumerate(prior.names) if name not in ("forward", OFF, OFF_ROLL)
+        index
+        for index, name in enumerate(prior.names)
+        if name not in ("forward", DISCREPANCY, ROLL_DISCREPANCY)
     ]
     before, after = (prior.scaled(c)[:, physical] for c in (prior.draw(4000, seed), cars))
     ratios, vectors = eigh(np.cov(after.T), np.cov(before.T))
-    found = []
+    best = []
     for ratio, vector in list(zip(ratios, vectors.T, strict=True))[:5]:
         share = vector * np.std(before, axis=0)
+        share = share / np.linalg.norm(share)
         largest = np.argsort(-np.abs(share))[:4]
-        scale = np.linalg.norm(share)
-        found.append(
-            (float(ratio), {prior.names[physical[i]]: float(share[i] / scale) for i in largest})
-        )
-    return found
+        names = [prior.names[physical[index]] for index in largest]
+        best.append((float(ratio), dict(zip(names, share[largest].tolist(), strict=True))))
+    return best
 
 
-def brier(emulator: Emulator, cars: FloatArray) -> tuple[float, Mapping[str, float]]:
-    """Brier score of the published outcomes, and the probability of surviving each turn."""
-    chances = {
-        turn.name: float(np.mean(emulator.survival(cars, turn)))
-        for turn in emulator.prior.plan.turns
-    }
-    misses = [chances[turn.name] - (turn.ends == "survived") for turn in emulator.prior.plan.turns]
+def brier(surrogate: Surrogate, cars: FloatArray) -> tuple[float, Mapping[str, float]]:
+    """Returns the Brier score of the published outcomes, and the probability of surviving each
+    turn.
+    """
+    chances = {}
+    misses = []
+    for turn in surrogate.prior.plan.turns:
+        chance = float(np.mean(surrogate.survival(cars, turn)))
+        chances[turn.name] = chance
+        misses.append(chance - (turn.ends == "survived"))
     return float(np.mean(np.square(misses))), chances

@@ -18,19 +18,19 @@ from matplotlib.figure import Figure as Drawing
 from aerodima.optimisation.calibrate.calibration import (
     FineRuns,
     Posterior,
-    emulate,
+    fit_surrogate,
     run_fine,
     sample,
 )
 from aerodima.optimisation.calibrate.calibration_plan import (
-    OFF,
-    OFF_ROLL,
+    DISCREPANCY,
+    ROLL_DISCREPANCY,
     CalibrationPlan,
     CarPrior,
     Turn,
     figures_of,
 )
-from aerodima.optimisation.calibrate.surrogate import Emulator
+from aerodima.optimisation.calibrate.surrogate import Surrogate
 from aerodima.optimisation.calibrate.validation import (
     BAND,
     LeftOut,
@@ -43,7 +43,8 @@ from aerodima.optimisation.calibrate.validation import (
     predictions,
     rigid,
 )
-from aerodima.optimisation.studies.runs import Runs
+from aerodima.optimisation.studies.runs import CachedRunner
+from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.logs.schema import software_versions
@@ -73,6 +74,56 @@ SOON = 0.3
 """s after the steering command."""
 NEAR_A_BOUND = 0.05
 """Share of a prior's range: a median nearer to its end says that the prior decides."""
+LEAD = (
+    "The simulated car of the thesis and its car on the field are two systems that share a body. "
+    "Every figure is predicted by cars that have not seen its table."
+)
+INTERVALS = (
+    "Bars: 90 % intervals and medians, over the published figure (red line). Grey: those of "
+    "the prior's survivors."
+)
+FIGURE_COLUMNS = {
+    "figure": "{figure}",
+    "published": "{published:.3g}",
+    "median": "{median:.3g}",
+    "90 % interval": "{low:.3g} to {high:.3g}",
+    "of the prior": "{prior_low:.3g} to {prior_high:.3g}",
+    "inside": "{inside}",
+}
+"""Heading -> format of a row."""
+PARAMETER_COLUMNS = {
+    "parameter": "{parameter}",
+    "prior": "{prior_low:.3g} to {prior_high:.3g}",
+    "5 %": "{low:.3g}",
+    "median": "{median:.3g}",
+    "95 %": "{high:.3g}",
+    "deviation over the prior's": "{deviation_ratio:.3g}",
+}
+"""Heading -> format of a row."""
+MEASURE_COLUMNS = {
+    "quantity": "{quantity}",
+    "procedure": "{procedure}",
+    "expected gain [nats]": "{gain_nats:.2f}",
+}
+"""Heading -> format of a row."""
+DENSITY_COLUMNS = {
+    "table": "{table}",
+    "from the others": "{density:.1f}",
+    "of the prior": "{prior_density:.1f}",
+    "of constant values": "{constant_density:.1f}",
+}
+"""Heading -> format of a row."""
+OUTCOME_COLUMNS = {
+    "system": "{system}",
+    "tail": "{tail}",
+    "m/s": "{speed:g}",
+    "published": "{ends}",
+    "probability to survive": "{chance:.2f}",
+    "survived at the fine step": "{survived}",
+    "trigger [s]": "{trigger}",
+    "within 0.3 s": "{early}",
+}
+"""Heading -> format of a row."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +131,7 @@ class Result:
     """Everything that the pages say.
 
     Attributes:
-        emulator: what every turn shows, for any car.
+        surrogate: what every turn shows, for any car.
         posterior: given every figure.
         left_out: every table, predicted from the others.
         rigid_density: logarithm of the density of the last table with the stiffest tyres, given the
@@ -89,7 +140,7 @@ class Result:
         fine: cars of the ensemble, run with the full car at the fine step.
     """
 
-    emulator: Emulator
+    surrogate: Surrogate
     posterior: Posterior
     left_out: Sequence[LeftOut]
     rigid_density: float
@@ -98,7 +149,7 @@ class Result:
 
 
 def require_extra() -> None:
-    """UserError when a library of the extra `calibration` is missing."""
+    """Raises UserError when a library of the extra `calibration` is missing."""
     for library in ("emcee", "sklearn"):
         if find_spec(library) is None:
             raise UserError(
@@ -106,7 +157,7 @@ def require_extra() -> None:
             )
 
 
-def calibrate(plan: CalibrationPlan, runs: Runs, out: Path, played: int) -> Path:
+def calibrate(plan: CalibrationPlan, runs: CachedRunner, out: Path, played: int) -> Path:
     """Carries out a plan and writes its pages; runs that are kept are not made again.
 
     Returns the path of the page.
@@ -120,31 +171,31 @@ def calibrate(plan: CalibrationPlan, runs: Runs, out: Path, played: int) -> Path
     Raises:
         UserError: too few cars flip or survive in a turn of the plan.
     """
-    emulator = emulate(plan, runs)
+    surrogate = fit_surrogate(plan, runs)
     seed = plan.seed
     say = runs.say
     figures = figures_of(plan)
     tables = tuple(turn.table for turn in plan.turns if turn.table)
     say("posterior of the cars ...")
-    posterior = sample(emulator, figures, seed, steps=FINAL * plan.size.steps)
+    posterior = sample(surrogate, figures, seed, steps=FINAL * plan.size.steps)
     say(f"effective sample size {posterior.size:.0f}")
-    asked = [Question(emulator, figures, table, seed) for table in tables]
-    asked.append(asked[-1]._replace(prior=rigid(emulator.prior)))
+    asked = [Question(surrogate, figures, table, seed) for table in tables]
+    asked.append(asked[-1]._replace(prior=rigid(surrogate.prior)))
     runs.stage = "tables from the others"
     *left_out, stiff = predictions(asked, runs)
     if played:
-        perfect = perfect_model(emulator, posterior, tables[-2:], played, seed, runs)
+        perfect = perfect_model(surrogate, posterior, tables[-2:], played, seed, runs)
     else:
         perfect = np.nan
     fine = run_fine(plan, posterior, runs)
-    return write_pages(Result(emulator, posterior, left_out, stiff.density, perfect, fine), out)
+    return write_pages(Result(surrogate, posterior, left_out, stiff.density, perfect, fine), out)
 
 
 def write_pages(result: Result, out: Path) -> Path:
     """Writes both pages, their tables and an ensemble per system into a folder; the path of the
     first page.
     """
-    prior = result.emulator.prior
+    prior = result.surrogate.prior
     cars = result.posterior.cars
     figures = pd.concat([left.rows for left in result.left_out], ignore_index=True)
     systems = dict.fromkeys(turn.system for turn in prior.plan.turns)
@@ -166,160 +217,149 @@ def write_pages(result: Result, out: Path) -> Path:
 
 
 def validation_page(result: Result, figures: pd.DataFrame, parameters: pd.DataFrame) -> Page:
-    """What the calibration predicts, and how far to trust it."""
-    prior = result.emulator.prior
-    cars = result.posterior.cars
-    plan = prior.plan
-    score, chances = brier(result.emulator, cars)
-    outcomes = []
-    for turn in plan.turns:
-        planned = (turn.system, turn.tail, f"{turn.speed:g}", turn.ends)
-        outcomes.append((*planned, f"{chances[turn.name]:.2f}", *_fine_cells(result, turn)))
-    densities = []
-    for left in result.left_out:
-        values = (left.density, left.prior_density, left.constant_density)
-        densities.append((left.table, *(f"{value:.1f}" for value in values)))
-    known = []
-    for ratio, weights in combinations(prior, cars, plan.seed):
-        terms = [f"{weight:+.2f} {name}" for name, weight in weights.items()]
-        known.append((f"{ratio:.3f}", ", ".join(terms)))
-    drawn = Plot(
-        _forest(figures),
-        "Bars: 90 % intervals and medians, over the published figure (red line). Grey: those of "
-        "the prior's survivors.",
-        "Predicted over published figures",
-        "figures",
-    )
+    """Makes the page of what the calibration predicts, and how far to trust it."""
+    plan = result.surrogate.prior.plan
+    score, chances = brier(result.surrogate, result.posterior.cars)
     reasons = [f"{name.replace('_', ' ')} ({why})" for name, why in plan.left_out.items()]
-    missing = "; ".join(reasons) or "none"
+    missing = f"No car of the prior reaches these: {'; '.join(reasons) or 'none'}."
+    intervals = Plot(_forest(figures), INTERVALS, "Predicted over published figures", "figures")
+    misses = np.flatnonzero(~figures.inside.to_numpy(bool)).tolist()
+    shown = figures.assign(
+        figure=figures.figure.str.replace("_", " "),
+        inside=figures.inside.map({True: "yes", False: "no"}),
+    )
+    near_a_bound = np.flatnonzero(parameters.near_a_bound).tolist()
+    link = Link(MEASURE, "Measurements in the order of their information")
+    contents: dict[str, list[Any]] = {
+        "Result": [Finding(_findings(result, figures, parameters, score)), intervals],
+        "Published figures": [_table(shown, FIGURE_COLUMNS, misses), missing],
+        "Logarithm of the density of each table": _densities(result),
+        "Outcomes": [_outcomes(result, chances)],
+        "Parameters": [_table(parameters, PARAMETER_COLUMNS, near_a_bound)],
+        "What the data determine best": [_combinations(result)],
+        "What to measure next": [link],
+    }
+    sections = [Section(title, parts) for title, parts in contents.items()]
+    return Page("What the calibrated cars predict", LEAD, sections)
+
+
+def _table(frame: pd.DataFrame, columns: Mapping[str, str], marked: Sequence[int] = ()) -> Table:
+    """Makes a table whose columns are headings and formats of a row of the frame."""
+    rows = []
+    for row in frame.to_dict("records"):
+        values = {str(name): value for name, value in row.items()}
+        rows.append([words.format(**values) for words in columns.values()])
+    return Table(list(columns), rows, marked)
+
+
+def _densities(result: Result) -> list[Any]:
+    """Returns the table of the densities of left-out tables, and a sentence on rigid tyres."""
+    densities = pd.DataFrame([vars(left) for left in result.left_out])
     last = result.left_out[-1]
-    before = (
+    rigid_words = (
         "With the stiffest tyres of the prior and without latency, bias and delay, "
         f"{last.table} has {result.rigid_density:.1f}; now it has {last.density:.1f}."
     )
-    of_outcomes = (
-        "system",
-        "tail",
-        "m/s",
-        "published",
-        "probability to survive",
-        "survived at the fine step",
-    )
-    of_parameters = ("parameter", "prior", "5 %", "median", "95 %", "deviation over the prior's")
-    rows = [_parameter_cells(row) for row in parameters.to_dict("records")]
-    near_a_bound = np.flatnonzero(parameters.near_a_bound).tolist()
-    heads = ("table", "from the others", "of the prior", "of constant values")
-    return Page(
-        "What the calibrated cars predict",
-        "The simulated car of the thesis and its car on the field are two systems that share a "
-        "body. Every figure is "
-        "predicted by cars that have not seen its table.",
-        [
-            Section("Result", [Finding(_findings(result, figures, parameters, score)), drawn]),
-            Section(
-                "Published figures",
-                [_figure_table(figures), f"No car of the prior reaches these: {missing}."],
-            ),
-            Section(
-                "Logarithm of the density of each table",
-                [Table(heads, densities), before],
-            ),
-            Section("Outcomes", [Table((*of_outcomes, "trigger [s]", "within 0.3 s"), outcomes)]),
-            Section(
-                "Parameters",
-                [Table(of_parameters, rows, near_a_bound)],
-            ),
-            Section(
-                "What the data determine best",
-                [Table(("variance over the prior's", "combination"), known)],
-            ),
-            Section(
-                "What to measure next",
-                [Link(MEASURE, "Measurements in the order of their information")],
-            ),
-        ],
-    )
+    return [_table(densities, DENSITY_COLUMNS), rigid_words]
+
+
+def _outcomes(result: Result, chances: Mapping[str, float]) -> Table:
+    """Makes the table of outcomes: published, by the surrogate, and of the fine runs."""
+    rows = []
+    for turn in result.surrogate.prior.plan.turns:
+        row = {**turn.model_dump(), "chance": chances[turn.name]}
+        rows.append(row | _fine_runs(result.fine.rows[turn.name], turn))
+    return _table(pd.DataFrame(rows), OUTCOME_COLUMNS)
+
+
+def _fine_runs(rows: Sequence[Row], turn: Turn) -> dict[str, str]:
+    """Returns how many of the fine runs survived, when the swing of the median begins, and the
+    share of early swings.
+    """
+    made = [row for row in rows if "error" not in row]
+    survived = sum(row["survived"] for row in made)
+    words = {"survived": f"{survived} of {len(made)}", "trigger": "-", "early": "-"}
+    if turn.tail == "swing":
+        started = np.array([np.inf if row["trigger"] is None else row["trigger"] for row in made])
+        middle = np.median(started)
+        words["trigger"] = f"{middle:.2f}" if np.isfinite(middle) else "never"
+        words["early"] = f"{np.mean(started <= SOON):.0%}"
+    return words
+
+
+def _combinations(result: Result) -> Table:
+    prior = result.surrogate.prior
+    rows = []
+    for ratio, weights in combinations(prior, result.posterior.cars, prior.plan.seed):
+        terms = [f"{weight:+.2f} {name}" for name, weight in weights.items()]
+        rows.append((f"{ratio:.3f}", ", ".join(terms)))
+    return Table(("variance over the prior's", "combination"), rows)
 
 
 def _findings(
     result: Result, figures: pd.DataFrame, parameters: pd.DataFrame, score: float
 ) -> list[str]:
-    plan = result.emulator.prior.plan
-    prior = result.emulator.prior
-    of_the_field = figures[figures.figure.str.startswith(FIELD_TABLES)]
-    missing = sum(name.startswith(FIELD_TABLES) for name in plan.left_out)
+    prior = result.surrogate.prior
+    plan = prior.plan
     posterior = result.posterior
-    off = np.quantile(posterior.cars[:, prior.column(OFF)], BAND)
-    off_roll = np.quantile(posterior.cars[:, prior.column(OFF_ROLL)], BAND)
-    played = []
-    if not np.isnan(result.perfect):
-        played.append(
-            f"When posterior cars play the thesis, {result.perfect:.0%} of the figures lie in "
-            "their intervals."
-        )
-    of_the_prior = of_the_field.prior_high - of_the_field.prior_low
-    widths = (of_the_field.high - of_the_field.low) / of_the_prior
-    held = ", ".join(parameters[parameters.near_a_bound].parameter)
-    if held:
-        near_a_bound = f"These medians lie near the end of their prior: {held}."
-    else:
-        near_a_bound = "No median lies near the end of its prior."
-    return [
-        f"Of {len(of_the_field) + missing} figures of the car on the field "
-        f"{int(of_the_field.inside.sum())} lie in "
-        f"their 90 % interval, each predicted without its own table; {missing} that no car "
+    field = figures[figures.figure.str.startswith(FIELD_TABLES)]
+    missing = sum(name.startswith(FIELD_TABLES) for name in plan.left_out)
+    low, median, high = np.quantile(posterior.cars[:, prior.column(DISCREPANCY)], BAND)
+    roll_low, roll, roll_high = np.quantile(posterior.cars[:, prior.column(ROLL_DISCREPANCY)], BAND)
+    widths = (field.high - field.low) / (field.prior_high - field.prior_low)
+    near = ", ".join(parameters[parameters.near_a_bound].parameter)
+    sentences = [
+        f"Of {len(field) + missing} figures of the car on the field {int(field.inside.sum())} lie "
+        f"in their 90 % interval, each predicted without its own table; {missing} that no car "
         "reaches counts as a miss.",
-        f"The discrepancy of the model is {off[1]:.0%} of a rate or an acceleration (90 %: "
-        f"{off[0]:.0%} to "
-        f"{off[2]:.0%}) and {off_roll[1]:.0%} of a roll integral ({off_roll[0]:.0%} to "
-        f"{off_roll[2]:.0%}).",
-        f"The Brier score of the {len(plan.turns)} outcomes, to which the cars are held, is "
+        f"The discrepancy of the model is {median:.0%} of a rate or an acceleration (90 %: "
+        f"{low:.0%} to {high:.0%}) and {roll:.0%} of a roll integral ({roll_low:.0%} to "
+        f"{roll_high:.0%}).",
+        f"The Brier score of the {len(plan.turns)} outcomes, which the cars are fitted to, is "
         f"{score:.3f}.",
-        *played,
         f"These intervals are {np.median(widths):.0%} as wide as those of the prior alone "
         "(median).",
         f"The effective sample size is {posterior.size:.0f}; the chains are "
-        f"{posterior.length:.0f} "
-        "autocorrelation times long.",
-        near_a_bound,
+        f"{posterior.length:.0f} autocorrelation times long.",
+        "No median lies near the end of its prior.",
     ]
-
-
-def _figure_table(figures: pd.DataFrame) -> Table:
-    names = ("figure", "published", "median", "90 % interval", "of the prior", "inside")
-    marked = [index for index, inside in enumerate(figures.inside) if not inside]
-    return Table(names, [_figure_cells(row) for row in figures.to_dict("records")], marked)
+    if near:
+        sentences[-1] = f"These medians lie near the end of their prior: {near}."
+    if not np.isnan(result.perfect):
+        sentences.insert(
+            3,
+            f"When posterior cars play the thesis, {result.perfect:.0%} of the figures lie in "
+            "their intervals.",
+        )
+    return sentences
 
 
 def measure_page(measured: pd.DataFrame) -> Page:
-    """Measurements of the real car, most informative first, with their procedures."""
-    rows = [
-        (row["quantity"], row["procedure"], f"{row['gain_nats']:.2f}")
-        for row in measured.to_dict("records")
-    ]
-    quantity, _, gain = rows[0]
+    """Makes the page of measurements of the real car, most informative first, with their
+    procedures.
+    """
+    first = measured.iloc[0]
     lead = (
-        f"Measure the {quantity} first: it is expected to tell {gain} nats beyond the "
-        "published figures."
+        f"Measure the {first.quantity} first: it is expected to tell {first.gain_nats:.2f} nats "
+        "beyond the published figures."
     )
-    table = Table(("quantity", "procedure", "expected gain [nats]"), rows)
+    table = _table(measured, MEASURE_COLUMNS)
     return Page("What to measure next", lead, [Section("Measurements", [table])])
 
 
 def measure_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
-    """Gain of every measurement in nats, largest first."""
-    names = ["quantity", "procedure", "deviation", "gain_nats"]
+    """Computes the gain of every measurement in nats, largest first."""
+    seed = prior.plan.seed
     rows = []
-    for m in measurements(prior):
-        gain = information(m, cars, prior.plan.seed)
-        rows.append((m.name, m.how, m.deviation, gain))
-    table = pd.DataFrame(rows, columns=names)
-    return table.sort_values("gain_nats", ascending=False, ignore_index=True)
+    for one in measurements(prior):
+        row = {"quantity": one.name, "procedure": one.how, "deviation": one.deviation}
+        rows.append(row | {"gain_nats": information(one, cars, seed)})
+    return pd.DataFrame(rows).sort_values("gain_nats", ascending=False, ignore_index=True)
 
 
 def parameter_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
-    """Per coordinate: prior, quantiles, deviation over that of the prior, and whether its median is
-    near an end.
+    """Computes per coordinate: prior, quantiles, deviation over that of the prior, and whether its
+    median is near an end.
     """
     reference = prior.draw(2000, prior.plan.seed)
     rows = []
@@ -330,23 +370,26 @@ def parameter_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
         share = (median - first) / (last - first)
         near = name != "forward" and min(share, 1.0 - share) < NEAR_A_BOUND
         learnt = float(np.std(values) / np.std(reference[:, index]))
-        rows.append((name, first, last, low, median, high, learnt, near))
-    names = [
-        "parameter",
-        "prior_low",
-        "prior_high",
-        "low",
-        "median",
-        "high",
-        "deviation_ratio",
-        "near_a_bound",
-    ]
-    return pd.DataFrame(rows, columns=names)
+        rows.append(
+            {
+                "parameter": name,
+                "prior_low": first,
+                "prior_high": last,
+                "low": low,
+                "median": median,
+                "high": high,
+                "deviation_ratio": learnt,
+                "near_a_bound": near,
+            }
+        )
+    return pd.DataFrame(rows)
 
 
 def ensemble_text(result: Result, system: Platform) -> str:
-    """The cars of the fine runs in one system as the text of an ensemble file, equally likely."""
-    prior = result.emulator.prior
+    """Returns the cars of the fine runs in one system as the text of an ensemble file, equally
+    likely.
+    """
+    prior = result.surrogate.prior
     plan = prior.plan
     cars = result.fine.cars
     keys = {*plan.body, *plan.each}
@@ -383,40 +426,6 @@ def ensemble_text(result: Result, system: Platform) -> str:
         )
         lines.append(f"- {{name: car{index:03d}, weight: {weight:.6g}, values: {{{values}}}}}")
     return "\n".join(lines) + "\n"
-
-
-def _fine_cells(result: Result, turn: Turn) -> tuple[str, str, str]:
-    """How many of the fine runs survived, when the swing of the median begins, and the share of
-    early swings.
-    """
-    rows = [row for row in result.fine.rows[turn.name] if "error" not in row]
-    survived = f"{sum(row['survived'] for row in rows)} of {len(rows)}"
-    if turn.tail != "swing":
-        return survived, "-", "-"
-    started = np.array([np.inf if row["trigger"] is None else row["trigger"] for row in rows])
-    middle = np.median(started)
-    begins = f"{middle:.2f}" if np.isfinite(middle) else "never"
-    early = np.mean(started <= SOON)
-    return survived, begins, f"{early:.0%}"
-
-
-def _figure_cells(row: Mapping[Any, Any]) -> tuple[str, ...]:
-    return (
-        row["figure"].replace("_", " "),
-        f"{row['published']:.3g}",
-        f"{row['median']:.3g}",
-        f"{row['low']:.3g} to {row['high']:.3g}",
-        f"{row['prior_low']:.3g} to {row['prior_high']:.3g}",
-        "yes" if row["inside"] else "no",
-    )
-
-
-def _parameter_cells(row: Mapping[Any, Any]) -> tuple[str, ...]:
-    return (
-        row["parameter"],
-        f"{row['prior_low']:.3g} to {row['prior_high']:.3g}",
-        *(f"{row[name]:.3g}" for name in ("low", "median", "high", "deviation_ratio")),
-    )
 
 
 def _forest(figures: pd.DataFrame) -> Drawing:

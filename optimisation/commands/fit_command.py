@@ -31,9 +31,7 @@ _MOST_SHOWN = 20
 
 @dataclass(frozen=True)
 class LogFit:
-    """Which logs are fitted, on which rig they were made, what of it is an unknown, and where the
-    results go.
-    """
+    """Options of a fit of logs: logs, rig, unknowns, and the folder of the results."""
 
     logs: Annotated[list[Path], typer.Argument(help="Logs (Parquet).")]
     out: Out
@@ -63,8 +61,8 @@ class LogFit:
     ] = None
 
     def options(self, *kinds: str) -> FitOptions:
-        """The choices for logs of some kinds; what is wrong with them is refused here, once and not
-        for every log.
+        """Returns the choices for logs of some kinds; what is wrong with them is refused here, once
+        and not for every log.
         """
         from aerodima.optimisation.identify.fit_options import KNOWLEDGE
         from aerodima.optimisation.identify.huber import LOSSES
@@ -143,7 +141,7 @@ class LogFit:
 
 
 def show(results: list[FitResult]) -> None:
-    """The first results, with their warnings."""
+    """Prints the first results, with their warnings."""
     for result in results[:_MOST_SHOWN]:
         values = ", ".join(
             f"{e.name} {optimisation.format_estimate(e, unit=True)}" for e in result.free
@@ -159,14 +157,16 @@ def show(results: list[FitResult]) -> None:
 
 
 def averages(results: list[FitResult], out: Path) -> Extra:
-    """All averages of every parameter over the logs."""
+    """Computes all averages of every parameter over the logs."""
     from aerodima.optimisation.identify.coefficient_averages import averages_table
 
     return {"averages": averages_table(results)}, []
 
 
 def static_tables(results: list[FitResult], out: Path) -> Extra:
-    """Coefficient files of what the logs span; averages per tail, axis, angle and wind speed."""
+    """Writes coefficient files of what the logs span; averages per tail, axis, angle and wind
+    speed.
+    """
     from dataclasses import replace
 
     from aerodima.optimisation.identify.coefficient_averages import (
@@ -186,7 +186,7 @@ def static_tables(results: list[FitResult], out: Path) -> Extra:
 
 
 def robot_tables(results: list[FitResult], out: Path) -> Extra:
-    """A coefficient file of the bins, and all averages."""
+    """Writes a coefficient file of the bins, and all averages."""
     from aerodima.optimisation.identify.coefficient_averages import robot_tail_set, write_sets
 
     found = robot_tail_set(results)
@@ -196,14 +196,14 @@ def robot_tables(results: list[FitResult], out: Path) -> Extra:
 
 
 def choice(flag: str, given: str, allowed: tuple[Any, ...]) -> Any:
-    """`given`, when it is one of the allowed words; FitError otherwise."""
+    """Returns `given`, when it is one of the allowed words; FitError otherwise."""
     if given not in allowed:
         raise FitError(f"{flag} {given}: allowed: {', '.join(allowed)}")
     return given
 
 
 def bounds_of(given: list[str] | None) -> tuple[tuple[str, float, float], ...]:
-    """`name=low,high` as name and two numbers; FitError where that cannot be read."""
+    """Reads `name=low,high` as name and two numbers; FitError where that cannot be read."""
     found = []
     for text in given or []:
         name, _, numbers = text.partition("=")

@@ -245,7 +245,7 @@ def _against_logged_current(result: FitResult, data: StaticData) -> list[str]:
     A held tail sticks: within its Coulomb friction the motor need not hold it.
     """
     current = result["current"]
-    if not (math.isfinite(data.current) and current.identifiable) or current.fixed:
+    if not (math.isfinite(data.current) and current.identifiable) or current.frozen:
         return []
     motor = data.scenario.maxon.torque_constant
     stuck = data.scenario.friction.coulomb / motor

@@ -1,5 +1,6 @@
-"""The suite of manoeuvres by name, the two tails, and the candidates, which are never mixed with
-another tail's.
+"""The suite of manoeuvres, tails and candidates by name, from `models/entry/suite.yaml`.
+
+Candidates are never mixed with another tail's.
 """
 
 from __future__ import annotations
@@ -7,81 +8,71 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from pydantic import Field
+
 from aerodima.optimisation.judge.candidate import (
-    BEST_SWING,
     HELD,
     LOW_BALLAST,
     NO_TAIL,
     THESIS,
     Candidate,
-    own_law,
+    ListedCandidate,
     read_candidates,
-    refuse_twice,
+    require_unique,
+    user_law,
 )
-from aerodima.optimisation.judge.entry_speed import EntryFloor, Manoeuvre
-from aerodima.workbench.core.checked_files import nearest
+from aerodima.optimisation.judge.entry_speed import Case, Manoeuvre, Surface
+from aerodima.workbench.core.checked_files import StrictModel, checked, nearest, read_yaml
 from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.ensemble import Member
 from aerodima.workbench.scenario.scenario import load_scenario
 
-DRIVERS = tuple(
-    (
-        f"manoeuvre.driver_preview={preview}",
-        f"manoeuvre.driver_correction={correction}",
-        f"manoeuvre.driver_lag={lag}",
-    )
-    for preview, correction, lag in (
-        (0.28, 1.2, 0.1),
-        (0.28, 2.4, 0.1),
-        (0.28, 0.4, 0.15),
-        (0.24, 0.8, 0.15),
-    )
-)
-"""Four of 90 drivers that together serve six reduced training cars best on both paths (no tail, low
-ballast, tail lying, feedback law)."""
-MANOEUVRES = {
-    "turn": Manoeuvre("turn", "entry_turn"),
-    "held-turn": Manoeuvre("held turn", "entry_held_turn"),
-    "twice": Manoeuvre("twice", "entry_twice"),
-    "twice-late": Manoeuvre(
-        "twice, 2 s apart", "entry_twice", ("manoeuvre.turn_gap=2.0", "manoeuvre.duration=6.5")
-    ),
-    "fishhook": Manoeuvre("fishhook", "entry_fishhook"),
-    "lane-change": Manoeuvre("lane change", "entry_lane_change", rule="path", drivers=DRIVERS),
-    "slalom": Manoeuvre("slalom", "entry_slalom"),
-    "corner": Manoeuvre("corner", "entry_corner", rule="path", drivers=DRIVERS),
-    "rising-steer": Manoeuvre("rising steer", "entry_rising_steer"),
-}
-"""By the name that asks for one."""
-TRAINED_ON = ("turn", "held-turn", "fishhook", "lane-change")
-"""Manoeuvres that a search of a law sees; all others, and the test cars, are never seen by one."""
-FEEDBACK = Candidate("feedback", ("tail.mode=swing", "controller.law=feedback"))
-_STILL = tuple(f"feedback.{gain}_gain=0" for gain in ("lean", "roll", "roll_rate", "yaw_rate"))
-UPRIGHT = Candidate("upright and still", (*FEEDBACK.settings, *_STILL, "feedback.pitch_angle=0"))
-LYING = Candidate("lying back and still", (*FEEDBACK.settings, *_STILL))
-CANDIDATES = {
+SCHEMA = "aerodima/entry-suite/1"
+FRICTION_SCALES = (0.2, 2.0)
+"""Lowest and highest friction of a surface over that of the car."""
+
+
+class SuiteFile(StrictModel):
+    """The suite as its file has it; the file says what each entry means."""
+
+    schema_: str = Field(alias="schema")
+    manoeuvres: dict[str, Manoeuvre]
+    training: tuple[str, ...]
+    comparison: tuple[str, ...]
+    tails: dict[str, str]
+    mount_keys: tuple[str, ...]
+    candidates: dict[str, ListedCandidate]
+    default: tuple[str, ...]
+
+
+_PATH = model_path("entry/suite.yaml")
+_SUITE = checked(SuiteFile, read_yaml(_PATH), str(_PATH), SweepError, schema=SCHEMA)
+MANOEUVRES = _SUITE.manoeuvres
+"""Name that asks for one -> manoeuvre."""
+TRAINING_MANOEUVRES = _SUITE.training
+"""Names of manoeuvres that a search of a law sees."""
+COMPARISON_SETTINGS = _SUITE.comparison
+"""Settings of every run of a comparison."""
+TAILS = _SUITE.tails
+"""Name of a tail -> scenario that it is taken from; empty for that of each car."""
+MOUNT_KEYS = _SUITE.mount_keys
+"""Numbers of a tail that stay those of the manoeuvre and the car."""
+NAMED_CANDIDATES = {
     "none": NO_TAIL,
     "low-ballast": LOW_BALLAST,
     "held": HELD,
-    "upright": UPRIGHT,
-    "lying": LYING,
     "published": THESIS,
-    "feedback": FEEDBACK,
+    **{name: one.candidate() for name, one in _SUITE.candidates.items()},
 }
-"""By the name that asks for one; all of them unless somebody asks for others."""
-NAMED = {**CANDIDATES, "best_swing": BEST_SWING}
-"""All that a name asks for."""
-AT_ONCE = ("controller.delay=0.0",)
-"""Laws are compared without the delay of the published one, which belongs to that law and not to
-the car."""
-TAILS = {"built": None, "designed": "turn_designed"}
-"""Scenario that a tail is taken from; the built one is that of each car."""
-OF_THE_MOUNT = ("mode", "roll_stop", "mount_height", "mount_x")
-"""Numbers of a tail that stay those of the manoeuvre and the car."""
+"""Name that asks for one -> candidate."""
+CANDIDATES = {name: NAMED_CANDIDATES[name] for name in _SUITE.default}
+"""Those that are taken unless others are asked for."""
+FEEDBACK = NAMED_CANDIDATES["feedback"]
 
 
-def manoeuvres(names: Sequence[str], tail: str) -> list[Manoeuvre]:
-    """Manoeuvres by name with one of the `TAILS`.
+def select_manoeuvres(names: Sequence[str], tail: str) -> list[Manoeuvre]:
+    """Returns manoeuvres by name with one of the `TAILS`.
 
     Raises:
         SweepError: no such manoeuvre or tail; one named twice.
@@ -91,43 +82,42 @@ def manoeuvres(names: Sequence[str], tail: str) -> list[Manoeuvre]:
     for name in names:
         if name not in MANOEUVRES:
             raise SweepError(f"manoeuvre {name!r}: {nearest(name, list(MANOEUVRES))}")
-    refuse_twice(list(names), "manoeuvre")
+    require_unique(names, "manoeuvre")
+    common = list(COMPARISON_SETTINGS)
     source = TAILS[tail]
-    own: tuple[str, ...] = ()
-    if source is not None:
-        values = dict(load_scenario(source).tail)
-        own = tuple(
-            f"tail.{key}={value}" for key, value in values.items() if key not in OF_THE_MOUNT
-        )
-    found = [MANOEUVRES[name] for name in names]
-    return [replace(one, settings=(*one.settings, *AT_ONCE, *own)) for one in found]
+    if source:
+        for key, value in load_scenario(source).tail:
+            if key not in MOUNT_KEYS:
+                common.append(f"tail.{key}={value}")
+    chosen = [MANOEUVRES[name] for name in names]
+    return [replace(one, settings=(*one.settings, *common)) for one in chosen]
 
 
-def candidates(names: Sequence[str], laws: Sequence[str] = ()) -> list[Candidate]:
-    """Candidates of `read_candidates` and `own_law`; the car without tail is the first one."""
+def select_candidates(names: Sequence[str], laws: Sequence[str] = ()) -> list[Candidate]:
+    """Returns candidates of `read_candidates` and `user_law`; the car without tail comes first."""
     scenario = MANOEUVRES["turn"].scenario
-    found = [
-        *read_candidates(names, NAMED, scenario),
-        *(own_law(place, scenario) for place in laws),
-    ]
-    refuse_twice([one.name for one in found], "candidate")
-    return found
+    chosen = read_candidates(names, NAMED_CANDIDATES, scenario)
+    chosen += [user_law(path, scenario) for path in laws]
+    require_unique([one.name for one in chosen], "candidate")
+    return chosen
 
 
-def floors(cars: Sequence[Member], shares: Sequence[float]) -> list[tuple[Member, EntryFloor]]:
-    """Cars on floors whose friction is a share of the car's own.
+def make_surfaces(cars: Sequence[Member], friction_scales: Sequence[float]) -> list[Case]:
+    """Pairs cars with surfaces whose friction is a multiple of the car's own.
 
     Raises:
-        SweepError: a share out of range, or one that is named twice.
+        SweepError: a friction scale out of range, or one that is named twice.
     """
-    refuse_twice([f"{share:g}" for share in shares], "floor")
-    found = []
-    for share in shares:
-        if not 0.2 <= share <= 2.0:
-            raise SweepError(f"floor {share:g}: allowed: 0.2 to 2 times the friction of the car")
-        for car in cars:
-            friction = load_scenario("turn_none", car.settings_on("turn_none")).car.tyre_friction
-            found.append(
-                (car, EntryFloor(f"x {share:g}", (f"car.tyre_friction={share * friction:.6g}",)))
+    require_unique([f"{scale:g}" for scale in friction_scales], "floor")
+    low, high = FRICTION_SCALES
+    cases = []
+    for scale in friction_scales:
+        if not low <= scale <= high:
+            raise SweepError(
+                f"floor {scale:g}: must be {low:g} to {high:g} times the friction of the car"
             )
-    return found
+        for car in cars:
+            own = load_scenario("turn_none", car.settings_on("turn_none")).car.tyre_friction
+            setting = f"car.tyre_friction={scale * own:.6g}"
+            cases.append((car, Surface(f"x {scale:g}", (setting,))))
+    return cases

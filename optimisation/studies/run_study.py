@@ -20,10 +20,21 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from aerodima.optimisation.studies.runs import Runs, RunTask, load_any_scenario, make_frame, run_key
+from aerodima.optimisation.studies.runs import (
+    CachedRunner,
+    RunTask,
+    load_any_scenario,
+    make_frame,
+    run_key,
+)
 from aerodima.optimisation.studies.study import PlannedRun, Study, check_factors, plan_runs
 from aerodima.workbench.batch.engine import Engine
-from aerodima.workbench.batch.row_store import ProgressLine, RowStore, saying_how_to_go_on, silent
+from aerodima.workbench.batch.row_store import (
+    ProgressLine,
+    RowStore,
+    no_progress,
+    print_resume_hint,
+)
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.logs.schema import software_versions
@@ -44,9 +55,9 @@ def run_study(
     engine: Engine,
     *,
     force: bool = False,
-    progress: ProgressLine = silent,
+    progress: ProgressLine = no_progress,
 ) -> pd.DataFrame:
-    """The table of a study; one that was stopped goes on where it was.
+    """Runs a study and returns its table; one that was stopped goes on where it was.
 
     Args:
         study: what to run.
@@ -80,8 +91,8 @@ def run_study(
             f"{number} runs, {there} there already; {engine.workers} at a time, results in {out}"
         )
         start = time.monotonic()
-        with saying_how_to_go_on(progress, lambda: f"{len(store.rows)} of {number} runs"):
-            rows = Runs(engine, store, progress).rows(tasks)
+        with print_resume_hint(progress, lambda: f"{len(store.rows)} of {number} runs"):
+            rows = CachedRunner(engine, store, progress).rows(tasks)
         seconds = time.monotonic() - start
         new = len(store.rows) - there
         frame = make_frame([run.place | row for run, row in zip(runs, rows, strict=True)])
@@ -97,7 +108,7 @@ def run_study(
 
 
 def _identity(study: Study, runs: Sequence[PlannedRun]) -> dict[str, Any]:
-    """What must be the same for results to belong together."""
+    """Returns what must be the same for results to belong together."""
     tasks = json.dumps([[run.task.scenario, run.task.settings, run.task.signals] for run in runs])
     bases = {
         name: load_any_scenario(name).resolved()
@@ -116,7 +127,7 @@ def _identity(study: Study, runs: Sequence[PlannedRun]) -> dict[str, Any]:
 def _with_logs(
     out: Path, runs: Sequence[PlannedRun], store: RowStore, force: bool
 ) -> list[RunTask]:
-    """Tasks that keep their logs; a run whose log is not there any more is made again."""
+    """Makes tasks that keep their logs; a run whose log is missing is made again."""
     tasks = []
     for run in runs:
         path = out / str(run.place["log"])
@@ -140,7 +151,7 @@ def _how_it_went(frame: pd.DataFrame, number: int, seconds: float, engine: Engin
 
 
 def open_store(folder: Path, identity: Mapping[str, Any], *, force: bool = False) -> RowStore:
-    """The rows of a study in a folder of its own; SweepError as `RowStore`."""
+    """Opens the rows of a study in a folder of its own; SweepError as `RowStore`."""
     store = RowStore(folder / ROWS, identity, force=force, alone=True, error=SweepError)
     if force:
         (folder / TABLE).unlink(missing_ok=True)
@@ -166,7 +177,7 @@ def write_table(
 
 
 def read_table(folder: Path) -> pd.DataFrame:
-    """The finished table of a folder; SweepError where there is none."""
+    """Reads the finished table of a folder; SweepError where there is none."""
     path = folder / TABLE
     if not path.is_file():
         raise SweepError(f"{path}: no such table; `aerodima sweep run` makes it")

@@ -25,8 +25,8 @@ from aerodima.workbench.batch.row_store import (
     Row,
     RowStore,
     content_key,
-    saying_how_to_go_on,
-    silent,
+    no_progress,
+    print_resume_hint,
 )
 from aerodima.workbench.control.swing_library import NO_SWING, find_swing
 from aerodima.workbench.control.user_law import in_words, load_law
@@ -39,14 +39,12 @@ from aerodima.workbench.scenario.scenario import Scenario, default_values
 WORKER_LOST = "its worker process was lost"
 """Begins the error of a run whose worker died under it again and again."""
 
-DRIVING = 0.9
+MIN_SPEED_SHARE = 0.9
 """Share of the commanded speed that a car must have reached when its turn begins."""
 
 FINE_STEP = 0.0005
 """Step of the plant at which claims are made, s; a fourth of that of ordinary runs."""
 Item = TypeVar("Item")
-Done = Callable[[int, Any], None]
-"""Told the place of a new row and the row, in the order in which they finish."""
 WORKER_LOST_AGAIN = (
     f"{WORKER_LOST} again and again, also alone in the cluster (out of memory, or "
     "a crash in the solver)"
@@ -98,7 +96,7 @@ class RunTask:
 
 
 def load_any_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenario | RigScenario:
-    """A scenario of the car or of a rig, by its path or by the name of one that ships;
+    """Loads a scenario of the car or of a rig, by its path or by the name of one that ships;
     ScenarioError as `load`.
     """
     path = Path(name_or_path)
@@ -110,7 +108,7 @@ def load_any_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenar
 
 
 def step_settings(step: float) -> tuple[str, ...]:
-    """Settings of a step of the plant, s."""
+    """Returns the settings of a step of the plant, s."""
     return (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")
 
 
@@ -150,11 +148,11 @@ def tipped_before_turn(row: Mapping[Any, Any]) -> bool:
     commanded = row.get("commanded_speed_m_per_s")
     if row["outcome"] != "flipped" or speed is None or commanded is None:
         return False
-    return float(speed) < DRIVING * float(commanded)
+    return float(speed) < MIN_SPEED_SHARE * float(commanded)
 
 
 def failed_row(task: RunTask, error: str, scenario: Scenario | RigScenario | None = None) -> Row:
-    """Row of a run that came to nothing; the columns of the metrics are missing in it."""
+    """Makes the row of a run without outcome; the columns of the metrics are missing in it."""
     return {"run": task.name, "outcome": None, "error": error, **_provenance(task, scenario)}
 
 
@@ -175,7 +173,7 @@ def _measured(task: RunTask, scenario: Scenario | RigScenario) -> Row:
 
 
 def measured_row(task: RunTask, scenario: Scenario | RigScenario, run: RunLog) -> Row:
-    """The row of a task whose scenario has been run, as `evaluate` gives it."""
+    """Makes the row of a task whose scenario has been run, as `evaluate` does."""
     last = {"error": "", **_provenance(task, scenario)}
     if isinstance(scenario, RigScenario):
         facts = {name: run.extra[name] for name in ("tail", "axis", "wind_speed_m_per_s")}
@@ -209,17 +207,18 @@ def measured_row(task: RunTask, scenario: Scenario | RigScenario, run: RunLog) -
 
 
 def _provenance(task: RunTask, scenario: Scenario | RigScenario | None) -> Row:
-    seed = None
-    digest = None
-    if scenario is not None:
-        seed = scenario.seed
-        resolved = json.dumps(scenario.resolved(), sort_keys=True)
-        digest = hashlib.sha256(resolved.encode()).hexdigest()
-    return {
+    row: Row = {
         "scenario": task.scenario,
         "settings": " ".join(task.settings),
-        "seed": seed,
-        "scenario_sha256": digest,
+        "seed": None,
+        "scenario_sha256": None,
+    }
+    if scenario is not None:
+        resolved = json.dumps(scenario.resolved(), sort_keys=True)
+        row["seed"] = scenario.seed
+        row["scenario_sha256"] = hashlib.sha256(resolved.encode()).hexdigest()
+    return {
+        **row,
         **{f"version_{name}": version for name, version in sorted(software_versions().items())},
     }
 
@@ -227,13 +226,15 @@ def _provenance(task: RunTask, scenario: Scenario | RigScenario | None) -> Row:
 def open_run_engine(
     workers: int = 2, scheduler: str | None = None, **options: Any
 ) -> AbstractContextManager[Engine]:
-    """`aerodima.workbench.open_engine`, whose workers are ready to simulate; with its options."""
+    """Opens `aerodima.workbench.open_engine`, whose workers are ready to simulate; with its
+    options.
+    """
     from aerodima.workbench.batch.dask_engine import open_engine
 
     return open_engine(workers, scheduler, module="aerodima.workbench.car.car_run", **options)
 
 
-class Runs:
+class CachedRunner:
     """Rows of tasks, each run once.
 
     Args:
@@ -248,7 +249,7 @@ class Runs:
         self,
         engine: Engine | None = None,
         store: RowStore | None = None,
-        progress: ProgressLine = silent,
+        progress: ProgressLine = no_progress,
         stage: str = "",
     ) -> None:
         self._engine = engine or Engine()
@@ -258,66 +259,55 @@ class Runs:
         self.stage = stage
         self.ran = 0
 
-    def rows(self, tasks: Sequence[RunTask], done: Done | None = None) -> list[Row]:
-        """`evaluate` of each task, in order, under its own name; one that kills its worker gives a
-        row with an error.
-
-        Args:
-            tasks: what is wanted.
-            done: receives new rows.
+    def rows(self, tasks: Sequence[RunTask]) -> list[Row]:
+        """Returns `evaluate` of each task, in order, under its own name; one that kills its worker
+        gives a row with an error.
         """
+        keys = [run_key(task) for task in tasks]
+        rows = self._rows_by_key(evaluate, tasks, keys, _lost)
+        return [row | {"run": task.name} for task, row in zip(tasks, rows, strict=True)]
 
-        def words(place: int, row: Row) -> str:
-            if done is not None:
-                done(place, row)
-            return f"{self.stage} {row['outcome'] or 'failed':8}".lstrip()
-
-        found = self._once(evaluate, tasks, [run_key(task) for task in tasks], words, _lost)
-        return [row | {"run": task.name} for task, row in zip(tasks, found, strict=True)]
-
-    def call(
+    def map(
         self, function: Callable[[Item], Any], items: Sequence[Item], keys: Sequence[str]
     ) -> list[Any]:
-        """`function` (of a module) of each item, JSON-able; raises what it raises, and UserError
-        for a lost worker.
+        """Returns `function` (of a module) of each item, JSON-able; raises what it raises, and
+        UserError for a lost worker.
         """
-        words = (lambda _place, _row: self.stage) if self.stage else None
-        found = self._once(partial(_result_of, function), items, keys, words)
-        return [row["result"] for row in found]
+        rows = self._rows_by_key(partial(_result_of, function), items, keys)
+        return [row["result"] for row in rows]
 
-    def _once(
+    def _rows_by_key(
         self,
         work: Callable[[Item], Row],
         items: Sequence[Item],
         keys: Sequence[str],
-        words: Callable[[int, Row], str] | None,
         lost: Callable[[Item], Row] | None = None,
     ) -> list[Row]:
-        """Rows of items by their keys; `words` makes the line of progress of each new one."""
-        missing = {
-            key: item for key, item in zip(keys, items, strict=True) if key not in self._known
-        }
-        places = list(missing)
-        wanted = len(set(keys))
-        bar = ProgressBar(self.say, wanted, wanted - len(missing))
+        """Returns rows of items by their keys, with a line of progress for each new one."""
+        by_key = dict(zip(keys, items, strict=True))
+        missing = [key for key in by_key if key not in self._known]
+        bar = ProgressBar(self.say, len(by_key), len(by_key) - len(missing))
 
-        def keep(place: int, row: Row) -> None:
+        def keep(index: int, row: Row) -> None:
             self.ran += 1
+            key = missing[index]
             if self._store is None:
-                self._known[places[place]] = row
+                self._known[key] = row
             else:
-                self._store.add(places[place], row)
-            if words is not None:
-                bar.one_more(words(place, row))
+                self._store.add(key, row)
+            if "result" not in row:
+                bar.one_more(f"{self.stage} {row['outcome'] or 'failed':8}".lstrip())
+            elif self.stage:
+                bar.one_more(self.stage)
 
-        self._engine.map(work, list(missing.values()), keep, lost)
+        self._engine.map(work, [by_key[key] for key in missing], keep, lost)
         return [self._known[key] for key in keys]
 
 
 @contextmanager
-def kept_runs(
-    out: Path, engine: Engine, *, force: bool = False, progress: ProgressLine = silent
-) -> Iterator[Runs]:
+def cached_runs(
+    out: Path, engine: Engine, *, force: bool = False, progress: ProgressLine = no_progress
+) -> Iterator[CachedRunner]:
     """Runs that are kept in `runs.jsonl` of a folder, with these parameters and versions.
 
     Raises:
@@ -330,8 +320,8 @@ def kept_runs(
         "versions": software_versions(),
     }
     with RowStore(out / "runs.jsonl", identity, force=force) as store:
-        runs = Runs(engine, store, progress)
-        with saying_how_to_go_on(progress, lambda: f"{len(store.rows)} runs"):
+        runs = CachedRunner(engine, store, progress)
+        with print_resume_hint(progress, lambda: f"{len(store.rows)} runs"):
             yield runs
         progress(f"{runs.ran} runs made; {len(store.rows)} are in {out}")
 
@@ -345,8 +335,7 @@ def _result_of(function: Callable[[Any], Any], item: Any) -> Row:
 
 
 def run_key(task: RunTask) -> str:
-    """The same for the same run, whatever it is called: of all that determines its row, swing and
-    law included.
+    """Hashes all that determines the row of a run, swing and law included, but not its name.
 
     Of what a law's file imports nothing is looked at.
     """
@@ -358,15 +347,14 @@ def run_key(task: RunTask) -> str:
 
 
 def scenario_content(name: str, settings: Sequence[str] = ()) -> list[Any]:
-    """What the files behind a scenario with overrides hold, its swing among them: for keys of what
-    is remembered.
+    """Returns what the files behind a scenario with overrides hold, its swing among them, for keys
+    of cached results.
     """
     try:
         scenario = load_any_scenario(name, settings)
+        swing = ""
         if isinstance(scenario, Scenario):
             swing = _swing(scenario.controller.swing_file)
-        else:
-            swing = ""
         return [scenario.resolved(), swing]
     except UserError as error:
         return [str(error)]
@@ -390,8 +378,8 @@ def _swing_content(name: str, _changed: int) -> str:
 
 
 def make_frame(rows: Sequence[Row]) -> pd.DataFrame:
-    """Rows with different keys as one table: numbers as float, truth values as boolean, everything
-    else as text.
+    """Makes one table of rows with different keys: numbers as float, truth values as boolean,
+    everything else as text.
 
     The order of the columns is that of their first appearance in a list of rows that is in order
     itself; the kind of a column does not depend on the order of its rows.

@@ -26,8 +26,8 @@ from aerodima.workbench.scenario.ensemble import Member, load_ensemble
 from aerodima.workbench.scenario.scenario import Scenario, ScenarioFile
 
 STUDY_SCHEMA = "aerodima/study/1"
-MOST_RUNS = 100_000
-"""A study of more is a slip of the pen: a day and a half on two cores."""
+MAX_RUNS = 100_000
+"""Upper bound against typos: a day and a half on two cores."""
 
 Value = float | int | bool | str
 
@@ -40,12 +40,14 @@ class Range(StrictModel):
     number: int = Field(description="of values", ge=1, le=10_000)
 
     def values(self) -> list[Value]:
-        """The values as the plain decimals that a reader expects, without bits of a division."""
+        """Returns the values as the plain decimals that a reader expects, without bits of a
+        division.
+        """
         return [float(f"{value:.12g}") for value in np.linspace(self.first, self.last, self.number)]
 
 
 class Uniform(StrictModel):
-    """Any value between two, alike."""
+    """Uniform distribution between two values."""
 
     low: float
     high: float
@@ -53,22 +55,22 @@ class Uniform(StrictModel):
     @model_validator(mode="after")
     def _ordered(self) -> "Uniform":
         if self.high <= self.low:
-            raise ValueError(f"high: {self.high:g}; allowed: above low, {self.low:g}")
+            raise ValueError(f"high: {self.high:g}; must be above low, {self.low:g}")
         return self
 
     def at(self, share: np.ndarray) -> np.ndarray:
-        """Values of the quantiles (n)."""
+        """Returns the values of quantiles (n)."""
         return self.low + (self.high - self.low) * share
 
 
 class Normal(StrictModel):
-    """Around a mean."""
+    """Normal distribution."""
 
     mean: float
     deviation: float = Field(gt=0)
 
     def at(self, share: np.ndarray) -> np.ndarray:
-        """Values of the quantiles (n)."""
+        """Returns the values of quantiles (n)."""
         return norm.ppf(np.clip(share, 1e-9, 1.0 - 1e-9), self.mean, self.deviation)
 
 
@@ -76,7 +78,7 @@ class Sample(StrictModel):
     """Scattered values of several factors at once (scipy.stats.qmc), the same for the same seed."""
 
     method: Literal["sobol", "lhs"] = "sobol"
-    number: int = Field(description="of samples; a power of 2 balances Sobol's", ge=1, le=MOST_RUNS)
+    number: int = Field(description="of samples; a power of 2 balances Sobol's", ge=1, le=MAX_RUNS)
     anew: bool = Field(
         default=False, description="each combination of the grid has samples of its own"
     )
@@ -87,22 +89,21 @@ class Sample(StrictModel):
     )
 
     def rows(self, times: int = 1) -> list[dict[str, Value]]:
-        """One dict of factor -> value per sample, so many times the number of samples."""
-        names = list(self.factors)
+        """Draws one dict of factor -> value per sample, so many times the number of samples."""
+        dimensions = len(self.factors)
         number = times * self.number
         generator = np.random.default_rng(self.seed)
         if self.method == "sobol":
             power = int(np.ceil(np.log2(number)))
-            shares = qmc.Sobol(len(names), rng=generator).random_base2(power)[:number]
+            shares = qmc.Sobol(dimensions, rng=generator).random_base2(power)[:number]
         else:
-            shares = qmc.LatinHypercube(len(names), rng=generator).random(number)
-        columns = {
-            name: self.factors[name].at(shares[:, index]) for index, name in enumerate(names)
-        }
-        rows: list[dict[str, Value]] = [
-            {name: float(f"{column[row]:.12g}") for name, column in columns.items()}
-            for row in range(number)
-        ]
+            shares = qmc.LatinHypercube(dimensions, rng=generator).random(number)
+        distributions = self.factors.values()
+        columns = [one.at(share) for one, share in zip(distributions, shares.T, strict=True)]
+        rows: list[dict[str, Value]] = []
+        for values in zip(*columns, strict=True):
+            numbers = [float(f"{value:.12g}") for value in values]
+            rows.append(dict(zip(self.factors, numbers, strict=True)))
         if self.new_seeds:
             rows = [row | {"seed": 1 + index} for index, row in enumerate(rows)]
         return rows
@@ -124,32 +125,27 @@ class Block(StrictModel):
     sample: Sample | None = None
 
     def points(self) -> Iterator[dict[str, Value]]:
-        """Factor -> value of each run."""
-        names = list(self.grid)
-        levels = [
+        """Yields factor -> value of each run."""
+        axes = [
             axis.values() if isinstance(axis, Range) else list(axis) for axis in self.grid.values()
         ]
-        cells = list(product(*levels))
-        sample = self.sample
-        if sample is None:
-            own = 0
-            samples: Sequence[Mapping[str, Value]] = [{}]
-        elif sample.anew:
-            samples = sample.rows(len(cells))
-            own = len(samples) // len(cells)
-        else:
-            samples = sample.rows(1)
-            own = 0
-        for number, combination in enumerate(cells):
-            point = dict(zip(names, combination, strict=True))
-            for sampled in samples[number * own : (number + 1) * own] if own else samples:
-                yield point | {
-                    name: _sum(point.get(name, 0.0), value) for name, value in sampled.items()
-                }
+        cells = list(product(*axes))
+        samples: Sequence[Mapping[str, Value]] = [{}]
+        anew = False
+        if self.sample is not None:
+            anew = self.sample.anew
+            samples = self.sample.rows(len(cells) if anew else 1)
+        each = len(samples) // len(cells) if anew else len(samples)
+        for index, values in enumerate(cells):
+            point = dict(zip(self.grid, values, strict=True))
+            first = index * each if anew else 0
+            for sampled in samples[first : first + each]:
+                sums = {name: _sum(point.get(name, 0.0), value) for name, value in sampled.items()}
+                yield point | sums
 
     @property
     def size(self) -> int:
-        """How many points there are."""
+        """Number of points."""
         lengths = [
             axis.number if isinstance(axis, Range) else len(axis) for axis in self.grid.values()
         ]
@@ -158,11 +154,12 @@ class Block(StrictModel):
     @property
     def factors(self) -> list[str]:
         """Keys that differ from run to run."""
-        if self.sample is None:
-            sampled = []
-        else:
-            sampled = [*self.sample.factors, *(["seed"] if self.sample.new_seeds else [])]
-        return [*self.grid, *sampled]
+        factors = list(self.grid)
+        if self.sample is not None:
+            factors += self.sample.factors
+            if self.sample.new_seeds:
+                factors.append("seed")
+        return factors
 
 
 class Study(StrictModel):
@@ -213,14 +210,16 @@ def load_study(path: str | Path) -> Study:
 
 
 def _refuse_empty_factors(path: Path, data: dict[str, Any]) -> None:
-    """One sentence for the mistake that the schema would answer with one per kind of factor."""
+    """Raises one sentence for the mistake that the schema would answer with one per
+    kind of factor.
+    """
     blocks = data.get("blocks", [data])
     for block in blocks if isinstance(blocks, list) else []:
         grid = block.get("grid") if isinstance(block, dict) else None
         for name, values in grid.items() if isinstance(grid, dict) else ():
             if values in ([], {}, None):
                 raise SweepError(
-                    f"{path}: grid: {name}: {values!r} is no value; allowed: at least one"
+                    f"{path}: grid: {name}: {values!r} is no value; must have at least one"
                 )
 
 
@@ -234,85 +233,67 @@ def check_factors(study: Study, where: str) -> None:
             raise SweepError(f"{label}: {error}") from None
         for factor in block.factors:
             _check_factor(factor, type(scenario), label)
-        if block.sample is None:
-            both = []
-        else:
-            both = sorted(set(block.grid) & set(block.sample.factors))
-        for name in both:
+        sampled = () if block.sample is None else block.sample.factors
+        for name in sorted(set(block.grid).intersection(sampled)):
             values = block.grid[name]
             if isinstance(values, list) and any(isinstance(value, str | bool) for value in values):
                 raise SweepError(
-                    f"{label}: {name}: is in the grid and in the sample; allowed: numbers, which "
+                    f"{label}: {name}: is in the grid and in the sample; must be numbers, which "
                     "are added"
                 )
         if study.ensemble is not None and not isinstance(scenario, Scenario):
             raise SweepError(
-                f"{label}: ensemble: {study.ensemble}; allowed: none, with a scenario of a rig"
+                f"{label}: ensemble: {study.ensemble}; must be none, with a scenario of a rig"
             )
 
 
 def plan_runs(study: Study) -> list[PlannedRun]:
-    """Every run of a study, in the order of its table.
+    """Plans every run of a study, in the order of its table.
 
     Raises:
-        SweepError: more than `MOST_RUNS`.
+        SweepError: more than `MAX_RUNS`.
         EnsembleError: the ensemble cannot be read.
     """
     members: Sequence[Member | None] = [None]
     if study.ensemble is not None:
         ensemble = load_ensemble(study.ensemble)
-        if study.members is None:
-            members = ensemble.members
-        else:
+        members = ensemble.members
+        if study.members is not None:
             members = ensemble.drawn(study.members)
-    factors = list(dict.fromkeys(factor for block in study.blocks for factor in block.factors))
     number = sum(block.size for block in study.blocks) * len(members)
-    if number > MOST_RUNS:
-        raise SweepError(f"{study.name}: {number} runs; allowed: at most {MOST_RUNS}")
+    if number > MAX_RUNS:
+        raise SweepError(f"{study.name}: {number} runs; must be at most {MAX_RUNS}")
+    factors = dict.fromkeys(factor for block in study.blocks for factor in block.factors)
     runs: list[PlannedRun] = []
-    for number, block in enumerate(study.blocks):
+    for index, block in enumerate(study.blocks):
         for point in block.points():
             for member in members:
-                runs.append(
-                    _run(study, block, block.name or str(number), point, member, factors, len(runs))
-                )
+                place: dict[str, Value | None] = {"block": block.name or str(index)}
+                settings: list[str] = []
+                if member is not None:
+                    place |= {"member": member.name, "weight": member.weight}
+                    settings += member.settings_on(block.scenario)
+                settings += block.settings
+                settings += [f"{name}={_text(value)}" for name, value in point.items()]
+                place |= {name: point.get(name) for name in factors}
+                name = f"{len(runs):06d}"
+                if study.logs:
+                    place["log"] = f"logs/{name}.parquet"
+                task = RunTask(name, block.scenario, tuple(settings), study.signals)
+                runs.append(PlannedRun(task, place))
     return runs
 
 
-def _run(
-    study: Study,
-    block: Block,
-    block_name: str,
-    point: Mapping[str, Value],
-    member: Member | None,
-    factors: Sequence[str],
-    number: int,
-) -> PlannedRun:
-    own = () if member is None else member.settings_on(block.scenario)
-    settings = (*own, *block.settings, *(f"{name}={_text(value)}" for name, value in point.items()))
-    place: dict[str, Value | None] = {"block": block_name}
-    if member is not None:
-        place |= {"member": member.name, "weight": member.weight}
-    place |= {name: point.get(name) for name in factors}
-    if study.logs:
-        place["log"] = f"logs/{number:06d}.parquet"
-    return PlannedRun(RunTask(f"{number:06d}", block.scenario, settings, study.signals), place)
-
-
 def _text(value: Value) -> str:
-    """The text that YAML reads back: floats in full precision (`1e-05` would be text, `1.0e-05` is
-    a number).
+    """Returns the text that YAML reads back: floats in full precision (`1e-05` would be text,
+    `1.0e-05` is a number).
     """
     if isinstance(value, bool):
         return str(value).lower()
-    if isinstance(value, float):
-        text = repr(value)
-    else:
-        text = str(value)
+    text = str(value)
     mantissa, exponent, power = text.partition("e")
-    numeric = isinstance(value, float) and exponent
-    if numeric:
-        return f"{mantissa}{'' if '.' in mantissa else '.0'}e{power}"
+    if isinstance(value, float) and exponent and "." not in mantissa:
+        return f"{mantissa}.0e{power}"
     return text
 
 
@@ -325,7 +306,7 @@ def _in_blocks(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _sum(value: Value, added: Value) -> Value:
-    """Sum of a number of the grid and one of the sample; a seed of the sample stays whole."""
+    """Adds a number of the sample to that of the grid; a seed of the sample stays whole."""
     if not value:
         return added
     return float(value) + float(added)
@@ -340,7 +321,7 @@ def _check_factor(factor: str, scenario: type[ScenarioFile], where: str) -> None
         ]
         if factor not in known:
             raise SweepError(
-                f"{where}: factor {factor!r}: allowed is section.key, such as car.tyre_friction, "
+                f"{where}: factor {factor!r}: must be section.key, such as car.tyre_friction, "
                 "or seed"
             )
         return

@@ -20,13 +20,13 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import spearmanr
 
+from aerodima.optimisation.studies.limit_search import LimitSearch
 from aerodima.optimisation.studies.rollover_threshold import (
     FRICTION,
-    Search,
     is_clean,
-    search_rows,
+    search_thresholds,
 )
-from aerodima.optimisation.studies.runs import Runs, RunTask, open_run_engine
+from aerodima.optimisation.studies.runs import CachedRunner, RunTask, open_run_engine
 from aerodima.workbench import load_ensemble, load_scenario
 from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.car.reduced.parameters import VehicleParams
@@ -34,7 +34,8 @@ from aerodima.workbench.car.reduced.turn_plans import TurnPlans
 from aerodima.workbench.car.reduced.turns import drive_turns
 
 SCENARIO, SPEED = "turn_designed", ("manoeuvre.speed=4.5",)
-SEARCH = Search(FRICTION, 0.3, 1.2, 0.1, 0.0125)
+SEARCH = LimitSearch(FRICTION, 0.3, 1.2, 0.1, 0.0125)
+MIDDLE = 0.75
 SWING = ("tail.mode=swing", "controller.swing_file=none")
 CONTROLLERS = {
     "none": ("tail.mode=none",),
@@ -105,7 +106,7 @@ def screened_friction(scenarios, search):
         )
         return [bool(clean) for clean in turns.clean]
 
-    return search_rows(search, ["bisect"] * len(scenarios), run, bool)
+    return search_thresholds(search, [MIDDLE] * len(scenarios), run, bool)
 
 
 def compared_friction(engine, cases):
@@ -119,7 +120,7 @@ def compared_friction(engine, cases):
             ]
         )
 
-    full = search_rows(SEARCH, ["bisect"] * len(cases), run, is_clean)
+    full = search_thresholds(SEARCH, [MIDDLE] * len(cases), run, is_clean)
     reduced = screened_friction([load_scenario(SCENARIO, case) for case in cases], SEARCH)
     return agreement(
         *(np.array([each.survived for each in found], float) for found in (full, reduced))
@@ -166,7 +167,7 @@ def best_ranks(engine, car, seed):
     def run(wanted):
         return [bool(clean([order[0]], friction)) for _, friction in wanted]
 
-    limit = search_rows(SEARCH, ["bisect"], run, bool)[0].survived
+    limit = search_thresholds(SEARCH, [MIDDLE], run, bool)[0].survived
     place = -1 if limit is None else SEARCH.index(limit)
     best = order[:1]
     left = order[1:]
@@ -188,7 +189,7 @@ def main():
         RowStore(folder / "runs.jsonl", {"schema": "screening gate"}) as store,
         open_run_engine(cores) as workers,
     ):
-        engine = Runs(workers, store)
+        engine = CachedRunner(workers, store)
         for place, member in enumerate(
             others[:: max(1, len(others) // max(1, searches))][:searches]
         ):

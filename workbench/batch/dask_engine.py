@@ -26,7 +26,7 @@ from aerodima.workbench.batch.dask_cluster import (
     remote_cluster,
 )
 from aerodima.workbench.batch.engine import Engine, Item, Result, Standstill, WorkerRecord
-from aerodima.workbench.batch.row_store import ProgressLine, on_stderr
+from aerodima.workbench.batch.row_store import ProgressLine, print_progress
 from aerodima.workbench.core.errors import UserError
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def open_engine(
     workers: int = 2,
     scheduler: str | None = None,
     *,
-    progress: ProgressLine = on_stderr,
+    progress: ProgressLine = print_progress,
     record: str | Path | None = None,
     memory: float | None = None,
     module: str | None = None,
@@ -104,7 +104,7 @@ def run_batch(
     done: Callable[[int, Result], None] | None = None,
     lost: Callable[[Item], Result] | None = None,
     *,
-    progress: ProgressLine = on_stderr,
+    progress: ProgressLine = print_progress,
     record: Path | None = None,
 ) -> list[Result]:
     """`Engine.map` on an engine for these items; one worker, or one item, runs in this process."""

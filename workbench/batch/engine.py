@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
-from aerodima.workbench.batch.row_store import ProgressLine, on_stderr
+from aerodima.workbench.batch.row_store import ProgressLine, print_progress
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -44,7 +44,7 @@ class Engine:
     workers = 1
     startup = 0.0
 
-    def __init__(self, progress: ProgressLine = on_stderr, record: Path | None = None) -> None:
+    def __init__(self, progress: ProgressLine = print_progress, record: Path | None = None) -> None:
         self._record = WorkerRecord(progress, record)
 
     @property
@@ -98,7 +98,7 @@ class WorkerRecord:
             study.
     """
 
-    def __init__(self, progress: ProgressLine = on_stderr, path: Path | None = None) -> None:
+    def __init__(self, progress: ProgressLine = print_progress, path: Path | None = None) -> None:
         self._progress = progress
         self._path = path
         self.counts: Counter[str] = Counter()

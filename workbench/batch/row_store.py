@@ -32,11 +32,11 @@ BAR = 24
 """Width of the bar, characters."""
 
 
-def silent(_line: str) -> None:
+def no_progress(_line: str) -> None:
     """Says nothing."""
 
 
-def on_stderr(line: str) -> None:
+def print_progress(line: str) -> None:
     """Says it at once."""
     print(line, file=sys.stderr, flush=True)
 
@@ -209,7 +209,7 @@ class ProgressBar:
 
 
 @contextmanager
-def saying_how_to_go_on(progress: ProgressLine, kept: Callable[[], str]) -> Iterator[None]:
+def print_resume_hint(progress: ProgressLine, kept: Callable[[], str]) -> Iterator[None]:
     """When the work stops (Ctrl-C, an error), says what is kept, `kept()`, and how to continue."""
     try:
         yield

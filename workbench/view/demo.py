@@ -17,8 +17,8 @@ from aerodima.workbench.batch.row_store import (
     ProgressBar,
     ProgressLine,
     RowStore,
-    saying_how_to_go_on,
-    silent,
+    no_progress,
+    print_resume_hint,
 )
 from aerodima.workbench.core.atomic_write import make_folder
 from aerodima.workbench.core.errors import LogError, UserError
@@ -105,7 +105,7 @@ def make_demo(
     *,
     workers: int = 2,
     force: bool = False,
-    progress: ProgressLine = silent,
+    progress: ProgressLine = no_progress,
 ) -> Path:
     """Runs the demo and writes its page; returns the path of the page.
 
@@ -136,7 +136,7 @@ def make_demo(
         logs = [run.log for run in runs if run.log.exists()]
         return f"{len(logs)} of {len(runs)} logs"
 
-    with _claimed(out, runs, force) as store, saying_how_to_go_on(progress, kept):
+    with _claimed(out, runs, force) as store, print_resume_hint(progress, kept):
         progress(f"{len(runs)} runs in {min(workers, len(runs))} process(es), results in {out}")
         summaries = run_batch(
             do_run, runs, workers, done, progress=progress, record=out / WORKER_RECORD

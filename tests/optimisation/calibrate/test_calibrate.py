@@ -9,14 +9,14 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from aerodima.optimisation.calibrate.calibration import emulate
+from aerodima.optimisation.calibrate.calibration import fit_surrogate
 from aerodima.optimisation.calibrate.calibration_plan import FIGURES, LIFT, CarPrior, load_plan
 from aerodima.optimisation.calibrate.turn_runs import (
     AFTER,
     BEFORE,
     STEP,
     Motion,
-    Piece,
+    WorkItem,
     _motions,
     figures_of_motion,
     run_full,
@@ -24,7 +24,7 @@ from aerodima.optimisation.calibrate.turn_runs import (
     search_full,
 )
 from aerodima.optimisation.calibrate.validation_page import calibrate
-from aerodima.optimisation.studies.runs import Runs
+from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.workbench.car.reduced.states import RATES, STATES, V, W
 from aerodima.workbench.car.reduced.turns import Turns
 from aerodima.workbench.cli.program import main
@@ -115,14 +115,14 @@ def test_reduced_cars_show_the_figures_of_full_ones(system):
     friction = PRIOR.column(f"{system} car.tyre_friction")
     cars[:, friction] = 0.5
     plan = PLAN.model_copy(update={"size": PLAN.size.model_copy(update={"rounds": 2})})
-    reduced = run_reduced(Piece(plan, turn, tuple(map(tuple, cars.tolist())), reach=0.02))
+    reduced = run_reduced(WorkItem(plan, turn, tuple(map(tuple, cars.tolist())), reach=0.02))
     middle = [
         place for place, car in enumerate(reduced["inputs"]) if car[friction] == pytest.approx(0.5)
     ]
     inputs = [reduced["inputs"][place] for place in middle]
     assert len(inputs) == 2
     for full, figures in zip(
-        run_full(Piece(plan, turn, tuple(map(tuple, inputs)))), middle, strict=True
+        run_full(WorkItem(plan, turn, tuple(map(tuple, inputs)))), middle, strict=True
     ):
         assert full["survived"]
         assert [full[name] for name in FIGURES[:2]] == pytest.approx(
@@ -138,7 +138,7 @@ def test_reduced_cars_show_the_figures_of_full_ones(system):
 def test_car_that_cannot_be_run_has_no_figures_and_no_flip_and_its_error_is_kept():
     car = PRIOR.draw(1, seed=4)[0]
     car[PRIOR.column("car.mass")] = 1.0
-    piece = Piece(PLAN, SLOW["simulated"], (tuple(car.tolist()),), reach=0.05, margins=(0.0,))
+    piece = WorkItem(PLAN, SLOW["simulated"], (tuple(car.tolist()),), reach=0.05, margins=(0.0,))
     (row,) = run_full(piece)
     found = search_full(piece)
     assert (found["flips"], found["inputs"]) == ([None], [])
@@ -176,11 +176,11 @@ def test_full_car_flips_at_the_friction_of_the_reduced_one():
     plan = plan.model_copy(
         update={"size": plan.size.model_copy(update={"rounds": 6, "full_rounds": 3})}
     )
-    (flip,) = run_reduced(Piece(plan, turn, tuple(map(tuple, car.tolist())), reach=0.8))["flips"]
+    (flip,) = run_reduced(WorkItem(plan, turn, tuple(map(tuple, car.tolist())), reach=0.8))["flips"]
     column = CarPrior(plan).column("physical car.tyre_friction")
     car[0, column] = np.exp(flip)
     found = search_full(
-        Piece(plan, turn, tuple(map(tuple, car.tolist())), reach=0.05, margins=(0.0,))
+        WorkItem(plan, turn, tuple(map(tuple, car.tolist())), reach=0.05, margins=(0.0,))
     )
     assert found["flips"][0] == pytest.approx(flip, abs=0.05)
     for tried, shown in zip(found["inputs"], found["figures"], strict=True):
@@ -192,7 +192,7 @@ def test_full_car_flips_at_the_friction_of_the_reduced_one():
 @pytest.mark.nightly
 def test_whole_job_writes_pages_and_ensembles_and_goes_on_with_its_runs(tmp_path):
     plan = small_plan()
-    runs = Runs()
+    runs = CachedRunner()
     page = calibrate(plan, runs, tmp_path, played=1)
     assert page.is_file()
     figures = pd.read_csv(tmp_path / "figures.csv")
@@ -207,7 +207,7 @@ def test_whole_job_writes_pages_and_ensembles_and_goes_on_with_its_runs(tmp_path
         for member in ensemble.members:
             ensemble.scenario(member, "turn_swing")
     before = dict(runs._known)
-    again = emulate(plan, runs)
+    again = fit_surrogate(plan, runs)
     assert runs._known == before
     assert set(again.figures) == {turn.name for turn in plan.turns}
 

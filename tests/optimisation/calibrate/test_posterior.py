@@ -15,14 +15,14 @@ from aerodima.optimisation.calibrate.calibration import (
     sample,
 )
 from aerodima.optimisation.calibrate.calibration_plan import (
+    DISCREPANCY,
     LIFT,
-    OFF,
     CarPrior,
     figures_of,
     load_plan,
 )
-from aerodima.optimisation.calibrate.surrogate import METRICS, Emulator, Surface, _unseen
-from aerodima.optimisation.studies.runs import Runs
+from aerodima.optimisation.calibrate.surrogate import METRICS, Regression, Surrogate, _unseen
+from aerodima.optimisation.studies.runs import CachedRunner
 
 SHIPPED = load_plan()
 PLAN = SHIPPED.model_copy(
@@ -36,7 +36,7 @@ RNG = np.random.default_rng(0)
 
 
 def constant(value):
-    return Surface((0,), partial(_level, value), np.array([1e-6]))
+    return Regression((0,), partial(_level, value), np.array([1e-6]))
 
 
 def _level(value, inputs):
@@ -65,9 +65,9 @@ def emulator(slope=None, level=0.0):
                     line[PRIOR.column(slope[1]), place] = slope[2]
             columns = tuple(range(len(PRIOR.names)))
             model = partial(_line, row, line)
-            figures[turn.name] = Surface(columns, model, np.full(len(METRICS), 1e-6))
+            figures[turn.name] = Regression(columns, model, np.full(len(METRICS), 1e-6))
     flips = {turn.name: constant(9.0 if turn.ends == "survived" else -9.0) for turn in PLAN.turns}
-    return Emulator(PRIOR, flips, figures)
+    return Surrogate(PRIOR, flips, figures)
 
 
 def _line(row, line, inputs):
@@ -81,10 +81,10 @@ def test_curved_figures_are_learnt_and_what_is_missed_is_said():
         2.0 + scaled[:, 0] - 0.5 * scaled[:, 0] * scaled[:, 2] + 0.3 * np.tanh(2.0 * scaled[:, 1])
     )
     values = np.column_stack([bent, 1.0 - bent]) + 0.05 * RNG.standard_normal((len(cars), 1))
-    fitted = Surface.process([0, 1, 2], scaled, values, np.arange(len(cars)))
+    fitted = Regression.process([0, 1, 2], scaled, values, np.arange(len(cars)))
     assert np.std(fitted(scaled)[:, 0] - bent) < 0.04
     assert fitted.deviation == pytest.approx([0.05, 0.05], rel=0.35)
-    repeated = Surface.process(
+    repeated = Regression.process(
         [0, 1, 2],
         np.vstack([scaled, scaled]),
         np.vstack([values, values]),
@@ -100,7 +100,7 @@ def test_deviation_of_a_surface_is_that_of_normal_errors_and_knows_no_wild_ones(
     errors = np.array([0.05, 0.2]) * RNG.standard_normal((1000, 2))
     errors[::100] += 2.0  # cars at the edge of a flip
     errors[50::100] -= 2.0
-    fitted = Surface.line([0], scaled, scaled + errors, np.arange(1000))
+    fitted = Regression.line([0], scaled, scaled + errors, np.arange(1000))
     assert fitted.deviation == pytest.approx([0.05, 0.2], rel=0.12)
 
 
@@ -110,7 +110,7 @@ def test_survival_is_as_wide_as_the_outcome_and_what_is_missed_together():
     missed = 0.05
     width = np.hypot(PLAN.outcome_width[turn.tail], missed)
     car[0, PRIOR.column(f"{turn.system} car.tyre_friction")] = 0.6 * np.exp(-width)
-    flip = Surface((0,), partial(_level, np.log(0.6)), np.array([missed]))
+    flip = Regression((0,), partial(_level, np.log(0.6)), np.array([missed]))
     made = replace(emulator(), flips=emulator().flips | {turn.name: flip})
     assert made.survival(car, turn)[0] == pytest.approx(norm.cdf(1.0))
 
@@ -120,8 +120,8 @@ def test_what_is_missed_of_a_row_is_its_value_less_the_prediction_without_its_ca
     scaled = PRIOR.scaled(cars)
     values = scaled[:, :1] + 0.01 * RNG.standard_normal((len(cars), 1))
     values[7] += 1.0
-    for fit in (Surface.process, Surface.line):
-        assert fit([0], scaled, values, np.arange(len(cars))).missed[7, 0] == pytest.approx(
+    for fit in (Regression.process, Regression.line):
+        assert fit([0], scaled, values, np.arange(len(cars))).residuals[7, 0] == pytest.approx(
             1.0, abs=0.15
         )
 
@@ -130,7 +130,7 @@ def test_margin_of_a_car_that_was_not_seen_lacks_what_is_missed_of_its_flip():
     turn = PLAN.turns[0]
     tried = PRIOR.draw(2, seed=17)
     tried[:, PRIOR.column(f"{turn.system} car.tyre_friction")] = 0.5
-    surface = replace(constant(0.0), missed=np.array([[0.1], [-0.05]]))
+    surface = replace(constant(0.0), residuals=np.array([[0.1], [-0.05]]))
     flip = np.array([np.log(0.6), np.nan, np.log(0.7)])
     margin = _unseen(PRIOR, turn, flip, surface, tried, np.array([0, 2]))
     assert margin == pytest.approx([np.log(0.6 / 0.5) - 0.1, np.log(0.7 / 0.5) + 0.05])
@@ -142,7 +142,7 @@ def test_full_cars_shift_flips_and_figures_go_with_the_margin():
     their margin.
     """
     at_last = len(PRIOR.names)
-    leaning = Surface(
+    leaning = Regression(
         (at_last,), lambda inputs: 3.0 - inputs @ np.ones((1, len(METRICS))), np.ones(len(METRICS))
     )
     flips = {turn.name: constant(np.log(0.6)) for turn in PLAN.turns}
@@ -180,7 +180,9 @@ def test_what_is_missed_of_a_car_is_one_number_for_all_speeds(margin):
     missed = 0.05
     width = PLAN.outcome_width["none"]
     car[0, PRIOR.column(f"{slow.system} car.tyre_friction")] = 0.6 * np.exp(-margin)
-    one = Surface((0,), lambda inputs: np.full((len(inputs), 1), np.log(0.6)), np.array([missed]))
+    one = Regression(
+        (0,), lambda inputs: np.full((len(inputs), 1), np.log(0.6)), np.array([missed])
+    )
     made = replace(emulator(), flips=emulator().flips | {slow.name: one, fast.name: one})
     errors = np.linspace(-6.0, 6.0, 20_001) * missed
     z = (errors + margin) / width
@@ -219,7 +221,7 @@ def test_likelihood_knows_who_survived_and_whose_wheel_lifted():
         replace(
             first,
             figures=first.figures
-            | {turn.name: Surface((0,), partial(_lifting, place, at), np.full(6, 1e-6))},
+            | {turn.name: Regression((0,), partial(_lifting, place, at), np.full(6, 1e-6))},
         )
         for at in (0.8, 1.2)
     )
@@ -250,7 +252,7 @@ def test_density_of_a_figure_is_a_normal_of_its_share_and_that_of_cars_their_mea
     figure = figures_of(PLAN)[0]
     car = PRIOR.draw(1, seed=5)
     made = emulator((figure.name, "imu.x", 0.0), 0.1 * figure.published)
-    spread = car[0, PRIOR.column(OFF)]
+    spread = car[0, PRIOR.column(DISCREPANCY)]
     spread *= 1.1  # a share of what is predicted
     expected = -0.5 * (0.1 / spread) ** 2 - np.log(spread * np.sqrt(2 * np.pi))
     assert log_density(made, figure, car)[0] == pytest.approx(expected, rel=1e-6)
@@ -263,7 +265,7 @@ def test_density_of_a_figure_is_a_normal_of_its_share_and_that_of_cars_their_mea
 def test_intervals_hold_what_they_promise_when_the_model_is_perfect():
     posterior = Posterior(PRIOR.draw(400, seed=6), 400.0, 0.3)
     inside = validation.perfect_model(
-        emulator(), posterior, ("Table 7.3", "Table 7.4"), 2, 7, Runs()
+        emulator(), posterior, ("Table 7.3", "Table 7.4"), 2, 7, CachedRunner()
     )
     assert 0.75 <= inside <= 1.0
 

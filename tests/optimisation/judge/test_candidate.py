@@ -2,9 +2,9 @@
 
 import pytest
 
-from aerodima.optimisation.judge.candidate import HELD, LOW_PLACE, NO_TAIL, low_ballast
-from aerodima.optimisation.judge.suite import candidates
-from aerodima.optimisation.swing.task import Floor, Task, load_task
+from aerodima.optimisation.judge.candidate import HELD, LOW_MASS_HEIGHT, NO_TAIL, low_ballast
+from aerodima.optimisation.judge.suite import select_candidates
+from aerodima.optimisation.swing.task import Task, TaskSurface, load_task
 from aerodima.workbench.car.car_model import chassis_centre, gearbox_height
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.ensemble import Member
@@ -36,24 +36,24 @@ TWICE = "  - {name: slow, settings: [tail.mode=none]}\n  - name: slow"
 def test_a_list_of_candidates_brings_tail_and_controller_alone(tmp_path, was, becomes, named):
     path = tmp_path / "mine.yaml"
     path.write_text(LAWS)
-    _, law = candidates([str(path)])
+    _, law = select_candidates([str(path)])
     assert (law.name, law.settings[-1]) == ("slow", "controller.swing_speed=3.0")
     path.write_text(LAWS.replace(was, becomes))
-    assert_refused(lambda: candidates([str(path)]), UserError, *named)
+    assert_refused(lambda: select_candidates([str(path)]), UserError, *named)
 
 
 def test_candidates_that_ship_take_part_by_name():
-    bare, held, best = candidates(["none", "held", "best_swing"])
+    bare, held, best = select_candidates(["none", "held", "best_swing"])
     assert (bare, held) == (NO_TAIL, HELD)
     assert "controller.pitch_angle=0.593" in best.settings
-    _, thesis = candidates(["thesis_8_rad_per_s"])
+    _, thesis = select_candidates(["thesis_8_rad_per_s"])
     assert any(setting.startswith("controller.swing_file=") for setting in thesis.settings)
 
 
 def test_low_ballast_moves_gearbox_and_arm_and_leaves_the_chassis():
     before = load_scenario("turn_fast")
     after = load_scenario("turn_fast", [*NO_TAIL.settings, *low_ballast(before)])
-    assert gearbox_height(after.car, after.tail) == pytest.approx(LOW_PLACE)
+    assert gearbox_height(after.car, after.tail) == pytest.approx(LOW_MASS_HEIGHT)
     arm = before.tail.mass + before.tail.hub_mass
     assert after.car.mass == pytest.approx(before.car.mass + arm)
     gravity = before.environment.gravity
@@ -63,11 +63,11 @@ def test_low_ballast_moves_gearbox_and_arm_and_leaves_the_chassis():
     assert m1 == pytest.approx(m0 + arm)
     # What the chassis has more is the arm's mass where it was put; its tyres sink in a little more.
     assert (m1 * x1 - m0 * x0) / arm == pytest.approx(before.car.gearbox_x)
-    assert (m1 * z1 - m0 * z0) / arm == pytest.approx(LOW_PLACE, abs=2e-3)
+    assert (m1 * z1 - m0 * z0) / arm == pytest.approx(LOW_MASS_HEIGHT, abs=2e-3)
 
 
 def test_friction_of_a_floor_is_its_share_of_the_critical_one():
-    floor = Floor(Member("own", 1.0, {}), 4.5, 1.3, 0.85)
+    floor = TaskSurface(Member("own", 1.0, {}), 4.5, 1.3, 0.85)
     assert floor.friction == pytest.approx(1.3 * 0.85)
     assert floor.setting == "car.tyre_friction=1.105"
 
@@ -75,9 +75,9 @@ def test_friction_of_a_floor_is_its_share_of_the_critical_one():
 @pytest.mark.parametrize(
     ("wrong", "named"),
     [
-        (lambda: candidates(["best_swin"]), ("best_swin", "best_swing")),
-        (lambda: candidates(["hold"]), ("hold", "held")),
-        (lambda: candidates(["held", "held"]), ("held",)),
+        (lambda: select_candidates(["best_swin"]), ("best_swin", "best_swing")),
+        (lambda: select_candidates(["hold"]), ("hold", "held")),
+        (lambda: select_candidates(["held", "held"]), ("held",)),
         (lambda: Task(training=999).training_cars, ("training", "999")),
         (lambda: Task(speeds=[4.5, 4.5]), ("speed", "4.5")),
         (lambda: Task(floors=[1.3, 1.1, 1.3]), ("floor", "1.3")),

@@ -5,18 +5,13 @@ from dataclasses import replace
 
 import pytest
 
+from aerodima.optimisation import find_entry_speeds
 from aerodima.optimisation.judge.candidate import HELD, LOW_BALLAST, NO_TAIL, Candidate
-from aerodima.optimisation.judge.entry_speed import (
-    MOST_BACK,
-    NO_REFERENCE,
-    EntryFloor,
-    EntrySearch,
-    Manoeuvre,
-    climb,
-    failed_rule,
-)
+from aerodima.optimisation.judge.entry_rule import failed_rule
+from aerodima.optimisation.judge.entry_search import MAX_STEP_BACKS, EntrySearch
+from aerodima.optimisation.judge.entry_speed import NO_REFERENCE, Manoeuvre, Surface
 from aerodima.optimisation.studies.rollover_threshold import SPEED
-from aerodima.optimisation.studies.runs import Runs
+from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.scenario.ensemble import Member
@@ -30,7 +25,8 @@ def climbed(fails, search=SEARCH):
     twice.
     """
     found = {}
-    while (speed := search.following(found)) is not None:
+    while speeds := search.next_speeds(found):
+        (speed,) = speeds
         assert speed not in found
         found[speed] = fails(speed)
     return found
@@ -73,7 +69,7 @@ def lacking(limit):
 def test_a_climb_ends_below_its_first_failure(fails, entry, ended_by, tried):
     """In tenths to the failure, then in the middle of the last one, whose halves are twentieths."""
     found = climbed(fails)
-    assert (SEARCH.entry(found), SEARCH.ended_by(found)) == (entry, ended_by)
+    assert (SEARCH.entry_speed(found), SEARCH.ended_by(found)) == (entry, ended_by)
     assert tried in (None, list(found))
     assert min(found) >= 1.0
     assert max(found) <= 4.0
@@ -91,18 +87,18 @@ def test_speeds_off_the_grid_or_out_of_order_are_refused(wrong, named):
     assert_refused(lambda: EntrySearch(**wrong), SweepError, *named)
 
 
-def test_a_proof_lowers_the_speed_until_it_is_borne_out_but_not_for_ever():
+def test_the_fine_step_lowers_the_speed_until_it_is_confirmed_but_not_for_ever():
     found = {}
-    while (speed := SEARCH.proving(2.0, found)) is not None:
-        found[speed] = "" if speed < 1.87 else "ground"
+    while speeds := SEARCH.next_confirmations(2.0, found):
+        found[speeds[0]] = "" if speeds[0] < 1.87 else "ground"
     assert list(found) == [2.0, 1.95, 1.9, 1.85]
     lost = {}
-    while (speed := SEARCH.proving(3.0, lost)) is not None:
-        lost[speed] = "ground"
-    assert len(lost) == MOST_BACK + 1
-    assert min(lost) == pytest.approx(3.0 - MOST_BACK * 0.05)
-    assert SEARCH.proving(1.0, {1.0: "ground"}) is None, "below the lowest speed"
-    assert SEARCH.proving(None, {}) is None
+    while speeds := SEARCH.next_confirmations(3.0, lost):
+        lost[speeds[0]] = "ground"
+    assert len(lost) == MAX_STEP_BACKS + 1
+    assert min(lost) == pytest.approx(3.0 - MAX_STEP_BACKS * 0.05)
+    assert SEARCH.next_confirmations(1.0, {1.0: "ground"}) == [], "below the lowest speed"
+    assert SEARCH.next_confirmations(None, {}) == []
 
 
 CLEAN = {"outcome": "survived", "error": "", "side_lift_m": 0.004, "touched_when_steered": ""}
@@ -172,7 +168,7 @@ BROKEN = Candidate(
     "broken", ("tail.mode=swing", "controller.swing_file=none", "controller.swing_speed=7.0")
 )
 TURN = Manoeuvre("turn", "turn_none")
-CASE = (Member("light", 1.0, {"car.mass": 6.5}), EntryFloor("own"))
+CASE = (Member("light", 1.0, {"car.mass": 6.5}), Surface("own"))
 
 
 class MadeUp(Engine):
@@ -205,13 +201,13 @@ class MadeUp(Engine):
 
 def entries(candidates, cases=(CASE,), manoeuvres=(TURN,)):
     engine = MadeUp()
-    table = climb(manoeuvres, candidates, cases, Runs(engine), SEARCH)
+    table = find_entry_speeds(manoeuvres, candidates, cases, CachedRunner(engine), SEARCH)
     names = [(task.scenario, task.settings) for task in engine.tasks]
     assert len(names) == len(set(names)), "a run is made once"
     return table.set_index("candidate"), engine
 
 
-def test_entry_speeds_are_those_that_the_fine_step_bears_out():
+def test_entry_speeds_are_those_that_the_fine_step_confirms():
     table, _ = entries([NO_TAIL, HELD])
     assert list(table.index) == ["no tail", "held"]
     assert table.loc["no tail", "entry_speed_m_per_s"] == 2.3
@@ -286,7 +282,7 @@ def test_a_run_that_comes_to_nothing_is_named_and_stops_no_other_climb():
 
 
 def test_without_an_entry_speed_of_the_car_without_tail_there_is_no_reference():
-    heavy = (Member("heavy", 1.0, {"car.mass": 7.5}), EntryFloor("own"))
+    heavy = (Member("heavy", 1.0, {"car.mass": 7.5}), Surface("own"))
     table, engine = entries([HELD], [heavy, CASE])
     assert list(table[table["car"] == "heavy"]["ended_by"]) == ["two wheels", NO_REFERENCE]
     assert not [task for task in engine.tasks if "held heavy" in task.name]
@@ -294,7 +290,7 @@ def test_without_an_entry_speed_of_the_car_without_tail_there_is_no_reference():
 
 
 def test_the_ceiling_is_no_higher_than_the_drive_gets():
-    slow = (CASE[0], EntryFloor("own", ("drive.throttle_gain=4.37",)))
+    slow = (CASE[0], Surface("own", ("drive.throttle_gain=4.37",)))
     row = entries([], [slow])[0].loc["no tail"]
     assert (row["entry_speed_m_per_s"], row["at_ceiling"], row["ended_by"]) == (2.15, True, "")
 
@@ -312,7 +308,9 @@ def test_a_slow_real_car_completes_its_turn_and_yaws_into_it():
     short = ("speed_ramp=0.4", "turn_start=0.6", "turn_hold=0.1", "duration=1.3", "direction=right")
     turn = Manoeuvre("turn", "turn_none", tuple(f"manoeuvre.{setting}" for setting in short))
     search = EntrySearch(start=1.0, lowest=1.0, ceiling=1.0)
-    table = climb([turn], [], [(Member("own", 1.0, {}), EntryFloor("own"))], Runs(), search)
+    table = find_entry_speeds(
+        [turn], [], [(Member("own", 1.0, {}), Surface("own"))], CachedRunner(), search
+    )
     row = table.iloc[0]
     assert (row["entry_speed_m_per_s"], row["at_ceiling"], row["runs"]) == (1.0, True, 2)
     assert 0.2 < row["figure_m_per_s2"] < 2.5, (

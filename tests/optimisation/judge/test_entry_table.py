@@ -7,11 +7,10 @@ import pandas as pd
 import pytest
 
 from aerodima.optimisation.judge.candidate import HELD, LOW_BALLAST, NO_TAIL, THESIS
-from aerodima.optimisation.judge.entry_speed import NO_REFERENCE, NOT_PROVED
+from aerodima.optimisation.judge.entry_page import entry_lines, entry_page
+from aerodima.optimisation.judge.entry_speed import NO_REFERENCE, NOT_CONFIRMED
 from aerodima.optimisation.judge.entry_table import (
     entry_gains,
-    entry_lines,
-    entry_page,
     has_gain,
     median_interval,
     summarise_entries,
@@ -93,7 +92,7 @@ def test_no_entry_speed_is_the_worst_gain_but_an_error_is_none():
     for ended_by, speed in (
         ("error: NaN", 9.0),
         (NO_REFERENCE, nan),
-        (f"{NOT_PROVED}: lateral", nan),
+        (f"{NOT_CONFIRMED}: lateral", nan),
     ):
         unknown = rows("new", [speed, 2.2, 2.2, 2.2, 2.2])
         unknown[0]["ended_by"] = ended_by

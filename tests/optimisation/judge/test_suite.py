@@ -3,8 +3,9 @@
 import pytest
 
 from aerodima.optimisation.judge import suite
-from aerodima.optimisation.judge.entry_speed import EntryFloor, EntrySearch, Manoeuvre, climb
-from aerodima.optimisation.studies.runs import Runs, RunTask, run_key
+from aerodima.optimisation.judge.entry_search import EntrySearch
+from aerodima.optimisation.judge.entry_speed import Manoeuvre, Surface, find_entry_speeds
+from aerodima.optimisation.studies.runs import CachedRunner, RunTask, run_key
 from aerodima.workbench.cli.program import main
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.scenario.ensemble import Member, load_ensemble
@@ -16,7 +17,7 @@ CARS = load_ensemble("physical").split(1).test[:2]
 
 @pytest.mark.parametrize("tail", suite.TAILS)
 def test_every_manoeuvre_is_a_scenario_with_either_tail_and_the_mount_of_the_car(tail):
-    for one in suite.manoeuvres(list(suite.MANOEUVRES), tail):
+    for one in suite.select_manoeuvres(list(suite.MANOEUVRES), tail):
         scenario = load_scenario(one.scenario, (*CARS[0].settings_on(one.scenario), *one.settings))
         assert scenario.manoeuvre.rolling_start
         assert scenario.controller.delay == 0.0
@@ -28,7 +29,7 @@ def test_every_manoeuvre_is_a_scenario_with_either_tail_and_the_mount_of_the_car
 
 
 def test_floors_are_shares_of_the_friction_of_each_car():
-    cases = suite.floors(CARS, [0.8, 1.2])
+    cases = suite.make_surfaces(CARS, [0.8, 1.2])
     assert [floor.name for _, floor in cases] == ["x 0.8", "x 0.8", "x 1.2", "x 1.2"]
     for car, floor in cases:
         friction = load_scenario("turn_none", car.settings_on("turn_none")).car.tyre_friction
@@ -39,18 +40,18 @@ def test_floors_are_shares_of_the_friction_of_each_car():
 
 
 def test_the_car_without_tail_comes_first_and_once():
-    names = [one.name for one in suite.candidates(["feedback", "none", "held"])]
+    names = [one.name for one in suite.select_candidates(["feedback", "none", "held"])]
     assert names == ["no tail", "feedback", "held"]
 
 
 @pytest.mark.parametrize(
     ("make", "named"),
     [
-        (lambda: suite.manoeuvres(["fishhok"], "built"), ("fishhok", "fishhook")),
-        (lambda: suite.manoeuvres(["turn"], "longer"), ("longer",)),
-        (lambda: suite.manoeuvres(["turn", "turn"], "built"), ("turn",)),
-        (lambda: suite.floors(CARS, [3.0]), ("floor", "3", "0.2", "2")),
-        (lambda: suite.candidates(["feedbak"]), ("feedbak", "feedback")),
+        (lambda: suite.select_manoeuvres(["fishhok"], "built"), ("fishhok", "fishhook")),
+        (lambda: suite.select_manoeuvres(["turn"], "longer"), ("longer",)),
+        (lambda: suite.select_manoeuvres(["turn", "turn"], "built"), ("turn",)),
+        (lambda: suite.make_surfaces(CARS, [3.0]), ("floor", "3", "0.2", "2")),
+        (lambda: suite.select_candidates(["feedbak"]), ("feedbak", "feedback")),
     ],
 )
 def test_what_is_not_there_is_refused(make, named):
@@ -93,11 +94,11 @@ def law_file(tmp_path):
 
 @pytest.mark.slow
 def test_a_law_of_ones_own_climbs_and_one_that_fails_is_named(law_file):
-    who = suite.candidates([], [f"{law_file}:Upright", f"{law_file}:Failing"])
+    who = suite.select_candidates([], [f"{law_file}:Upright", f"{law_file}:Failing"])
     turn = Manoeuvre("turn", "turn_swing", tuple(f"manoeuvre.{setting}" for setting in SHORT))
     search = EntrySearch(start=1.0, lowest=1.0, ceiling=1.0)
-    case = (Member("own", 1.0, {}), EntryFloor("own"))
-    table = climb([turn], who, [case], Runs(), search).set_index("candidate")
+    case = (Member("own", 1.0, {}), Surface("own"))
+    table = find_entry_speeds([turn], who, [case], CachedRunner(), search).set_index("candidate")
     assert list(table.index) == ["no tail", "Upright", "Failing"]
     assert table.loc["Upright", "entry_speed_m_per_s"] == 1.0
     assert table.loc["Failing", "ended_by"] == "error: KeyError: 'gain'"

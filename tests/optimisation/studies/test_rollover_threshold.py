@@ -4,16 +4,16 @@ import math
 
 import pytest
 
+from aerodima.optimisation.studies.limit_search import LimitSearch
 from aerodima.optimisation.studies.rollover_threshold import (
     FRICTION,
     SPEED,
     TIPPED,
     Case,
-    Search,
     critical_friction,
     find_thresholds,
 )
-from aerodima.optimisation.studies.runs import Runs, tipped_before_turn
+from aerodima.optimisation.studies.runs import CachedRunner, tipped_before_turn
 from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.core.errors import SweepError, UserError
 from tests.refusals import assert_refused
@@ -59,7 +59,9 @@ def search(survives, **changes):
         "tolerance": 0.01,
     } | changes
     engine = MadeUp(survives, settings["factor"])
-    return find_thresholds([Case("", "turn_none")], Search(**settings), Runs(engine))[0], engine
+    return find_thresholds([Case("", "turn_none")], LimitSearch(**settings), CachedRunner(engine))[
+        0
+    ], engine
 
 
 def test_step_is_bracketed_within_the_tolerance_with_few_runs():
@@ -99,10 +101,12 @@ def test_tipping_over_before_the_turn_is_no_flip_in_the_turn():
 
 def test_cases_are_searched_together_and_give_what_each_gives_alone():
     engine = MadeUp(lambda speed: speed < 3.4, SPEED)
-    wanted = Search(SPEED, 3.0, 4.0, 0.25, 0.05)
-    both = find_thresholds([Case("a", "turn_none"), Case("a", "turn_held")], wanted, Runs(engine))
+    wanted = LimitSearch(SPEED, 3.0, 4.0, 0.25, 0.05)
+    both = find_thresholds(
+        [Case("a", "turn_none"), Case("a", "turn_held")], wanted, CachedRunner(engine)
+    )
     assert both[0] == both[1]
-    assert both[0] == find_thresholds([Case("a", "turn_none")], wanted, Runs(engine))[0]
+    assert both[0] == find_thresholds([Case("a", "turn_none")], wanted, CachedRunner(engine))[0]
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 from aerodima.optimisation.studies import runs as engine_module
 from aerodima.optimisation.studies.runs import (
     WORKER_LOST,
-    Runs,
+    CachedRunner,
     RunTask,
     evaluate,
     open_run_engine,
@@ -90,9 +90,9 @@ def test_a_mistake_of_the_programme_is_raised_and_one_in_a_law_is_a_row(
 def test_workers_give_the_rows_of_a_serial_loop_in_order(engine):
     work = [*tasks(4), RunTask("bad", "straight", ("car.mass=-1",))]
     finished = []
-    rows = Runs(engine).rows(work, lambda place, row: finished.append((place, row["run"])))
-    assert rows == Runs().rows(work)
-    assert sorted(finished) == [(place, task.name) for place, task in enumerate(work)]
+    rows = CachedRunner(engine, progress=finished.append).rows(work)
+    assert rows == CachedRunner().rows(work)
+    assert [line.split()[1] for line in finished] == ["1/5", "2/5", "3/5", "4/5", "5/5"]
     assert engine.workers == 2
     assert engine.startup > 0.0
 
@@ -103,7 +103,7 @@ def test_run_that_kills_its_worker_is_a_row_with_an_error_and_its_neighbours_are
 ):
     monkeypatch.setattr(engine_module, "evaluate", evaluate_or_die)
     work = tasks(6)
-    rows = Runs(engine).rows([*work[:2], RunTask(POISON, "straight"), *work[3:]])
+    rows = CachedRunner(engine).rows([*work[:2], RunTask(POISON, "straight"), *work[3:]])
     assert [row["run"] for row in rows] == ["0", "1", POISON, "3", "4", "5"]
     assert rows[2]["outcome"] is None
     assert rows[2]["error"].startswith(WORKER_LOST)
@@ -171,7 +171,7 @@ def test_a_run_of_two_names_is_made_once_and_a_kept_one_not_again(monkeypatch):
 
     monkeypatch.setattr(engine_module, "evaluate", made_up)
     (one,) = tasks(1)
-    runs = Runs()
+    runs = CachedRunner()
     rows = runs.rows([one, replace(one, name="twin")])
     assert [row["run"] for row in rows] == ["0", "twin"]
     runs.rows([replace(one, name="later"), replace(one, signals="all")])

@@ -5,11 +5,11 @@ cannot do.
 import numpy as np
 import pytest
 
-from aerodima.optimisation.judge.suite import FEEDBACK, floors, manoeuvres
-from aerodima.optimisation.studies.runs import Runs
+from aerodima.optimisation.judge.reduced_entries import gains_of, reduced_cars
+from aerodima.optimisation.judge.suite import FEEDBACK, make_surfaces, select_manoeuvres
+from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.optimisation.swing import bound
-from aerodima.optimisation.swing.bound import SEARCHED, paths, search_bound
-from aerodima.optimisation.swing.feedback_search import gains_of, reduced_cars
+from aerodima.optimisation.swing.bound import CANDIDATE_NAMES, paths, search_bound
 from aerodima.workbench.car.reduced.entry_runs import (
     EntryRollout,
     PathMotion,
@@ -23,7 +23,7 @@ from aerodima.workbench.scenario.scenario import load_scenario
 from tests.refusals import assert_refused
 
 CAR = load_ensemble("physical").split(1).test[0]
-(CORNER,) = manoeuvres(["corner"], "designed")
+(CORNER,) = select_manoeuvres(["corner"], "designed")
 SCENARIO = load_scenario(CORNER.scenario, (*CORNER.settings, *FEEDBACK.settings))
 
 
@@ -72,13 +72,13 @@ def test_the_tail_goes_where_the_motion_says_and_the_path_is_counted_from_its_en
 
 @pytest.mark.slow
 def test_the_bound_is_never_below_the_law_and_repeats():
-    cases = floors([CAR], [1.2])
-    table = search_bound(["corner"], cases, "designed", 1, 1, Runs())
-    assert list(table) == ["manoeuvre", "car", "floor", *SEARCHED]
+    cases = make_surfaces([CAR], [1.2])
+    table = search_bound(["corner"], cases, "designed", 1, 1, CachedRunner())
+    assert list(table) == ["manoeuvre", "car", "floor", *CANDIDATE_NAMES]
     (row,) = table.to_dict("records")
     assert row["bound"] >= row["feedback"] > 1.5
     assert row["low-ballast"] > 2.0
-    assert table.equals(search_bound(["corner"], cases, "designed", 1, 1, Runs()))
+    assert table.equals(search_bound(["corner"], cases, "designed", 1, 1, CachedRunner()))
 
 
 def test_starts_differ_by_their_seed_and_the_bound_is_no_lower_than_the_law(monkeypatch):
@@ -88,14 +88,14 @@ def test_starts_differ_by_their_seed_and_the_bound_is_no_lower_than_the_law(monk
         return {"bound": 1.0 + start.seed, "feedback": 2.5}.get(start.who, 2.0)
 
     monkeypatch.setattr(bound, "best_speed", speed)
-    runs = Runs()
-    cases = floors([CAR], [1.2])
+    runs = CachedRunner()
+    cases = make_surfaces([CAR], [1.2])
     (one,), (three,) = (
         search_bound(["corner"], cases, "designed", starts, 1, runs).to_dict("records")
         for starts in (1, 3)
     )
     assert (one["bound"], three["bound"], three["feedback"]) == (2.5, 3.0, 2.5)
-    again = Runs()
+    again = CachedRunner()
     search_bound(["corner"], cases, "designed", 3, 1, again)
     assert again.ran == runs.ran, "what is there of one start is not run again for three"
 

@@ -9,18 +9,18 @@ import pytest
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from typer.testing import CliRunner
 
-from aerodima.optimisation import turn_programme
-from aerodima.optimisation.studies.runs import Runs
+from aerodima.optimisation import make_turn_nlp, turn_programme
+from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.optimisation.swing.motion_search import (
-    OWN_CAR,
+    SCENARIO_CAR,
     MotionSearch,
     search_motion,
     steered_swing,
     steering_of,
     swing_of,
 )
-from aerodima.optimisation.swing.task import Floor, Task
-from aerodima.optimisation.swing.turn_nlp import FEASIBLE
+from aerodima.optimisation.swing.task import Task, TaskSurface
+from aerodima.optimisation.swing.turn_nlp import FEASIBILITY_TOL
 from aerodima.optimisation.swing.turn_shooting import TurnVariables
 from aerodima.workbench import load_scenario
 from aerodima.workbench.batch.simulation import simulate
@@ -43,8 +43,8 @@ def variables(**changes):
         "rates": 4,
         "interval": 0.12,
         "start": -1.5,
-        "most_roll": 1.5,
-        "most_rate": 20.0,
+        "max_roll": 1.5,
+        "max_rate": 20.0,
     }
     return TurnVariables(**{**data, "steering": (0.04, 0.5), **changes})
 
@@ -55,7 +55,8 @@ def programme():
         load_scenario("turn_designed", (f"car.tyre_friction={friction}",))
         for friction in (1.1, 0.9)
     ]
-    return turn_programme(turns, FEW)
+    assert turn_programme is make_turn_nlp, "the alias of one version"
+    return make_turn_nlp(turns, FEW)
 
 
 @pytest.fixture(scope="module")
@@ -112,14 +113,14 @@ def test_slopes_are_those_of_differences(programme, start):
 def test_a_few_iterations_turn_the_car_further_within_its_limits(tmp_path):
     """What the programme says is what the reduced car does with the file that is written."""
     turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
-    alone = turn_programme([turn], FEW)
+    alone = make_turn_nlp([turn], FEW)
     start = alone.shooting.random_start(np.random.default_rng([1, 0]))
     start[alone.shooting.variables.tail :][:2] *= 0.8  # less steering: within the limits
-    assert alone.prog.CheckSatisfied(alone.prog.GetAllConstraints(), start, FEASIBLE)
+    assert alone.prog.CheckSatisfied(alone.prog.GetAllConstraints(), start, FEASIBILITY_TOL)
     solution = alone.solve(start, 4)
-    assert solution.violation <= FEASIBLE
+    assert solution.violation <= FEASIBILITY_TOL
     assert solution.course[0] > alone.at(start).course[0] + math.radians(3.0)
-    floor = Floor(OWN_CAR, 4.5, 1.3, 1.1 / 1.3)
+    floor = TaskSurface(SCENARIO_CAR, 4.5, 1.3, 1.1 / 1.3)
     path = write_swing(
         swing_of("found", TASK, [(floor, turn)], alone, [solution], FEW), tmp_path / "found.yaml"
     )
@@ -137,8 +138,8 @@ def test_a_constraint_of_the_user_is_kept():
     """A tail that may swing at 4 rad/s only; without it the programme swings faster."""
     turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
     rates = slice(1, 1 + FEW.knots - 2)
-    free = turn_programme([turn], FEW)
-    slow = turn_programme([turn], FEW)
+    free = make_turn_nlp([turn], FEW)
+    slow = make_turn_nlp([turn], FEW)
     start = free.shooting.random_start(np.random.default_rng([1, 0]))
     unit = slow.shooting.variables.units[1]
     slow.prog.AddBoundingBoxConstraint(-4.0 / unit, 4.0 / unit, slow.x[rates])
@@ -149,7 +150,7 @@ def test_a_constraint_of_the_user_is_kept():
 
 def test_a_constraint_that_is_not_kept_is_named():
     turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
-    late = turn_programme([turn], FEW)
+    late = make_turn_nlp([turn], FEW)
     unit = late.shooting.variables.units[0]
     (_, high) = late.shooting.variables.bounds
     added = late.prog.AddBoundingBoxConstraint(high[0] + 0.5, high[0] + 1.0, late.x[0])
@@ -162,7 +163,7 @@ def test_a_constraint_that_is_not_kept_is_named():
 
 def test_pulse_and_limits_are_those_of_the_task():
     turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
-    long = turn_programme(
+    long = make_turn_nlp(
         [turn], FEW, Task(scenario="turn_designed", pulse=1.0, most_roll=0.2, most_sideslip=0.3)
     )
     shooting = long.shooting
@@ -190,14 +191,14 @@ def test_a_turn_that_breaks_a_limit_has_not_converged_whatever_the_solver_says(
     beyond[1 : programme.shooting.variables.tail] = programme.shooting.variables.bounds[1][1]
     monkeypatch.setattr(programme, "_solve", lambda x, _: (beyond, True))
     broken = programme.solve(start, 1)
-    assert broken.violation > FEASIBLE
+    assert broken.violation > FEASIBILITY_TOL
     assert not broken.converged
 
 
 def test_the_tail_travels_within_its_limits_from_where_it_waits():
     """From -1.5 rad it may go 3 rad to the right, and not at all to the left."""
     turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
-    prog = turn_programme([turn], FEW).prog
+    prog = make_turn_nlp([turn], FEW).prog
     (travel,) = prog.linear_constraints()
     row = travel.evaluator()
     limit = turn.tail.roll_limit
@@ -226,7 +227,7 @@ def test_a_swing_of_a_turn_to_the_right_is_the_mirror_image(direction):
         (lambda: MotionSearch(knots=3), ("knots", "3")),
         (lambda: MotionSearch(length=3.0), ("length", "3")),
         (lambda: MotionSearch(starts=0), ("starts", "0")),
-        (lambda: turn_programme([load_scenario("turn_none")], FEW), ("tail.mode", "none")),
+        (lambda: make_turn_nlp([load_scenario("turn_none")], FEW), ("tail.mode", "none")),
     ],
 )
 def test_impossible_searches_are_refused(make, named):
@@ -254,7 +255,9 @@ def test_a_swing_is_found_from_the_floor_on():
     """Whole way: floor from the full car, programme, and the full car drives what was found as
     far.
     """
-    swing = search_motion("whole", TASK, MotionSearch(1, knots=6, length=0.6, iterations=6), Runs())
+    swing = search_motion(
+        "whole", TASK, MotionSearch(1, knots=6, length=0.6, iterations=6), CachedRunner()
+    )
     found = swing.provenance.found
     settings = swing.provenance.settings
     assert found["car_4.5_1.3_friction"] == pytest.approx(

@@ -7,7 +7,6 @@ delay.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,7 +15,7 @@ import numpy as np
 from aerodima.workbench.car.laws import servo_step
 from aerodima.workbench.car.reduced.compiled.steps import run
 from aerodima.workbench.car.reduced.ground_terms import wheel_lifts
-from aerodima.workbench.car.reduced.parameters import VehicleParams, regularised_slip, take
+from aerodima.workbench.car.reduced.parameters import VehicleParams, regularised_slip
 from aerodima.workbench.car.reduced.rollout import (
     STEP,
     Rollout,
@@ -277,27 +276,6 @@ def interpolate_knots(share: FloatArray, knots: FloatArray) -> FloatArray:
     hats = [np.maximum(1.0 - np.abs(position - k), 0.0) * value for k, value in enumerate(knots)]
     values: FloatArray = np.sum(np.stack(hats), axis=0)
     return values
-
-
-def climb(
-    cars: VehicleParams,
-    speeds: FloatArray,
-    drivers: Sequence[Scenario],
-    gains: Any,
-    steers_tail: FloatArray,
-) -> tuple[np.ndarray, FloatArray]:
-    """Returns whether n cars complete the manoeuvre at speeds (m, n), m/s, with one of the drivers,
-    and their lateral accelerations with the first, m/s2, (m, n) each.
-    """
-    which = np.tile(np.arange(cars.count), len(speeds))
-    tried = at_speeds(cars.take(which), speeds.ravel())
-    results = [
-        simulate_entries(tried, driver, take(gains, which), steers_tail[which])
-        for driver in drivers
-    ]
-    completed = np.logical_or.reduce([one.completed for one in results])
-    shape = speeds.shape
-    return completed.reshape(shape), results[0].lateral_acceleration.reshape(shape)
 
 
 def at_speeds(cars: VehicleParams, speeds: FloatArray) -> VehicleParams:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from aerodima.optimisation.swing.feedback_search import gains_of
+from aerodima.optimisation.judge.reduced_entries import gains_of
 from aerodima.workbench import load_scenario
 from aerodima.workbench.car.reduced.compiled import steps
 from aerodima.workbench.car.reduced.compiled.machine_code import LANES

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aerodima.optimisation.studies.rollover_threshold import FRICTION, Search
+from aerodima.optimisation.studies.limit_search import LimitSearch
+from aerodima.optimisation.studies.rollover_threshold import FRICTION
 from aerodima.optimisation.swing.motion_search import steered_swing
 from aerodima.workbench import Observation, UserError, load_scenario, metrics_of, simulate
 from aerodima.workbench.car.reduced.parameters import VehicleParams
@@ -53,7 +54,7 @@ def test_critical_friction_is_that_of_the_full_car():
     """Figures of the full car, 4.5 m/s, on the same grid: docs/reproduced.md."""
     full = {"none": 0.5375, "held": 0.4875, "swing": 0.8875}
     scenarios = [load_scenario("turn_designed", (f"tail.mode={mode}",)) for mode in full]
-    found = screened_friction(scenarios, Search(FRICTION, 0.4, 1.0, 0.1, 0.0125))
+    found = screened_friction(scenarios, LimitSearch(FRICTION, 0.4, 1.0, 0.1, 0.0125))
     assert [each.survived for each in found] == pytest.approx(list(full.values()), rel=0.05)
 
 

@@ -5,22 +5,28 @@ car.
 import numpy as np
 import pytest
 
+from aerodima.optimisation import sweep_speeds
 from aerodima.optimisation.judge.candidate import write_candidates
-from aerodima.optimisation.judge.entry_speed import failed_rule
-from aerodima.optimisation.judge.suite import FEEDBACK, candidates, floors, manoeuvres
-from aerodima.optimisation.studies.runs import Runs, RunTask, evaluate
-from aerodima.optimisation.swing.feedback_search import (
+from aerodima.optimisation.judge.entry_rule import failed_rule
+from aerodima.optimisation.judge.reduced_entries import gains_of
+from aerodima.optimisation.judge.suite import (
+    FEEDBACK,
+    make_surfaces,
+    select_candidates,
+    select_manoeuvres,
+)
+from aerodima.optimisation.studies.runs import CachedRunner, RunTask, evaluate
+from aerodima.optimisation.swing.feedback_training import (
     RANGES,
     LawSearch,
     _reference,
-    gains_of,
     laws_at,
     score,
-    search_feedback,
     search_laws,
     shares_of,
+    train_feedback,
 )
-from aerodima.workbench.car.reduced.entry_runs import EntryRollout, climb
+from aerodima.workbench.car.reduced.entry_runs import EntryRollout
 from aerodima.workbench.car.reduced.ground_terms import wheel_lifts
 from aerodima.workbench.car.reduced.states import STATES
 from aerodima.workbench.core.errors import UserError
@@ -37,7 +43,7 @@ def test_score_is_half_the_mean_and_half_that_of_the_worst_fifth():
 
 
 def test_a_rolled_car_lifts_its_inner_wheels_by_the_sine_of_its_roll():
-    _, cars, _, _ = _reference("turn", "designed", (SETTINGS,))
+    cars = _reference("turn", "designed", (SETTINGS,)).cars
     state = np.zeros((len(STATES), 1))
     flat = wheel_lifts(state, cars, np.zeros(1))
     state[5] = 0.1
@@ -51,7 +57,7 @@ def test_a_rolled_car_lifts_its_inner_wheels_by_the_sine_of_its_roll():
 @pytest.mark.parametrize(("angle", "upright"), [("pitch", True), ("roll", False)])
 def test_two_wheels_of_one_side_end_a_run_and_those_of_an_axle_do_not(angle, upright):
     """Nose up by 0.1 rad lifts the front wheels by 28 mm, roll by 0.1 rad those of a side."""
-    drivers, cars, _, _ = _reference("turn", "designed", (SETTINGS,))
+    drivers, cars, *_ = _reference("turn", "designed", (SETTINGS,))
     entering = EntryRollout(cars, drivers[0], gains_of([{}], drivers[0]), np.ones(1))
     entering.state[STATES.index(angle)] = -0.1
     entering.step(2.0, 0.0, 1.0, 0.0)
@@ -65,9 +71,9 @@ def test_reduced_cars_turn_as_full_ones_with_the_feedback_law(manoeuvre):
 
     The fishhook is steered to both sides, the second time by its roll rate.
     """
-    (chosen,) = manoeuvres([manoeuvre], "designed")
-    drivers, cars, _, _ = _reference(manoeuvre, "designed", (SETTINGS,))
-    upright, figure = climb(
+    (chosen,) = select_manoeuvres([manoeuvre], "designed")
+    drivers, cars, *_ = _reference(manoeuvre, "designed", (SETTINGS,))
+    upright, figure = sweep_speeds(
         cars, np.array([[3.2]]), drivers, gains_of([{}], drivers[0]), np.ones(1)
     )
     task = (*SETTINGS, *chosen.settings, *FEEDBACK.settings, "manoeuvre.speed=3.2")
@@ -79,10 +85,14 @@ def test_reduced_cars_turn_as_full_ones_with_the_feedback_law(manoeuvre):
 
 def test_a_tail_that_stays_leant_is_no_completed_turn():
     """It returns at 0.01 rad/s, so that the car goes on turning after its wheels are straight."""
-    drivers, cars, _, _ = _reference("turn", "designed", (SETTINGS,))
-    upright, _ = climb(cars, np.array([[3.2]]), drivers, gains_of([{}], drivers[0]), np.ones(1))
+    drivers, cars, *_ = _reference("turn", "designed", (SETTINGS,))
+    upright, _ = sweep_speeds(
+        cars, np.array([[3.2]]), drivers, gains_of([{}], drivers[0]), np.ones(1)
+    )
     slow = {"feedback.return_speed": 0.01, "feedback.pitch_angle": 0.0, "feedback.roll_gain": 0.0}
-    leant, _ = climb(cars, np.array([[3.2]]), drivers, gains_of([slow], drivers[0]), np.ones(1))
+    leant, _ = sweep_speeds(
+        cars, np.array([[3.2]]), drivers, gains_of([slow], drivers[0]), np.ones(1)
+    )
     assert upright[0, 0]
     assert not leant[0, 0]
 
@@ -93,11 +103,13 @@ def test_reduced_cars_keep_to_a_path_up_to_the_speed_of_the_full_ones(manoeuvre)
     """With the law and the first driver of the suite: 0.1 m/s below and above the reduced car's
     entry speed.
     """
-    (chosen,) = manoeuvres([manoeuvre], "designed")
-    settings = (*SETTINGS, *floors(CARS, [1.2])[0][1].settings)
-    drivers, cars, _, _ = _reference(manoeuvre, "designed", (settings,))
+    (chosen,) = select_manoeuvres([manoeuvre], "designed")
+    settings = (*SETTINGS, *make_surfaces(CARS, [1.2])[0][1].settings)
+    drivers, cars, *_ = _reference(manoeuvre, "designed", (settings,))
     speeds = np.arange(1.5, 3.5, 0.05)
-    fits, _ = climb(cars, speeds[:, None], drivers[:1], gains_of([{}], drivers[0]), np.ones(1))
+    fits, _ = sweep_speeds(
+        cars, speeds[:, None], drivers[:1], gains_of([{}], drivers[0]), np.ones(1)
+    )
     entry = speeds[np.argmin(fits[:, 0]) - 1]
     assert 1.8 < entry < 3.0
     for speed, expected in ((entry - 0.1, {""}), (entry + 0.1, {"path", "two wheels"})):
@@ -116,12 +128,12 @@ def test_reduced_cars_keep_to_a_path_up_to_the_speed_of_the_full_ones(manoeuvre)
 
 @pytest.mark.slow
 def test_search_finds_a_law_that_a_file_of_candidates_brings_back(tmp_path):
-    found = search_feedback(
-        floors(CARS, [1.2]), "designed", LawSearch(laws=3, generations=0), Runs()
+    found = train_feedback(
+        make_surfaces(CARS, [1.2]), "designed", LawSearch(laws=3, generations=0), CachedRunner()
     )
     assert {setting.split("=")[0] for setting in found.settings} >= set(RANGES)
     path = write_candidates(tmp_path / "laws.yaml", [found], "test")
-    assert candidates([str(path)])[1].settings == found.settings
+    assert select_candidates([str(path)])[1].settings == found.settings
 
 
 def test_the_search_comes_to_the_best_law_and_begins_with_the_present_one():
