@@ -37,7 +37,7 @@ SERIAL_DEVICES: tuple[SerialDevice, ...] = get_args(SerialDevice)
 READY_FILE = "ready.json"
 """File that exists once an emulated car answers."""
 PORTS_FILE = "ports.json"
-"""The ports of an emulated car, for `connect` and `aerodima drive --ports`."""
+"""The ports of an emulated car, for `connect` and `aerodima drive run --ports`."""
 EVENTS_FILE = "events.jsonl"
 """What happened in an emulated car, for `read_events`."""
 TRAFFIC_FILE = "traffic.blf"
@@ -130,13 +130,15 @@ class CarPorts(StrictModel):
         return self.tail_pitch.motor_id, self.tail_roll.motor_id
 
 
-def read_ports(path: str | Path) -> CarPorts:
-    """Reads a ports file.
+def read_ports(path: str | Path | CarPorts) -> CarPorts:
+    """Reads a ports file; returns ports that were read already as they are.
 
     Raises:
         HardwareError: no such file, not JSON, unknown key, value not allowed, one device named
             twice; names the place.
     """
+    if isinstance(path, CarPorts):
+        return path
     try:
         data = json.loads(Path(path).read_text(encoding="utf-8"))
     except FileNotFoundError:

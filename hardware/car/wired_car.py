@@ -23,7 +23,7 @@ from aerodima.hardware.devices.device_states import ENERGISED, MotorFault
 from aerodima.hardware.devices.tail_motor import Motor
 from aerodima.hardware.protocol.ak70 import MitCommand
 from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.hardware.protocol.radio import Asks
+from aerodima.hardware.protocol.radio import OperatorPrompt
 from aerodima.hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.scenario.signal_table import IMU, STATUS
@@ -54,7 +54,7 @@ class WiredCar:
         devices: open ones; None before `start` and after `stop`.
         reading: of the last cycle.
         stop_reason: of the first `stop`, empty before.
-        asks: what the operator must do before the car drives, with the next report; set by the
+        prompt: what the operator must do before the car drives, with the next report; set by the
             guard.
         traffic_error: what stopped the log of the CAN traffic, known after `stop`; empty if nothing
             did.
@@ -78,7 +78,7 @@ class WiredCar:
         self.reading = CarReading()
         self.stop_reason = ""
         self.traffic_error = ""
-        self.asks = Asks.NOTHING
+        self.prompt = OperatorPrompt.NONE
         self._reader = CarReader(mounting)
         self._reporter = CarReporter(has_tail, car)
         self._released = False  # by hand; what stands for `armed` where there are no motors
@@ -245,7 +245,7 @@ class WiredCar:
         devices.teensy.set_attitude(roll, pitch, self.imu_time)
         devices.teensy.commit()
         if devices.radio is not None:
-            self._reporter.turn(devices.radio, self.reading, now, self.asks)
+            self._reporter.turn(devices.radio, self.reading, now, self.prompt)
 
     # -- the way out
 

@@ -29,9 +29,9 @@ from aerodima.hardware.devices.teensy_link import TeensyLink
 from aerodima.hardware.devices.ublox import GpsSample
 from aerodima.hardware.protocol.radio import (
     REPORT_PERIOD,
-    Asks,
     CarReport,
     OperatorCommand,
+    OperatorPrompt,
     make_report,
 )
 from aerodima.hardware.transport.can_bus import CanBus
@@ -260,7 +260,7 @@ class CarReporter:
         radio: RadioLink,
         reading: CarReading,
         now: float,
-        asks: Asks = Asks.NOTHING,
+        prompt: OperatorPrompt = OperatorPrompt.NONE,
         at_once: bool = False,
     ) -> None:
         """Sends a report when one is due (`now` in s, monotonic), or at once."""
@@ -268,10 +268,10 @@ class CarReporter:
             return
         self._due = now + REPORT_PERIOD
         self._sequence += 1
-        report = self._report(reading, radio.stopped, asks)
+        report = self._report(reading, radio.stopped, prompt)
         radio.report(make_report(report, self._sequence))
 
-    def _report(self, reading: CarReading, stopped: bool, asks: Asks) -> CarReport:
+    def _report(self, reading: CarReading, stopped: bool, prompt: OperatorPrompt) -> CarReport:
         status = STATUS.read(reading.status)
         tail = TAIL_STATE.read(reading.tail_state)
         imu = IMU.read(reading.imu)
@@ -290,8 +290,8 @@ class CarReporter:
             torque_roll=torque.roll,
             speed=float(reading.speed[0]),
             operator_age=status.operator_age,
-            text=reading.fault_text or _REST_FIRST * (asks is Asks.REST),
-            asks=asks,
+            text=reading.fault_text or _REST_FIRST * (prompt is OperatorPrompt.RETURN_TO_IDLE),
+            prompt=prompt,
             has_tail=self._has_tail,
             car=self._car,
         )

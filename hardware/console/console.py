@@ -179,7 +179,7 @@ class Console:
             self.radio.reset()
             self._record.add("reset")
         elif self._car is None:
-            raise UserError("this car is armed beside it: aerodima drive")
+            raise UserError("this car is armed beside it: aerodima drive run")
         elif request == "disarm":
             self._car.disarm()
         elif self.radio.stopped:

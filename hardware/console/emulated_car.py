@@ -33,7 +33,7 @@ the emulated car."""
 
 
 class EmulatedCarProcess:
-    """`aerodima emulate` and, when it is armed, `aerodima drive`.
+    """`aerodima emulate` and, when it is armed, `aerodima drive run`.
 
     Args:
         scenario, settings: as the two commands take them.
@@ -116,7 +116,7 @@ class EmulatedCarProcess:
     def _test_watchdog(self, say: Callable[[str], None]) -> None:
         say("testing its watchdog")
         for left in reversed(range(_TESTS)):
-            test = self._run([*self._drive_command(), "--watchdog-test"])
+            test = self._run(self._drive_command("watchdog-test"))
             out, _ = test.communicate(timeout=_START_TIME)
             if test.returncode == 0:
                 return
@@ -151,7 +151,9 @@ class EmulatedCarProcess:
         self._drives += 1
         log = self.folder / f"drive_{self._drives}.parquet"
         self._lines = ["starting"]
-        self._drive = self._run([*self._drive_command(), "--no-drake", "--arm", "--out", str(log)])
+        self._drive = self._run(
+            [*self._drive_command("run"), "--no-drake", "--arm", "--out", str(log)]
+        )
         threading.Thread(
             target=self._listen, args=(self._drive,), name="drive-lines", daemon=True
         ).start()
@@ -172,8 +174,9 @@ class EmulatedCarProcess:
             except subprocess.TimeoutExpired:
                 process.kill()
 
-    def _drive_command(self) -> list[str]:
-        return ["drive", *self._scenario, "--ports", str(self.ports), "--wiring", self.wiring]
+    def _drive_command(self, command: str) -> list[str]:
+        car = ["--ports", str(self.ports), "--wiring", self.wiring]
+        return ["drive", command, *self._scenario, *car]
 
     def _run(self, words: list[str]) -> subprocess.Popen[str]:
         return subprocess.Popen(

@@ -4,7 +4,7 @@ A joint that rests is held by friction, by a stop or by the balance of its weigh
 move it only its own way. Feedback with the wrong sign, or a motor that turns the other way, shows
 at the first hundredth of a radian; a position to hold would have the motor swing with all its
 torque. A joint that is mounted the other way round, motor and encoder together, looks right from
-here: only somebody who sees the tail can tell (`aerodima drive --motor-test`).
+here: only somebody who sees the tail can tell (`aerodima drive motor-test`).
 """
 
 from __future__ import annotations

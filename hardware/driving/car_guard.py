@@ -32,7 +32,7 @@ from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import CarCommand, CarReading
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_settings import Lasting
-from aerodima.hardware.protocol.radio import Asks, RadioMode
+from aerodima.hardware.protocol.radio import OperatorPrompt, RadioMode
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.scenario.signal_table import IMU, STATUS, TAIL_STATE
 
@@ -147,7 +147,7 @@ class CarGuard:
             falls silent then has not chosen to end the drive: the console sends a car to rest whose
             page has gone.
         reading: of the last cycle.
-        rested: the operator has reported IDLE since the car took commands.
+        was_idle: the operator has reported IDLE since the car took commands.
         lateness: of the last cycle, s; 0 for a cycle without a due time.
         overruns: cycles that came later than `safety.overrun`.
         cycle_times: `time.monotonic` of every cycle since `drive`, s.
@@ -173,7 +173,7 @@ class CarGuard:
         self.slow_ticks = array("d")
         self._since = 0.0
         self._was_armed = False
-        self.rested = False
+        self.was_idle = False
         self._ready_since: float | None = None
         self._mode = RadioMode.AUTO
 
@@ -195,11 +195,11 @@ class CarGuard:
         )
 
     @property
-    def asks(self) -> Asks:
+    def prompt(self) -> OperatorPrompt:
         """What the operator must do before the car drives."""
         if not self.ready or self.reason:
-            return Asks.NOTHING
-        return Asks.CHOICE if self.rested else Asks.REST
+            return OperatorPrompt.NONE
+        return OperatorPrompt.SELECT_MODE if self.was_idle else OperatorPrompt.RETURN_TO_IDLE
 
     def link_times(self, start: float) -> np.ndarray:
         """(3,) `LINK_COLUMNS` of the log, s from the `start` (s, monotonic) of the run."""
@@ -229,7 +229,7 @@ class CarGuard:
             raise HardwareError(f"the car cannot be armed: {reason}")
         self.wiring.arm()
         self._was_armed = False
-        self.rested = False
+        self.was_idle = False
         self._ready_since = None
         self._go_unless_stopped(Stage.ARMED, now)
 
@@ -243,7 +243,7 @@ class CarGuard:
             raise HardwareError(
                 f"the car cannot drive: it is not armed{f' ({self.reason})' if self.reason else ''}"
             )
-        if not self.rested:
+        if not self.was_idle:
             raise HardwareError(
                 "the car cannot drive: the operator was not heard in IDLE since it was armed"
             )
@@ -298,7 +298,7 @@ class CarGuard:
         self.reading = self.wiring.read(now)
         self._judge(now)
         self._look_for_rest(now)
-        self.wiring.asks = self.asks
+        self.wiring.prompt = self.prompt
         if self.stage is Stage.HOLDING and now - self._since >= self._safety.tail_hold:
             self._exit(now)
         elif self.stage is Stage.EXITING and now - self._since >= self._safety.after_exit:
@@ -360,7 +360,7 @@ class CarGuard:
             self._ready_since = now
         given = now - self.reading.status[_OPERATOR_AGE]
         if self.reading.operator.mode is RadioMode.IDLE and given > self._ready_since:
-            self.rested = True
+            self.was_idle = True
 
     def _judge(self, now: float) -> None:
         hard, reason = self._reason(self.reading)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import shutil
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -77,14 +77,20 @@ class Check:
         return f"{mark:6}  {self.name}: {self.text}"
 
 
-def refuse_failed(checks: list[Check]) -> None:
-    """Raises `HardwareError` with every check that failed."""
+def report(checks: list[Check], say: Callable[[str], None], refuse: bool = True) -> None:
+    """Says every check; raises `HardwareError` with those that failed, if they are to be
+    refused.
+    """
+    for check in checks:
+        say(str(check))
+    if not refuse:
+        return
     failed = [f"{check.name}: {check.text}" for check in checks if check.passed is False]
     if failed:
         raise HardwareError("; ".join(failed))
 
 
-def desk_checks(scenario: Scenario, folder: Path, safety: DriveSafety) -> list[Check]:
+def preflight_checks(scenario: Scenario, folder: Path, safety: DriveSafety) -> list[Check]:
     """Rates of the scenario, space for the log, clocks of this computer."""
     return [*_rates(scenario), _disk(folder, safety), _sleep(), _calendar()]
 

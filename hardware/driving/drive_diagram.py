@@ -20,7 +20,7 @@ from aerodima.workbench.core.port_wiring import DiscreteVector, vector_of
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import STATION_INPUTS, STATION_OUTPUTS
 
-_REHEARSED = 3
+_WARM_UP_TICKS = 3
 """Ticks before the motors are on."""
 
 
@@ -105,7 +105,7 @@ class DiagramPilot(Pilot):
         self._simulator = Simulator(self._diagram)
         self._simulator.Initialize()
 
-    def rehearse(self, reading: CarReading) -> float:
+    def warm_up(self, reading: CarReading) -> float:
         """Runs the first ticks on a copy of the state, so that none of them is the first one while
         the car drives.
 
@@ -120,7 +120,7 @@ class DiagramPilot(Pilot):
         times = []
         self._simulator = Simulator(self._diagram, kept.get_context().Clone())
         self._simulator.Initialize()
-        for tick in range(_REHEARSED):
+        for tick in range(_WARM_UP_TICKS):
             begin = time.monotonic()
             step = self.step(tick * PERIOD, reading)
             times.append(time.monotonic() - begin)

@@ -20,7 +20,7 @@ from aerodima.hardware.emulator.fault_script import EventLog, Fault, FaultBoard,
 from aerodima.hardware.firmware.teensy_firmware import CoreState, FirmwareSettings, TeensyCore
 from aerodima.hardware.protocol import radio
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
-from aerodima.hardware.protocol.radio import Asks, decode_report
+from aerodima.hardware.protocol.radio import OperatorPrompt, decode_report
 from aerodima.hardware.protocol.teensy import THROTTLE_PULSES, TeensyStatus
 from aerodima.hardware.protocol.xbee import BROADCAST, ApiStream, ReceivedPacket, make_received
 
@@ -215,11 +215,11 @@ class EmulatedOperator:
         """What the car's computer hands to its module: reports of what the car asks for."""
         for packet in self._of_car.feed_transmits(data):
             try:
-                asks = decode_report(packet.data).asks
+                prompt = decode_report(packet.data).prompt
             except FrameError:
                 continue
-            if asks is not Asks.NOTHING:
-                self.asked = asks is Asks.CHOICE
+            if prompt is not OperatorPrompt.NONE:
+                self.asked = prompt is OperatorPrompt.SELECT_MODE
 
     def turn(self, now: float) -> bytes:
         """Bytes that are due."""

@@ -286,7 +286,7 @@ def config_header(settings: FirmwareSettings) -> str:
     lines = "\n".join(f"  config.{name} = {repr(value).lower()};" for name, value in fields.items())
     made_of = f"{settings.wiring}, {settings.profile.name}, firmware {firmware_hash()[:12]}"
     return (
-        f"// Written by `aerodima drive --firmware`: {made_of}.\n"
+        f"// Written by `aerodima drive firmware`: {made_of}.\n"
         '#pragma once\n#include "src/core.h"\n\n'
         f"#define AERODIMA_SAIL_BITS {settings.sail_bits}\n\n"
         f"inline aerodima::Config aerodima_config() {{\n  aerodima::Config config;\n{lines}\n  "

@@ -40,8 +40,8 @@ _ARMED = 1
 """Bit of the flags: the car is armed."""
 _STOPPED = 2
 """Bit of the flags: the car is stopped."""
-_ASKS_SHIFT = 2
-"""Place of `asks` in the flags, bits."""
+_PROMPT_SHIFT = 2
+"""Place of `prompt` in the flags, bits."""
 _NO_TAIL = 16
 """Bit of the flags: the car has no tail."""
 _NUMBERS = (
@@ -180,13 +180,13 @@ def _names(kind: type[IntEnum]) -> str:
     return ", ".join(f"{item.value} ({item.name.lower()})" for item in kind)
 
 
-class Asks(IntEnum):
+class OperatorPrompt(IntEnum):
     """What an armed car wants of its operator before it drives."""
 
-    NOTHING = 0
-    REST = 1
+    NONE = 0
+    RETURN_TO_IDLE = 1
     """The switch stands on AUTO, MANUAL or CONTROL from before: it must be seen in IDLE first."""
-    CHOICE = 2
+    SELECT_MODE = 2
     """It was seen in IDLE; AUTO, MANUAL and CONTROL are obeyed from now on."""
 
 
@@ -206,7 +206,7 @@ class CarReport:
         speed: m/s.
         operator_age: s since the operator was heard alive, infinite before.
         text: the worst fault in words, cut to what the frame holds.
-        asks: what the operator must do before the car drives.
+        prompt: what the operator must do before the car drives.
         car: number of the car among those that share a radio channel, 0 to 255.
         has_tail: the car has tail motors; without them their faults, angles and torques say
             nothing.
@@ -225,14 +225,14 @@ class CarReport:
     speed: float = 0.0
     operator_age: float = math.inf
     text: str = ""
-    asks: Asks = Asks.NOTHING
+    prompt: OperatorPrompt = OperatorPrompt.NONE
     has_tail: bool = True
     car: int = 0
 
 
 def make_report(report: CarReport, sequence: int = 0) -> bytes:
     """The bytes of a report; the sequence is taken modulo 256."""
-    flags = _ARMED * report.armed | _STOPPED * report.stopped | report.asks << _ASKS_SHIFT
+    flags = _ARMED * report.armed | _STOPPED * report.stopped | report.prompt << _PROMPT_SHIFT
     flags |= _NO_TAIL * (not report.has_tail)
     numbers = (getattr(report, name) for name in _NUMBERS)
     head = _HEAD.pack(
@@ -256,9 +256,9 @@ def decode_report(data: bytes) -> CarReport:
         raise FrameError(f"car report of class {report_class}; allowed is {REPORT_CLASS}")
     if mode not in tuple(RadioMode):
         raise FrameError(f"car report: mode {mode}; allowed: {_names(RadioMode)}")
-    asks = (flags & ~_NO_TAIL) >> _ASKS_SHIFT
-    if asks not in tuple(Asks):
-        most = (max(Asks) + 1) << _ASKS_SHIFT
+    prompt = (flags & ~_NO_TAIL) >> _PROMPT_SHIFT
+    if prompt not in tuple(OperatorPrompt):
+        most = (max(OperatorPrompt) + 1) << _PROMPT_SHIFT
         raise FrameError(
             f"car report: flags {flags}; allowed is less than {most}, and {_NO_TAIL} more without "
             "a tail"
@@ -271,4 +271,6 @@ def decode_report(data: bytes) -> CarReport:
         bool(flags & _ARMED), bool(flags & _STOPPED), RadioMode(mode), tuple(faults), *numbers
     )
     text = data[_HEAD.size :].decode(errors="ignore")
-    return replace(report, text=text, asks=Asks(asks), has_tail=not flags & _NO_TAIL, car=car)
+    return replace(
+        report, text=text, prompt=OperatorPrompt(prompt), has_tail=not flags & _NO_TAIL, car=car
+    )

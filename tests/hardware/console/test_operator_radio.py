@@ -12,11 +12,11 @@ from aerodima.hardware.console.page_messages import BeatClock, radio_state, read
 from aerodima.hardware.protocol import radio as frames
 from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.hardware.protocol.radio import (
-    Asks,
     CarReport,
     EmergencyStop,
     Heartbeat,
     OperatorCommand,
+    OperatorPrompt,
     RadioMode,
     decode_report,
     make_report,
@@ -247,8 +247,8 @@ def test_a_car_that_is_armed_anew_under_a_stop_is_stopped_again(radio, link):
 IDLE_CAR = CarReport(True, False, RadioMode.IDLE)
 REPORTS = [
     REPORT,
-    *(dataclasses.replace(IDLE_CAR, asks=asks, has_tail=tail, operator_age=math.inf)
-      for asks in Asks for tail in (True, False)),
+    *(dataclasses.replace(IDLE_CAR, prompt=prompt, has_tail=tail, operator_age=math.inf)
+      for prompt in OperatorPrompt for tail in (True, False)),
 ]  # fmt: skip
 
 

@@ -62,7 +62,7 @@ def armed(wiring, clock):
     guard = CarGuard(wiring, SAFETY)
     idle_until(guard, lambda: True, 0.1, clock, clock.wait)
     guard.arm(clock())
-    assert idle_until(guard, lambda: guard.rested, 0.1, clock, clock.wait)
+    assert idle_until(guard, lambda: guard.was_idle, 0.1, clock, clock.wait)
     guard.drive(RadioMode.AUTO, clock())
     return guard
 
