@@ -21,7 +21,7 @@ from typing import Any, Literal, get_args
 
 from pydantic import Field, model_validator
 
-from aerodima.hardware.protocol.ak70 import LEAST_ID, MOST_ID, FirmwareProfile, firmware_profile
+from aerodima.hardware.protocol.ak70 import MAX_ID, MIN_ID, FirmwareProfile, firmware_profile
 from aerodima.hardware.protocol.xbee import BROADCAST
 from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.hardware.transport.serial_link import SerialSettings
@@ -71,7 +71,7 @@ class MountedMotor(StrictModel):
     the joint's.
     """
 
-    motor_id: int = Field(ge=LEAST_ID, le=MOST_ID)
+    motor_id: int = Field(ge=MIN_ID, le=MAX_ID)
     zero: float = 0.0
     direction: Literal[1, -1] | None = None
     """None takes the sign of `mounting.yaml`."""
@@ -149,21 +149,22 @@ def read_ports(path: str | Path | CarPorts) -> CarPorts:
 
 
 def ports_from_dict(data: Any, where: str = "ports") -> CarPorts:
-    """The ports in plain data; see `read_ports`."""
+    """Checks the ports in plain data; see `read_ports`."""
     ports = checked(CarPorts, data, where, HardwareError, schema=SCHEMA)
-    seen: dict[str, str] = {}
-    for name, path in (
-        ports.serial_paths | ({} if ports.console is None else {"console": ports.console.path})
-    ).items():
-        if path in seen:
-            raise HardwareError(f"{where}: {name}.path: {path} is that of {seen[path]} too")
-        seen[path] = name
+    names: dict[str, str] = {}
+    paths = ports.serial_paths
+    if ports.console is not None:
+        paths["console"] = ports.console.path
+    for name, path in paths.items():
+        if path in names:
+            raise HardwareError(f"{where}: {name}.path: {path} is that of {names[path]} too")
+        names[path] = name
     firmware_profile(ports.firmware_profile)
     return ports
 
 
 def is_emulated_port(path: str) -> bool:
-    """Whether a device is a pseudo-terminal that an emulator made.
+    """Returns whether a device is a pseudo-terminal that an emulator made.
 
     A pseudo-terminal alone is no proof: other programs put real devices behind one.
     """

@@ -34,7 +34,7 @@ def register(app: typer.Typer) -> None:
 
 @dataclass(frozen=True)
 class ConsoleOptions:
-    """Where the console finds its car, and where it shows and records it."""
+    """Options of the console: its car, its page, its record."""
 
     ports: Annotated[
         Path | None, typer.Option(help="Ports file (JSON) with an entry `console`.")

@@ -53,12 +53,12 @@ class DriveGroup(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Returns the sub-command; raises `UserError` with all of them for an unknown one."""
         if args[0] not in self.commands and not ctx.resilient_parsing:
-            raise UserError(f"drive {args[0]}: must be {', '.join(self.commands)}")
+            raise UserError(f"drive {args[0]}: must be one of {', '.join(self.commands)}")
         return super().resolve_command(ctx, args)
 
 
 def _is_old(word: str) -> bool:
-    """Whether the first word after `drive` is of version 0.3: an option or a scenario."""
+    """Returns whether the first word after `drive` is of version 0.3: an option or a scenario."""
     if word.startswith("-"):
         return word not in ("-h", "--help")
     return bool(Path(word).suffix) or (models_dir() / "scenarios" / f"{word}.yaml").exists()
@@ -87,7 +87,7 @@ def register(app: typer.Typer) -> None:
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """What drives the car, and what is recorded of it."""
+    """Options of a drive: what drives the car, and what is recorded of it."""
 
     swing: cli.SwingOption = None
     other_car: cli.OtherCar = False
@@ -120,9 +120,10 @@ def run(scenario: DriveScenario, car: CarOptions, plan: PlanOptions, arm: Arm = 
 
 @cli.grouped
 def check(scenario: DriveScenario, car: CarOptions, plan: PlanOptions) -> None:
-    """Check every device and run the sequence, motors never armed.
+    """Check every device, motors never armed.
 
-    What fails is listed, and the rest is checked too. The log shows what the sensors read.
+    The sequence runs with the motors off. What fails is listed, and the rest is checked too. The
+    log shows what the sensors read.
 
     Example: aerodima drive check auto_turn --ports car.json --out check.parquet
     """
@@ -140,7 +141,7 @@ def _drive(
     """Drives with the systems that the options name; raises `typer.Exit` unless the drive ended in
     order.
     """
-    from aerodima.hardware.driving.drive_session import DriveOptions, run_drive
+    from aerodima.hardware.driving.drive_session import DriveOptions, DriveSession
     from aerodima.workbench.control.law_of_scenario import load_build, load_law, refuse_other_car
 
     if plan.law is not None and plan.swing is not None:
@@ -170,8 +171,8 @@ def _drive(
         plan.out, plan.force, dry_run, not plan.no_drake, confirm, law_name=law_name
     )
     wired = hardware.connect(ports, scenario, wiring, plan.traffic)
-    result = run_drive(wired, scenario, ports, options, typer.echo, law=law, build=build)
-    _report(result, plan)
+    session = DriveSession(wired, scenario, ports, options, typer.echo, law=law, build=build)
+    _report(session.complete(), plan)
 
 
 def _report(result: DriveResult, plan: PlanOptions) -> None:
@@ -194,7 +195,7 @@ def _report(result: DriveResult, plan: PlanOptions) -> None:
 
 @cli.grouped
 def zero(scenario: DriveScenario, car: CarOptions, arm: Arm = False) -> None:
-    """Write the motors' zeros into the ports file, tail held upright.
+    """Write the motors' zeros into the ports file.
 
     Hold the tail exactly upright by hand: the motors make no torque while their angles are read.
 

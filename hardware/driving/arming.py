@@ -13,7 +13,7 @@ from aerodima.hardware.car.safety_settings import DriveSafety
 from aerodima.hardware.devices.bno055 import Bno055Sample
 from aerodima.hardware.devices.sensor_threads import SensorThread
 from aerodima.hardware.driving.car_guard import CarGuard, Stage
-from aerodima.hardware.driving.drive_checks import report, standstill_checks
+from aerodima.hardware.driving.drive_checks import Say, report, standstill_checks
 from aerodima.hardware.driving.plain_loop import idle_until
 from aerodima.hardware.protocol.radio import OperatorPrompt, RadioMode
 from aerodima.workbench.core.errors import HardwareError
@@ -51,7 +51,7 @@ def check_standstill(
     guard: CarGuard,
     imu: SensorThread[Bno055Sample] | None,
     safety: DriveSafety,
-    say: Callable[[str], None],
+    say: Say,
 ) -> None:
     """Raises `HardwareError` for a car that is moved, lies on its side, or whose IMU has frozen."""
     samples: dict[float, Bno055Sample] = {}
@@ -89,7 +89,7 @@ def arm_motors(guard: CarGuard, timeout: float, check: Callable[[], None] | None
         raise
 
 
-def await_operator(guard: CarGuard, timeout: float, say: Callable[[str], None]) -> RadioMode:
+def await_operator(guard: CarGuard, timeout: float, say: Say) -> RadioMode:
     """Waits until the operator has been in IDLE and has chosen a mode, and lets the car drive.
 
     Returns:
@@ -97,20 +97,20 @@ def await_operator(guard: CarGuard, timeout: float, say: Callable[[str], None]) 
     """
     end = time.monotonic() + timeout
 
-    def was_idle() -> bool:
+    def has_been_idle() -> bool:
         return guard.prompt is not OperatorPrompt.RETURN_TO_IDLE
 
     def has_chosen() -> bool:
         mode = guard.reading.operator.mode
         return guard.prompt is OperatorPrompt.SELECT_MODE and mode is not RadioMode.IDLE
 
-    if not idle_until(guard, was_idle, min(_IDLE_NOTICE, timeout)):
+    if not idle_until(guard, has_been_idle, min(_IDLE_NOTICE, timeout)):
         position = guard.reading.operator.mode.name
         say(
             f"the operator's switch stands on {position}: put it in IDLE first; nothing is obeyed "
             "before"
         )
-        idle_until(guard, was_idle, end - time.monotonic())
+        idle_until(guard, has_been_idle, end - time.monotonic())
     if guard.prompt is OperatorPrompt.SELECT_MODE:
         say("waiting for the operator: AUTO runs the sequence, MANUAL and CONTROL drive by radio")
     if idle_until(guard, has_chosen, end - time.monotonic()):

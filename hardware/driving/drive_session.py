@@ -29,6 +29,7 @@ from aerodima.hardware.driving.arming import (
 from aerodima.hardware.driving.car_guard import CarGuard
 from aerodima.hardware.driving.drive_checks import (
     Check,
+    Say,
     device_checks,
     motor_checks,
     preflight_checks,
@@ -90,7 +91,7 @@ watchdog has acted; an IMU that is being set up counts as lost."""
 
 @dataclass(frozen=True)
 class DriveResult:
-    """How a drive ended.
+    """End of a drive.
 
     Attributes:
         reason: `RUN_OVER`, or why it was stopped.
@@ -112,7 +113,7 @@ class DriveResult:
 
 @dataclass(frozen=True)
 class DriveOptions:
-    """How to drive.
+    """Options of a drive.
 
     Attributes:
         log: the run log to be written.
@@ -149,7 +150,7 @@ def drive(
     dry_run: bool = False,
     force: bool = False,
     traffic: str | Path | None = None,
-    say: Callable[[str], None] = _print_error,
+    say: Say = _print_error,
 ) -> DriveResult:
     """Drives the car with a diagram of your own: check, arm, drive, disarm, write the log.
 
@@ -180,44 +181,15 @@ def drive(
     car_ports = read_ports(ports)
     options = DriveOptions(log, force, dry_run, confirm=None if arm else _ask_to_arm)
     car = connect(car_ports, scenario, wiring, traffic)
-    return run_drive(car, scenario, car_ports, options, say, build=build)
+    return DriveSession(car, scenario, car_ports, options, say, build=build).complete()
 
 
 def _ask_to_arm() -> bool:
     return input("keep clear of the tail; type arm to switch the motors on: ") == "arm"
 
 
-def run_drive(
-    car: WiredCar,
-    scenario: Scenario,
-    ports: CarPorts,
-    options: DriveOptions,
-    say: Callable[[str], None] = _print_error,
-    *,
-    law: TailLaw | None = None,
-    build: Build | None = None,
-) -> DriveResult:
-    """Drives a scenario on a car of `connect` that is not started yet; see `DriveSession`.
-
-    Raises:
-        UserError: a check failed, a device is missing, the log cannot be written; the motors are
-            off by then.
-    """
-    session = DriveSession(car, scenario, ports, options, say, law=law, build=build)
-    try:
-        session.check()
-        if session.arm():
-            session.run()
-    except HardwareError:
-        if not session.signals:  # otherwise it follows from the signal
-            raise
-    finally:
-        session.stop()
-    return session.result
-
-
 class DriveSession:
-    """One drive of a car: `check`, `arm`, `run`, and `stop` in every case.
+    """One drive of a car: `check`, `arm`, `run`, and `stop` in every case, as `complete` does.
 
     Args:
         car: of `connect`, not started yet.
@@ -239,7 +211,7 @@ class DriveSession:
         scenario: Scenario,
         ports: CarPorts,
         options: DriveOptions,
-        say: Callable[[str], None] = _print_error,
+        say: Say,
         *,
         law: TailLaw | None = None,
         build: Build | None = None,
@@ -258,6 +230,24 @@ class DriveSession:
         self._log: Path | None = None
         self.signals: list[int] = []
         self.result = DriveResult("", False, None)
+
+    def complete(self) -> DriveResult:
+        """Checks, arms and runs, and stops in every case; returns how the drive ended.
+
+        Raises:
+            UserError: a check failed, a device is missing, the log cannot be written; the motors
+                are off by then.
+        """
+        try:
+            self.check()
+            if self.arm():
+                self.run()
+        except HardwareError:
+            if not self.signals:  # otherwise it follows from the signal
+                raise
+        finally:
+            self.stop()
+        return self.result
 
     # -- check
 
@@ -294,7 +284,9 @@ class DriveSession:
         self._car.stop(self._guard.reason or "the drive is over")
 
     def _answers(self) -> bool:
-        """Whether `UNARMED_SOURCES` and the watchdog answer; the checks name what is silent."""
+        """Returns whether `UNARMED_SOURCES` and the watchdog answer; the checks name what is
+        silent.
+        """
         status = STATUS.read(self._guard.reading.status)._asdict()
         late = any(status[f"{source}_fault"] in _LATE_ANSWERS for source in UNARMED_SOURCES)
         return not late and not self._car.unwatched

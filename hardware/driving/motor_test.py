@@ -13,6 +13,7 @@ from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import CarCommand
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.driving.held_car import holding, run_cycles
+from aerodima.workbench.car.laws import pd_torque
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.scenario.signal_table import TAIL_STATE
 
@@ -98,7 +99,7 @@ def run_motor_test(
             run_cycles(car, command(_MOVE_TIME))
             angle, rate = car.reading.tail_state[[angle_index, angle_index + 3]]
             reported.append(float(car.reading.tail_torque[index]))
-            wanted.append(float(_KP * (start + step - angle) - _KD * rate))
+            wanted.append(float(pd_torque(angle, rate, start + step, 0.0, _KP, _KD)))
         fault = car.reading.fault_text
         moved = float(car.reading.tail_state[angle_index] - start)
         temperature = car.motors[index].temperature

@@ -56,7 +56,7 @@ class WatchdogRecord(StrictModel):
 def new_record(
     wiring: WiringName, ports: CarPorts, cut: str, time_to_exit: float, seen_off_by: str
 ) -> WatchdogRecord:
-    """The record of a test made now; arguments as the fields of `WatchdogRecord`.
+    """Makes the record of a test made now; arguments as the fields of `WatchdogRecord`.
 
     Raises:
         HardwareError: the exit frames came later than `longest_watchdog_test` of the drive's
@@ -86,7 +86,7 @@ def new_record(
 def record_path(
     wiring: WiringName, folder: Path | None = None, ports: CarPorts | None = None
 ) -> Path:
-    """Where the record of a wiring is; `folder` None: in the user's state folder
+    """Returns the path of the record of a wiring; `folder` None: in the user's state folder
     (`XDG_STATE_HOME`).
 
     With the `ports` of an emulated car it is beside them, so that the record of the real car stays
@@ -120,7 +120,7 @@ def read_record(path: Path) -> WatchdogRecord:
 def require_watchdog_test(
     wiring: WiringName, ports: CarPorts, folder: Path | None = None
 ) -> WatchdogRecord:
-    """The record that allows arming the motors of these ports.
+    """Returns the record that allows arming the motors of these ports.
 
     Raises:
         HardwareError: there is none for the wiring, it was made on the emulator and the motors are
@@ -133,32 +133,26 @@ def require_watchdog_test(
         raise HardwareError(f"no watchdog test of {wiring} is recorded ({path}); {again}")
     record = read_record(path)
     emulated = is_emulated(wiring, ports)
-    if emulated:
-        changed = []
-    else:
-        changed = _changed_ports(wiring, record, ports)
-    reasons = (
-        (record.wiring != wiring, f"is of the wiring {record.wiring}; allowed: {wiring}"),
-        (record.emulated and not emulated, "was made on the emulator; the motors are real"),
-        (
-            record.firmware != teensy_hash(),
-            "was made with another firmware of the Teensy, or other timing",
-        ),
-        (bool(changed), f"was made with other ports: {', '.join(changed)}"),
-        (
-            record.time_to_exit > load_drive_safety().longest_watchdog_test,
-            f"took {record.time_to_exit:g} s: too long",
-        ),
-    )
-    for wrong, text in reasons:
-        if wrong:
-            raise HardwareError(f"{path}: the watchdog test {text}; {again}")
+    changed = [] if emulated else _changed_ports(wiring, record, ports)
+    reason = ""
+    if record.wiring != wiring:
+        reason = f"is of the wiring {record.wiring}; allowed: {wiring}"
+    elif record.emulated and not emulated:
+        reason = "was made on the emulator; the motors are real"
+    elif record.firmware != teensy_hash():
+        reason = "was made with another firmware of the Teensy, or other timing"
+    elif changed:
+        reason = f"was made with other ports: {', '.join(changed)}"
+    elif record.time_to_exit > load_drive_safety().longest_watchdog_test:
+        reason = f"took {record.time_to_exit:g} s: too long"
+    if reason:
+        raise HardwareError(f"{path}: the watchdog test {reason}; {again}")
     return record
 
 
 def is_emulated(wiring: WiringName, ports: CarPorts) -> bool:
-    """Whether the motors hang on a port of an emulator or on a bus within this process, where no
-    real motor can be.
+    """Returns whether the motors hang on a port of an emulator or on a bus within this process,
+    where no real motor can be.
 
     A socketcand of this computer counts as real: it may stand before a real adapter.
     """
@@ -171,15 +165,17 @@ def is_emulated(wiring: WiringName, ports: CarPorts) -> bool:
 
 
 def teensy_hash() -> str:
-    """SHA-256 over `firmware_hash` and the timing that is exported with the firmware; 64
-    hexadecimal digits.
+    """Returns the SHA-256 over `firmware_hash` and the timing that is exported with the firmware;
+    64 hexadecimal digits.
     """
     timing = model_path("parameters/hardware/teensy_firmware.yaml")
     return hashlib.sha256(firmware_hash().encode() + b"\0" + timing.read_bytes()).hexdigest()
 
 
 def _changed_ports(wiring: WiringName, record: WatchdogRecord, ports: CarPorts) -> list[str]:
-    """What the test was made with and is not so now: the way to the motors, and who they are."""
+    """Returns what the test was made with and is not so now: the way to the motors, and who they
+    are.
+    """
     before = record.ports
     now = ports.model_dump(mode="json", by_alias=True)
     ways = {"teensy_bridge": ["teensy"], "watched_can": ["can", "teensy"]}[wiring]

@@ -29,7 +29,7 @@ _POLL_PERIOD = 0.002
 """Period of the polls of the Teensy, s."""
 _CUTS = {
     "teensy_bridge": ("strings stopped", TeensyStatus.WATCHDOG_ACTED),
-    "watched_can": ("heartbeat stopped", TeensyStatus.BEATS_STOPPED),
+    "watched_can": ("heartbeat stopped", TeensyStatus.HEARTBEAT_STOPPED),
 }
 """What is cut, and what the Teensy reports then."""
 
@@ -45,9 +45,9 @@ def run_watchdog_test(
     """Makes a watchdog test and records it: the motors hold, the link is cut, and somebody sees
     that they are off.
 
-    In the bridge all strings stop; in `watched_can` the strings continue and the heartbeat stops.
-    The Teensy reports that it has acted. No report shows what the motors do, so nothing is sent
-    before `confirm` has answered.
+    In the bridge all text frames stop; in `watched_can` the text frames continue and the heartbeat
+    stops. The Teensy reports that it has acted. No report shows what the motors do, so nothing is
+    sent before `confirm` has answered.
 
     Args:
         confirm: puts `QUESTION` to somebody who sees the motors; True if they are off.

@@ -135,7 +135,7 @@ class FakeWatchdog:
     def arm(self):
         self.calls.append("arm")
 
-    def beat(self):
+    def heartbeat(self):
         self.calls.append("beat")
 
     def disarm(self):

@@ -47,7 +47,9 @@ REFUSED = {
     "scenario": (["run", "nothing"], {}, "nothing"),
     "scenario of the rig": (["run", RIG], {}, "robot.yaml"),
     "firmware": (["run", "auto_turn"], {"firmware_profile": "v3"}, "v3"),
-    "traffic on the bridge": (["run", "auto_turn", "--traffic", "a.blf"], {}, "--traffic", "watched_can"),
+    "traffic on the bridge": (
+        ["run", "auto_turn", "--traffic", "a.blf"], {}, "--traffic", "watched_can"
+    ),
     "rate": (["run", "auto_turn", "--set", "controller.rate=50"], {}, "controller.rate", "50"),
     "no watchdog test": (["run", "auto_turn"], {}, "teensy_bridge"),
     "missing device": (["check", "auto_turn"], {}, "teensy", "/dev/no-teensy"),
@@ -56,7 +58,7 @@ REFUSED = {
     "command": (["chek"], {}, "chek", "check"),
     "law": (["run", "auto_turn", "--law", "nowhere.py:Law"], {}, "nowhere.py"),
     "law and swing": (
-        ["run", "auto_turn", "--law", "nowhere.py:Law", "--swing", "thesis_8_rad_per_s"], {}, "--swing"
+        ["run", "auto_turn", "--law", "no.py:Law", "--swing", "thesis_8_rad_per_s"], {}, "--swing"
     ),
 }  # fmt: skip
 

@@ -6,7 +6,7 @@ from tests.blocked_drake import run_without_drake
 
 PROGRAM = """
 import importlib, pathlib, pkgutil, tempfile
-import aerodima.hardware.commands.car_commands, aerodima.workbench.control.law_of_scenario
+import aerodima.hardware.commands.drive_commands, aerodima.workbench.control.law_of_scenario
 from aerodima.hardware import car, devices, driving
 for package in (driving, devices, car):
     for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):

@@ -55,7 +55,7 @@ class ConsoleOperator:
                 if now >= due:
                     count = count + 1
                     due = now + _BEAT
-                    self._radio.beat(count, MANUAL.command(asked), now)
+                    self._radio.heartbeat(count, MANUAL.command(asked), now)
 
     def press_stop(self):
         """The emergency stop; its time, s, monotonic."""
