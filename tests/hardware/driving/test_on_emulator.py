@@ -53,13 +53,11 @@ class Emulated(EmulatorProcess):
         self.log = folder / "drive.parquet"
 
     def drive(self, *flags, command="run", scenario=("auto_turn", *FLAGS), program=(PROGRAM,)):
+        log = ["--out", str(self.log)]
+        more = {"run": ["--arm", *log], "check": log, "watchdog-test": ["--arm"]}[command]
         car = ["--ports", str(self.folder / "ports.json"), "--wiring", self.wiring]
-        if command == "run":
-            flags = ["--arm", *flags]
-        if command != "watchdog-test":
-            flags = ["--out", str(self.log), *flags]
         return subprocess.Popen(
-            [*program, "drive", command, *scenario, *car, *flags],
+            [*program, "drive", command, *scenario, *car, *more, *flags],
             env={**os.environ, "OMP_NUM_THREADS": "1"},
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -165,7 +163,7 @@ def test_motors_are_not_armed_without_a_recorded_watchdog_test_and_a_dry_run_mov
 def test_the_command_makes_the_watchdog_test(tmp_path, wiring):
     def recorded(folder):
         with Emulated(folder, wiring) as emulated:
-            status, out, err = finish(emulated.drive("--arm", command="watchdog-test"))
+            status, out, err = finish(emulated.drive(command="watchdog-test"))
             assert status == 0, out + err
             assert {event["joint"] for event in emulated.named("off")} == {
                 "tail_pitch",
