@@ -5,6 +5,7 @@ the emulated car.
 from __future__ import annotations
 
 import math
+import shlex
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -47,7 +48,7 @@ class DriveGroup(TyperGroup):
         """Parses the words; those of version 0.3 as the sub-command that replaces them."""
         if args and args[0] not in self.commands and not ctx.resilient_parsing and _is_old(args[0]):
             args = current_words(args)
-            print(f"deprecated: use `aerodima drive {' '.join(args)}`", file=sys.stderr)
+            print(f"deprecated: use `aerodima drive {shlex.join(args)}`", file=sys.stderr)
         return super().parse_args(ctx, args)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:

@@ -216,7 +216,7 @@ class AnswerStream:
         self.rejected = 0
 
     def feed(self, data: bytes) -> list[Answer]:
-        """Adds bytes; returns the answers that became complete with these bytes, oldest first."""
+        """Adds bytes; returns the answers that became complete, oldest first."""
         self._open += data
         answers: list[Answer] = []
         while len(self._open) >= 2:

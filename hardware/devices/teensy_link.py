@@ -72,7 +72,7 @@ class ReplyStream:
         self.rejected = 0
 
     def feed(self, data: bytes) -> list[TeensyReply]:
-        """Adds bytes; returns the replies that became complete with these bytes, oldest first."""
+        """Adds bytes; returns the replies that became complete, oldest first."""
         *complete, rest = (self._open + data).split(END)
         self._open = rest[: _MAX_REPLY + 1]
         replies: list[TeensyReply] = []

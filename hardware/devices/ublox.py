@@ -46,16 +46,14 @@ class GpsStream:
 
     Attributes:
         rejected: frames with a wrong checksum or fields that cannot be.
-        skipped: whole messages of other kinds.
     """
 
     def __init__(self) -> None:
         self._open = b""
         self.rejected = 0
-        self.skipped = 0
 
     def feed(self, data: bytes) -> list[GpsSample]:
-        """Adds bytes; returns the samples that became complete with these bytes, oldest first."""
+        """Adds bytes; returns the samples that became complete, oldest first."""
         self._open += data
         samples: list[GpsSample] = []
         while (start := self._open.find(_UBX[:1])) >= 0:
@@ -86,7 +84,6 @@ class GpsStream:
         if ubx_checksum(frame[2:-2]) != frame[-2:]:
             return self._reject(1)
         if frame[2:4] != _NAV_PVT or length != _NAV_PVT_BYTES:
-            self.skipped += 1
             return total, None
         try:
             return total, decode_nav_pvt(frame)

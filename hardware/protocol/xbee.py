@@ -98,7 +98,7 @@ class ApiStream:
         self.rejected = 0
 
     def feed(self, data: bytes) -> list[ReceivedPacket]:
-        """Adds bytes; returns the packets that became complete with these bytes, oldest first."""
+        """Adds bytes; returns the packets that became complete, oldest first."""
         return [
             ReceivedPacket(int.from_bytes(content[1:9], "big"), content[_RECEIVED_HEAD:])
             for content in self._contents(data)
