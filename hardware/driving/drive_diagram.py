@@ -20,7 +20,7 @@ from aerodima.workbench.core.port_wiring import DiscreteVector, vector_of
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import STATION_INPUTS, STATION_OUTPUTS
 
-_REHEARSED = 3
+_WARM_UP_TICKS = 3
 """Ticks before the motors are on."""
 
 
@@ -65,7 +65,7 @@ class CarInterface(LeafSystem):
             value.write(discrete_state, getattr(self.reading, name))
 
     def command(self, context: Context) -> CarCommand:
-        """The values of the input ports."""
+        """Returns the values of the input ports."""
         steering, throttle, pitch, roll = (
             np.array(vector_of(self._ports[name], context)) for name in STATION_INPUTS
         )
@@ -105,7 +105,7 @@ class DiagramPilot(Pilot):
         self._simulator = Simulator(self._diagram)
         self._simulator.Initialize()
 
-    def rehearse(self, reading: CarReading) -> float:
+    def warm_up(self, reading: CarReading) -> float:
         """Runs the first ticks on a copy of the state, so that none of them is the first one while
         the car drives.
 
@@ -116,11 +116,11 @@ class DiagramPilot(Pilot):
             HardwareError: a command that is not finite. Whatever the systems raise, such as a port
                 without connection.
         """
-        kept = self._simulator
+        simulator = self._simulator
         times = []
-        self._simulator = Simulator(self._diagram, kept.get_context().Clone())
+        self._simulator = Simulator(self._diagram, simulator.get_context().Clone())
         self._simulator.Initialize()
-        for tick in range(_REHEARSED):
+        for tick in range(_WARM_UP_TICKS):
             begin = time.monotonic()
             step = self.step(tick * PERIOD, reading)
             times.append(time.monotonic() - begin)
@@ -129,11 +129,11 @@ class DiagramPilot(Pilot):
                     "the controller commands NaN or infinity before the car is armed: "
                     f"{step.command}"
                 )
-        self._simulator = kept
+        self._simulator = simulator
         return max(times[1:])
 
     def start(self) -> PilotStep:
-        """See `Pilot`."""
+        """Implements `Pilot`."""
         root = self._simulator.get_context()
         command = self._interface.command(self._interface.GetMyContextFromRoot(root))
         plan, state, *own = (
@@ -144,7 +144,7 @@ class DiagramPilot(Pilot):
         )
 
     def step(self, time: float, reading: CarReading) -> PilotStep:
-        """See `Pilot`."""
+        """Implements `Pilot`."""
         self._interface.reading = reading
         self._simulator.AdvanceTo(time + WRITE_DELAY)
         return self.start()

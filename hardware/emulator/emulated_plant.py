@@ -122,7 +122,7 @@ class EmulatedCar:
         return float(self._context.get_time())
 
     def command(self, name: str, *values: float) -> None:
-        """What an input port of the station gets from now on, in its units."""
+        """Sets what an input port of the station gets from now on, in its units."""
         if self._values.get(name) == values:
             return
         self._values[name] = values
@@ -139,11 +139,11 @@ class EmulatedCar:
             self._camera.follow(self._context)
 
     def joints(self) -> FloatArray:
-        """(4,) angles of pitch and roll (rad), then their rates (rad/s), as they are now."""
+        """Returns (4,) angles of pitch and roll (rad), then their rates (rad/s), at present."""
         return self.output("plant_state_truth")[self._joints]
 
     def output(self, name: str) -> FloatArray:
-        """A vector port of the station."""
+        """Returns the value of a vector port of the station."""
         return np.array(self._ports[name].Eval(self._station_context))
 
     def close(self) -> Path:
@@ -152,7 +152,9 @@ class EmulatedCar:
 
 
 def _with_eager_imu(scenario: Scenario) -> Scenario:
-    """A sample is seen after the step that follows it: a step of the delay is in the stepping."""
+    """Returns the scenario with a sample at every step; a sample is seen after the step that
+    follows it: a step of the delay is in the stepping.
+    """
     step = scenario.simulation.step
     imu = scenario.imu.model_copy(
         update={"rate": 1.0 / step, "delay": max(0.0, scenario.imu.delay - step)}

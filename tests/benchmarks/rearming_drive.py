@@ -50,7 +50,7 @@ def main() -> None:
             if guard.stage is Stage.READY:
                 with contextlib.suppress(HardwareError):  # a device is not heard yet
                     guard.arm(now)
-            elif guard.ready and guard.rested and guard.reading.operator.mode is RadioMode.MANUAL:
+            elif guard.ready and guard.was_idle and guard.reading.operator.mode is RadioMode.MANUAL:
                 pilot = ManualPilot(scenario)
                 guard.drive(RadioMode.MANUAL, now)
             elif guard.finished:

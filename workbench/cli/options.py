@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
+from typer.core import TyperGroup
 
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.resources import models_dir
@@ -230,10 +231,14 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def command_group(
-    app: typer.Typer, name: str, words: str, section: str | None = None
+    app: typer.Typer,
+    name: str,
+    words: str,
+    section: str | None = None,
+    kind: type[TyperGroup] = TyperGroup,
 ) -> typer.Typer:
     """A group of commands in `app`, with its help text and section of the help page."""
-    group = typer.Typer(no_args_is_help=True)
+    group = typer.Typer(cls=kind, no_args_is_help=True)
     group.callback(help=words)(lambda: None)
     app.add_typer(group, name=name, rich_help_panel=section)
     return group

@@ -32,7 +32,7 @@ RENAMED = {
     "corner": "swing judge",
     "verify": "swing verify",
     "report": "calibrate",
-    "firmware": "drive SCENARIO --ports FILE --firmware FOLDER",
+    "firmware": "drive firmware SCENARIO --ports FILE --out FOLDER",
     **dict.fromkeys(("--log", "--csv", "--save"), "--out"),
     **dict.fromkeys(("--scenario", "--emulate"), "the argument SCENARIO"),
     "--replay": "--html",

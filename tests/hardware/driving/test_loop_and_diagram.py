@@ -62,7 +62,7 @@ def armed(wiring, clock):
     guard = CarGuard(wiring, SAFETY)
     idle_until(guard, lambda: True, 0.1, clock, clock.wait)
     guard.arm(clock())
-    assert idle_until(guard, lambda: guard.rested, 0.1, clock, clock.wait)
+    assert idle_until(guard, lambda: guard.was_idle, 0.1, clock, clock.wait)
     guard.drive(RadioMode.AUTO, clock())
     return guard
 
@@ -236,7 +236,7 @@ def test_a_full_disk_stops_the_car_and_what_it_did_not_take_is_in_the_log_once_t
 def test_a_log_whose_folder_is_removed_is_said_at_once_and_written_all_the_same(
     tmp_path, monkeypatch, taken
 ):
-    monkeypatch.setattr(run_journal, "_LOOK", 0.01)
+    monkeypatch.setattr(run_journal, "_CHECK_PERIOD", 0.01)
     said = []
     path = tmp_path / "logs" / "run.parquet"
     journal = open_run_journal(path, SCENARIO, "watched_can", say=said.append)

@@ -63,7 +63,7 @@ def test_diagram_on_the_car_gives_the_commands_of_its_tick():
     pilot = DiagramPilot(quick_turn(), build=own_diagram.build)
     assert pilot.columns == own_diagram.OWN
     reading = CarReading(imu=np.array([0, 0, 0, 0, 0, 0.5, 0, 0, 0.0]), speed=np.array([2.0]))
-    assert pilot.rehearse(reading) > 0.0
+    assert pilot.warm_up(reading) > 0.0
     steps = [pilot.step(tick * PERIOD, reading) for tick in range(211)]
     ticks, turned, rates, way = np.array([step.own for step in steps]).T
     np.testing.assert_allclose(ticks, np.arange(211) * PERIOD, atol=1e-9)

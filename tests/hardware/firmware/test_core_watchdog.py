@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 
 from aerodima.hardware.car.safety_settings import load_teensy_timing
-from aerodima.hardware.firmware.teensy_firmware import FirmwareSettings, TeensyCore
+from aerodima.hardware.firmware.teensy_core import TeensyCore
+from aerodima.hardware.firmware.teensy_firmware import FirmwareSettings
 from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8 as PROFILE
 from aerodima.hardware.protocol.ak70 import (
     NEUTRAL,

@@ -242,7 +242,7 @@ def test_old_option_says_the_new_one(refused, words, new):
         ("rig static -s maxon.torque", {"maxon.torque_constant="}),
         ("run turn_swing --law my_", {"my_law.py:Mine"}),
         ("log export run.parquet --to m", {"mcap"}),
-        ("drive auto_turn --wiring t", {"teensy_bridge"}),
+        ("drive run auto_turn --wiring t", {"teensy_bridge"}),
     ],
 )
 def test_shell_completes(tmp_path, monkeypatch, words, offered):
