@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from aerodima.workbench.core.checked_files import QuantityModel, quantity
+from aerodima.workbench.core.quantity import QuantityModel, quantity
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.scenario import load_section
 

@@ -19,9 +19,11 @@ import numpy as np
 
 from aerodima.optimisation.identify.least_squares import Loss, Parameter
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.checked_files import find_file, nearest, read_yaml, unit_of
 from aerodima.workbench.core.errors import FitError, LogError
+from aerodima.workbench.core.key_errors import nearest
+from aerodima.workbench.core.quantity import unit_of
 from aerodima.workbench.core.resources import published_table
+from aerodima.workbench.core.yaml_files import find_file, read_yaml
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals
 from aerodima.workbench.scenario.rig_scenario import (

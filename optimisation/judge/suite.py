@@ -19,8 +19,8 @@ from aerodima.optimisation.judge.candidate import (
     refuse_twice,
 )
 from aerodima.optimisation.judge.entry_speed import EntryFloor, Manoeuvre
-from aerodima.workbench.core.checked_files import nearest
 from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.scenario.ensemble import Member
 from aerodima.workbench.scenario.scenario import load_scenario
 

@@ -29,8 +29,8 @@ from aerodima.workbench.batch.row_store import (
     silent,
 )
 from aerodima.workbench.control.law_of_scenario import NO_SWING, find_swing, in_words, load_law
-from aerodima.workbench.core.checked_files import read_yaml
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.yaml_files import read_yaml
 from aerodima.workbench.logs.schema import RunLog, read_run_log, software_versions
 from aerodima.workbench.scenario.rig_scenario import RigScenario
 from aerodima.workbench.scenario.scenario import Scenario, default_values

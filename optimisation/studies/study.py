@@ -14,14 +14,9 @@ from pydantic import Field, model_validator
 from scipy.stats import norm, qmc
 
 from aerodima.optimisation.studies.runs import RunTask, load_any_scenario
-from aerodima.workbench.core.checked_files import (
-    StrictModel,
-    checked,
-    find_file,
-    nearest,
-    read_yaml,
-)
 from aerodima.workbench.core.errors import ScenarioError, SweepError
+from aerodima.workbench.core.key_errors import nearest
+from aerodima.workbench.core.yaml_files import StrictModel, checked, find_file, read_yaml
 from aerodima.workbench.scenario.ensemble import Member, load_ensemble
 from aerodima.workbench.scenario.scenario import Scenario, ScenarioFile
 

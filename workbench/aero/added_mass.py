@@ -52,9 +52,9 @@ from pydrake.systems.framework import DiagramBuilder, InputPortIndex, OutputPort
 from aerodima.workbench.aero.laws import dot
 from aerodima.workbench.aero.sections import SectionLayout, sampled_poses
 from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX, connect_spatial_forces
-from aerodima.workbench.core.checked_files import check_range
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.port_wiring import add_and_connect, declare_spatial_forces
+from aerodima.workbench.core.quantity import check_range
 from aerodima.workbench.core.system_lifetime import LeafSystem_, system_template
 
 _CONTINUOUS_RATE = 100.0

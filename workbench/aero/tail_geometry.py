@@ -32,8 +32,9 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 
 from aerodima.workbench.aero.sections import SectionLayout
-from aerodima.workbench.core.checked_files import QuantityModel, lines_of, quantity
 from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.key_errors import lines_of
+from aerodima.workbench.core.quantity import QuantityModel, quantity
 from aerodima.workbench.core.sdf_model import Inertial
 
 SCHEMA: Literal["aerodima/tail/1"] = "aerodima/tail/1"

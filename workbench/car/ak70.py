@@ -10,9 +10,9 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from aerodima.workbench.car.tail_plant import ArmInertia, FrictionLaw, arm_inertia, smooth_friction
 from aerodima.workbench.core.port_wiring import vector_of
 from aerodima.workbench.core.system_lifetime import weak_callback
-from aerodima.workbench.scenario.car_parameters import TailMotorParameters
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import TAIL_COMMAND
+from aerodima.workbench.scenario.tail_parameters import TailMotorParameters
 
 ROLL = 1
 """Pitch and roll joint stand in this order."""

@@ -18,8 +18,8 @@ from aerodima.workbench.control.feedback_law import FeedbackLaw
 from aerodima.workbench.control.swing_law import SwingLaw, SwingSettings
 from aerodima.workbench.control.swing_player import SwingPlayer
 from aerodima.workbench.control.tail_law import TailLaw
-from aerodima.workbench.core.checked_files import find_file
 from aerodima.workbench.core.errors import ScenarioError, SwingFileError, UserError
+from aerodima.workbench.core.yaml_files import find_file
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario, scenario_from_dict
 from aerodima.workbench.scenario.swing_file import (
     SwingFile,

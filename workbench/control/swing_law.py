@@ -30,9 +30,9 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from aerodima.workbench.control.tail_law import EPSILON, NO_COMMAND, Observation, sign
-from aerodima.workbench.core.checked_files import checked
 from aerodima.workbench.core.resources import model_path
-from aerodima.workbench.scenario.car_parameters import ControllerParameters
+from aerodima.workbench.core.yaml_files import checked
+from aerodima.workbench.scenario.law_parameters import ControllerParameters
 from aerodima.workbench.scenario.scenario import load_parameter_file
 from aerodima.workbench.scenario.signal_table import IMU
 

@@ -16,14 +16,9 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.checked_files import (
-    StrictModel,
-    checked,
-    find_file,
-    nearest,
-    read_yaml,
-)
 from aerodima.workbench.core.errors import EnsembleError, ScenarioError
+from aerodima.workbench.core.key_errors import nearest
+from aerodima.workbench.core.yaml_files import StrictModel, checked, find_file, read_yaml
 from aerodima.workbench.scenario.scenario import SECTIONS, Scenario, load_scenario
 
 ENSEMBLE_SCHEMA = "aerodima/ensemble/1"

@@ -13,35 +13,39 @@ from typing import Any, ClassVar, Literal, Self
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from aerodima.workbench.core.checked_files import (
-    NO_UNIT,
+from aerodima.workbench.core.errors import ScenarioError
+from aerodima.workbench.core.key_errors import nearest
+from aerodima.workbench.core.quantity import NO_UNIT, unit_of
+from aerodima.workbench.core.resources import model_path
+from aerodima.workbench.core.yaml_files import (
     ModelT,
     StrictModel,
     checked,
     find_file,
-    nearest,
     read_yaml,
     shipped_names,
-    unit_of,
 )
-from aerodima.workbench.core.errors import ScenarioError
-from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.car_parameters import (
     CarParameters,
-    ControllerParameters,
     DriveParameters,
+    ServoParameters,
+)
+from aerodima.workbench.scenario.law_parameters import ControllerParameters, FeedbackParameters
+from aerodima.workbench.scenario.manoeuvre_parameters import (
     EnvironmentParameters,
-    FeedbackParameters,
-    FrictionParameters,
+    ManoeuvreParameters,
+    SimulationParameters,
+    WindParameters,
+)
+from aerodima.workbench.scenario.sensor_parameters import (
     GpsParameters,
     ImuParameters,
-    ManoeuvreParameters,
     SailEncoderParameters,
-    ServoParameters,
-    SimulationParameters,
+)
+from aerodima.workbench.scenario.tail_parameters import (
+    FrictionParameters,
     TailMotorParameters,
     TailParameters,
-    WindParameters,
 )
 
 PARAMETER_SCHEMA = "aerodima/parameters/1"

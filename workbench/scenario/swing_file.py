@@ -22,8 +22,8 @@ from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_v
 
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.atomic_write import write_atomically
-from aerodima.workbench.core.checked_files import StrictModel, checked, read_yaml
 from aerodima.workbench.core.errors import SwingFileError
+from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
 
 SCHEMA = "aerodima/swing/1"
 

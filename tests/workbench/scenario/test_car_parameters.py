@@ -7,9 +7,10 @@ from importlib import import_module
 
 import pytest
 
-from aerodima.workbench.core.checked_files import read_yaml, unit_of
 from aerodima.workbench.core.errors import ScenarioError
+from aerodima.workbench.core.quantity import unit_of
 from aerodima.workbench.core.resources import models_dir
+from aerodima.workbench.core.yaml_files import read_yaml
 from aerodima.workbench.scenario import scenario
 from aerodima.workbench.scenario.scenario import (
     SECTIONS,

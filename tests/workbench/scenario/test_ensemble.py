@@ -3,8 +3,8 @@ from dataclasses import replace
 
 import pytest
 
-from aerodima.workbench.core.checked_files import shipped_names
 from aerodima.workbench.core.errors import EnsembleError
+from aerodima.workbench.core.yaml_files import shipped_names
 from aerodima.workbench.scenario.ensemble import Member, load_ensemble
 from aerodima.workbench.scenario.scenario import load_scenario
 from tests.refusals import assert_refused
