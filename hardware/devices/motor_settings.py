@@ -12,7 +12,7 @@ from aerodima.hardware.protocol.ak70 import MOST_ID, FirmwareProfile, MitCommand
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.core.quantity import QuantityModel, quantity
 from aerodima.workbench.core.resources import model_path
-from aerodima.workbench.scenario.scenario import load_section
+from aerodima.workbench.scenario.scenario_file import load_section
 from aerodima.workbench.scenario.tail_parameters import TailMotorParameters
 
 FADE = 0.2

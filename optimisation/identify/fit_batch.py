@@ -24,8 +24,8 @@ from aerodima.workbench.batch.row_store import (
     ProgressBar,
     ProgressLine,
     RowStore,
-    saying_how_to_go_on,
-    silent,
+    no_progress,
+    print_resume_hint,
 )
 from aerodima.workbench.core.errors import FitError, UserError
 from aerodima.workbench.logs.schema import software_versions
@@ -59,7 +59,7 @@ def fit_logs(
     settings: dict[str, Any],
     workers: int = 1,
     force: bool = False,
-    progress: ProgressLine = silent,
+    progress: ProgressLine = no_progress,
 ) -> BatchResult:
     """Fits every log and keeps what is finished in `out`.
 
@@ -95,9 +95,9 @@ def fit_logs(
             if line["error"] != WORKER_KILLED:  # a second call tries it again
                 store.add(keys[name], line)
             done[name] = line
-            bar.one_more(Path(name).name)
+            bar.advance(Path(name).name)
 
-        with saying_how_to_go_on(progress, lambda: f"{bar.done} of {len(names)} fits"):
+        with print_resume_hint(progress, lambda: f"{bar.done} of {len(names)} fits"):
             run_batch(
                 partial(_one, work),
                 missing,

@@ -23,7 +23,12 @@ import pyarrow.parquet as pq
 from aerodima.optimisation.studies.runs import Runs, RunTask, load_any_scenario, make_frame, run_key
 from aerodima.optimisation.studies.study import PlannedRun, Study, check_factors, plan_runs
 from aerodima.workbench.batch.engine import Engine
-from aerodima.workbench.batch.row_store import ProgressLine, RowStore, saying_how_to_go_on, silent
+from aerodima.workbench.batch.row_store import (
+    ProgressLine,
+    RowStore,
+    no_progress,
+    print_resume_hint,
+)
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.logs.schema import software_versions
@@ -44,7 +49,7 @@ def run_study(
     engine: Engine,
     *,
     force: bool = False,
-    progress: ProgressLine = silent,
+    progress: ProgressLine = no_progress,
 ) -> pd.DataFrame:
     """The table of a study; one that was stopped goes on where it was.
 
@@ -80,7 +85,7 @@ def run_study(
             f"{number} runs, {there} there already; {engine.workers} at a time, results in {out}"
         )
         start = time.monotonic()
-        with saying_how_to_go_on(progress, lambda: f"{len(store.rows)} of {number} runs"):
+        with print_resume_hint(progress, lambda: f"{len(store.rows)} of {number} runs"):
             rows = Runs(engine, store, progress).rows(tasks)
         seconds = time.monotonic() - start
         new = len(store.rows) - there

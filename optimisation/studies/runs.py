@@ -25,8 +25,8 @@ from aerodima.workbench.batch.row_store import (
     Row,
     RowStore,
     content_key,
-    saying_how_to_go_on,
-    silent,
+    no_progress,
+    print_resume_hint,
 )
 from aerodima.workbench.control.law_of_scenario import NO_SWING, find_swing, in_words, load_law
 from aerodima.workbench.core.errors import UserError
@@ -247,7 +247,7 @@ class Runs:
         self,
         engine: Engine | None = None,
         store: RowStore | None = None,
-        progress: ProgressLine = silent,
+        progress: ProgressLine = no_progress,
         stage: str = "",
     ) -> None:
         self._engine = engine or Engine()
@@ -307,7 +307,7 @@ class Runs:
             else:
                 self._store.add(places[place], row)
             if words is not None:
-                bar.one_more(words(place, row))
+                bar.advance(words(place, row))
 
         self._engine.map(work, list(missing.values()), keep, lost)
         return [self._known[key] for key in keys]
@@ -315,7 +315,7 @@ class Runs:
 
 @contextmanager
 def kept_runs(
-    out: Path, engine: Engine, *, force: bool = False, progress: ProgressLine = silent
+    out: Path, engine: Engine, *, force: bool = False, progress: ProgressLine = no_progress
 ) -> Iterator[Runs]:
     """Runs that are kept in `runs.jsonl` of a folder, with these parameters and versions.
 
@@ -330,7 +330,7 @@ def kept_runs(
     }
     with RowStore(out / "runs.jsonl", identity, force=force) as store:
         runs = Runs(engine, store, progress)
-        with saying_how_to_go_on(progress, lambda: f"{len(store.rows)} runs"):
+        with print_resume_hint(progress, lambda: f"{len(store.rows)} runs"):
             yield runs
         progress(f"{runs.ran} runs made; {len(store.rows)} are in {out}")
 

@@ -18,7 +18,8 @@ from aerodima.workbench.core.errors import ScenarioError, SweepError
 from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.core.yaml_files import StrictModel, checked, find_file, read_yaml
 from aerodima.workbench.scenario.ensemble import Member, load_ensemble
-from aerodima.workbench.scenario.scenario import Scenario, ScenarioFile
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.scenario_file import ScenarioFile
 
 STUDY_SCHEMA = "aerodima/study/1"
 MOST_RUNS = 100_000
@@ -259,7 +260,7 @@ def plan_runs(study: Study) -> list[PlannedRun]:
         if study.members is None:
             members = ensemble.members
         else:
-            members = ensemble.drawn(study.members)
+            members = ensemble.resample(study.members)
     factors = list(dict.fromkeys(factor for block in study.blocks for factor in block.factors))
     number = sum(block.size for block in study.blocks) * len(members)
     if number > MOST_RUNS:

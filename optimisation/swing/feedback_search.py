@@ -183,7 +183,7 @@ def search_laws(
         scores = worth(laws)
         best = max([best, *zip(scores.tolist(), laws, strict=True)], key=lambda pair: pair[0])
         tried = tried + len(laws)
-        bar.one_more(f"{tried} laws tried on reduced cars, the best {best[0] - 1.0:+.1%}")
+        bar.advance(f"{tried} laws tried on reduced cars, the best {best[0] - 1.0:+.1%}")
         return -scores
 
     numbers = len(RANGES)

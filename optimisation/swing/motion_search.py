@@ -24,7 +24,7 @@ from aerodima.optimisation.swing.turn_nlp import (
     best_of,
 )
 from aerodima.optimisation.swing.turn_shooting import FOLLOW, HOLD, RELEASE_STEERING, TurnShooting
-from aerodima.workbench.batch.row_store import ProgressLine, silent
+from aerodima.workbench.batch.row_store import ProgressLine, no_progress
 from aerodima.workbench.car.ak70 import torque_speed_limits
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SwingError
@@ -90,7 +90,7 @@ class MotionSearch:
 
 
 def search_motion(
-    name: str, task: Task, search: MotionSearch, runs: Runs, *, progress: ProgressLine = silent
+    name: str, task: Task, search: MotionSearch, runs: Runs, *, progress: ProgressLine = no_progress
 ) -> SwingFile:
     """The swing with which the training cars of a task turn furthest, each with its own steering.
 

@@ -19,7 +19,7 @@ from aerodima.hardware.protocol.ak70 import (
     make_reply,
 )
 from aerodima.workbench.core.resources import model_path
-from aerodima.workbench.scenario.scenario import load_parameter_file
+from aerodima.workbench.scenario.scenario_file import load_parameter_file
 from aerodima.workbench.scenario.tail_parameters import TailMotorParameters
 
 PERIOD = 0.01

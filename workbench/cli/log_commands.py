@@ -135,7 +135,7 @@ def export(
 
 
 def _scene(run_log: RunLog) -> Iterable[SceneMessage]:
-    """What a viewer draws of a car's run; a note says why there is nothing."""
+    """Make the scene of a car's run for a viewer; a note says why there is none."""
     from aerodima.workbench.scenario.signal_table import RIG_KINDS
 
     if run_log.kind in RIG_KINDS:

@@ -21,7 +21,8 @@ from aerodima.workbench.core.resources import models_dir
 from aerodima.workbench.core.sdf_model import SdfModel
 from aerodima.workbench.rig.rig_model import cheetah_rig_sdf, robot_rig_sdf
 from aerodima.workbench.scenario.rig_scenario import RigScenario, rig_scenario_from_dict
-from aerodima.workbench.scenario.scenario import Scenario, load_parameter_file, scenario_from_dict
+from aerodima.workbench.scenario.scenario import Scenario, scenario_from_dict
+from aerodima.workbench.scenario.scenario_file import load_parameter_file
 from aerodima.workbench.scenario.swing_file import read_swing
 
 IGNORED_BY_DRAKE = {

@@ -125,7 +125,7 @@ def _write_picture(figure: Figure, out: Path, force: bool) -> None:
 
 
 def tail_lines(geometry: TailGeometry) -> list[str]:
-    """What a tail comes to, for the terminal: its plates, then the whole."""
+    """Tabulate a tail: its plates, then the whole."""
     header = ["plate", "kind", "area_cm2", "centre_of_pressure_m", "sections"]
     plates = [
         [

@@ -168,7 +168,7 @@ Ensemble = Annotated[str, named("Ensemble of cars", "calibration", typer.Option)
 
 
 class Key(str):
-    """In the annotation of an option: the key of the scenario that it sets."""
+    """Key of the scenario that an option sets; part of the option's annotation."""
 
     __slots__ = ()
 
@@ -188,7 +188,7 @@ def settings_of(options: Any) -> list[str]:
 
 @dataclass(frozen=True)
 class WorkOptions:
-    """Who computes the runs of a study, and whether it begins anew."""
+    """Workers of a study, and whether it begins anew."""
 
     workers: Workers = 2
     scheduler: Scheduler = None

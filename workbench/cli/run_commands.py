@@ -48,7 +48,7 @@ _STILL = 0.2
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What a run changes in its scenario, and what is kept and shown of it."""
+    """Changes of a run to its scenario, and what is kept and shown of it."""
 
     scenario: cli.OtherScenario = None
     speed: Annotated[
@@ -93,11 +93,13 @@ def demo(
     Asked for again after Ctrl-C it keeps the finished runs and goes on. Example: aerodima demo
     --out out/demo
     """
-    from aerodima.workbench.batch.row_store import terminal
+    from aerodima.workbench.batch.row_store import terminal_progress
     from aerodima.workbench.view.demo import DemoPlan, make_demo
 
     start = time.monotonic()
-    page = make_demo(out, DemoPlan(seed=seed), workers=workers, force=force, progress=terminal())
+    page = make_demo(
+        out, DemoPlan(seed=seed), workers=workers, force=force, progress=terminal_progress()
+    )
     typer.echo(f"page: {page} ({time.monotonic() - start:.0f} s)")
 
 
@@ -260,9 +262,7 @@ def show_progress(what: str = "simulating", unit: str = " s") -> Progress | None
 
 
 def summary_lines(run_log: RunLog) -> list[str]:
-    """What a run came to, for the terminal: its outcome, the first metrics, and what the sail's
-    sections met.
-    """
+    """Tabulate a run: its outcome, the first metrics, and the flow at the sail's sections."""
     from aerodima.workbench.view.captions import outcome_in_words
 
     metrics = workbench.metrics_of(run_log)

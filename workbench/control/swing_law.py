@@ -33,7 +33,7 @@ from aerodima.workbench.control.tail_law import EPSILON, NO_COMMAND, Observation
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.yaml_files import checked
 from aerodima.workbench.scenario.law_parameters import ControllerParameters
-from aerodima.workbench.scenario.scenario import load_parameter_file
+from aerodima.workbench.scenario.scenario_file import load_parameter_file
 from aerodima.workbench.scenario.signal_table import IMU
 
 ACCELERATION_Y = IMU.index("acceleration_y")

@@ -13,15 +13,15 @@ Place = tuple[str | int, ...]
 
 
 def nearest(name: str, known: Collection[str]) -> str:
-    """Tail of an error about an unknown name: the closest known one, or all of them."""
+    """Suggest the closest known name for an unknown one, or list all of them."""
     close = difflib.get_close_matches(name, known, n=1)
     if close:
         return f"did you mean {close[0]!r}?"
-    return "allowed: " + ", ".join(sorted(known))
+    return "must be one of: " + ", ".join(sorted(known))
 
 
 def lines_of(report: ValidationError, model: type[BaseModel]) -> list[str]:
-    """What is wrong with plain data that a model refused, a line each."""
+    """Describe what is wrong with the data that a model refused, a line each."""
     items: list[Any] = list(report.errors())
     # A list whose entries are wrong is not called too short as well.
     outer = {item["loc"][:depth] for item in items for depth in range(len(item["loc"]))}
@@ -33,12 +33,12 @@ def lines_of(report: ValidationError, model: type[BaseModel]) -> list[str]:
 
 
 def keys_of(model: type[BaseModel]) -> list[str]:
-    """Keys of a section as they are written in the file."""
+    """List the keys of a section as they are written in the file."""
     return [field.alias or name for name, field in model.model_fields.items()]
 
 
 def _line(item: Any, model: type[BaseModel]) -> str:
-    """One of pydantic's errors as `key: value is not allowed; what is`."""
+    """Write one of pydantic's errors as `key: value is not allowed; what is`."""
     place = item["loc"]
     kind = item["type"]
     key = ".".join(map(str, place))
@@ -55,54 +55,43 @@ def _line(item: Any, model: type[BaseModel]) -> str:
     allowed = item["msg"][0].lower() + item["msg"][1:]
     if kind.startswith("union_tag"):
         return f"{key}: {allowed}"
-    units = {
-        unit_of(owner, place[-1]) for owner in owners if place and place[-1] in owner.model_fields
-    } - {NO_UNIT}
-    return f"{key}: {item['input']!r} is not allowed; {allowed}" + "".join(
-        f" ({unit})" for unit in units
-    )
+    text = f"{key}: {item['input']!r} is not allowed; {allowed}"
+    for owner in owners:
+        if place[-1] in owner.model_fields and unit_of(owner, place[-1]) != NO_UNIT:
+            return f"{text} ({unit_of(owner, place[-1])})"
+    return text
 
 
 def _nearest_key(place: Place, owners: list[type[BaseModel]]) -> str:
     name = str(place[-1])
-    sections = [
-        key for owner in owners for key in keys_of(owner) if name in _keys_within(owner, key)
-    ]
-    if len(place) == 1 and sections:
-        return f"did you mean {' or '.join(f'{section}.{name}' for section in sections)}?"
+    if len(place) == 1:
+        for section, field in owners[0].model_fields.items():
+            if any(name in keys_of(model) for model in _models_in(field.annotation)):
+                return f"did you mean {section}.{name}?"
     return nearest(name, [key for owner in owners for key in keys_of(owner)])
 
 
-def _keys_within(owner: type[BaseModel], key: str) -> set[str]:
-    return {
-        name for model in _models_at(owner, (key,)) if model is not owner for name in keys_of(model)
-    }
-
-
 def _models_at(model: type[BaseModel], place: Place) -> list[type[BaseModel]]:
-    """The models that may hold the keys at a place: several where the file chooses and the place
-    does not say.
+    """Find the models that may hold the keys at a place: several where the file chooses and the
+    place does not say.
     """
     models = [model]
     for part in place:
-        fields = [(name, field) for owner in models for name, field in owner.model_fields.items()]
         tagged = [owner for owner in models if part == owner.__name__ or part in _tags(owner)]
-        named = [field for name, field in fields if part in (name, field.alias)]
-        inner = [found for field in named for found in _named_in(field.annotation)]
+        inner = []
+        for owner in models:
+            for name, field in owner.model_fields.items():
+                if part in (name, field.alias):
+                    inner += _models_in(field.annotation)
         models = tagged or inner or models  # an index, or the key of a mapping, stays where it is
     return models
 
 
-def _tags(model: type[BaseModel]) -> set[Any]:
-    return {
-        tag
-        for field in model.model_fields.values()
-        for tag in get_args(field.annotation)
-        if isinstance(tag, str)
-    }
+def _tags(model: type[BaseModel]) -> list[Any]:
+    return [tag for field in model.model_fields.values() for tag in get_args(field.annotation)]
 
 
-def _named_in(annotation: Any) -> list[type[BaseModel]]:
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
-    return [model for part in get_args(annotation) for model in _named_in(part)]
+    return [model for part in get_args(annotation) for model in _models_in(part)]

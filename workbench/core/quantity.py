@@ -6,12 +6,14 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.errors import ScenarioError, UserError
 
 NO_UNIT = "1"
 """Unit of a dimensionless number, a name, a flag or a count."""
 STANDARD_GRAVITY = 9.80665
-"""What a sensor calls 1 g, m/s2 (CGPM 1901)."""
+"""Acceleration that a sensor calls 1 g, m/s2 (CGPM 1901)."""
+RATE_TOLERANCE = 1e-9
+"""Relative rounding of a rate of exactly 1/step, or of a delay of whole periods."""
 
 
 def quantity(unit: str, description: str, interval: str = "", **options: Any) -> Any:
@@ -38,7 +40,7 @@ def limits_of(interval: str) -> dict[str, float]:
 
 
 class QuantityModel(BaseModel):
-    """Frozen section of a scenario. Unknown keys, NaN and foreign units are refused.
+    """Frozen section of a scenario; unknown keys, NaN and foreign units are refused.
 
     A value is a plain number in the unit of the field or a text that repeats that unit, such as
     `3.33 m/s`. Another unit is an error and not converted: a scenario has one reading.
@@ -59,11 +61,8 @@ class QuantityModel(BaseModel):
         if field is None or field.annotation not in (float, int) or not isinstance(value, str):
             return value
         number, _, unit = value.strip().partition(" ")
-        expected = unit_of(cls, key)
-        if unit.strip() not in ("", expected):
-            raise ValueError(
-                f"{key}: {value!r} has the unit {unit.strip()!r}; allowed is {expected!r}"
-            )
+        if unit.strip() not in ("", unit_of(cls, key)):
+            raise ValueError(f"{key}: unit {unit.strip()!r} must be {unit_of(cls, key)!r}")
         try:
             return field.annotation(number)
         except ValueError:
@@ -71,7 +70,7 @@ class QuantityModel(BaseModel):
 
 
 def unit_of(model: type[BaseModel], key: str) -> str:
-    """Unit that `quantity` declared for a field; `1` for fields without one."""
+    """Look up the unit that `quantity` declared for a field; `1` for fields without one."""
     extra = model.model_fields[key].json_schema_extra
     if isinstance(extra, dict):
         return str(extra.get("unit", NO_UNIT))
@@ -88,25 +87,36 @@ def check_range(
     above_low: bool = False,
     error: type[UserError] = UserError,
 ) -> None:
-    """Raises UserError (of the class `error`) unless `value` is finite and within [low, high]; see
-    `above_low`.
+    """Raise `error` unless `value` is finite and within [low, high].
 
     Args:
         name: where the value comes from, e.g. "controller.swing_speed".
         value: in the unit of the limits.
         low: smallest value allowed.
         high: largest value allowed; may be infinite.
-        unit: printed after value and limits.
+        unit: printed after the value.
         above_low: refuse `low` itself.
+        error: class of the error raised.
     """
-    if math.isfinite(value) and value <= high and (value > low if above_low else value >= low):
+    if math.isfinite(value) and low <= value <= high and not (above_low and value == low):
         return
-    limits = {f"{'>' if above_low else '>='} {low:g}": low, f"<= {high:g}": high}
-    if unit == NO_UNIT:
-        shown = ""
-    else:
-        shown = f" {unit}"
-    allowed = " and ".join(text for text, limit in limits.items() if math.isfinite(limit))
-    raise error(
-        f"{name}: {value:g}{shown}; allowed: {allowed + shown if allowed else 'a finite number'}"
-    )
+    shown = "" if unit == NO_UNIT else f" {unit}"
+    relation = ">" if above_low else ">="
+    raise error(f"{name}: {value:g}{shown} must be {relation} {low:g} and <= {high:g}")
+
+
+def check_rate(rate: float, step: float | None, name: str) -> None:
+    """Raise ScenarioError unless 0 < rate <= 1/step: a plant that moves every `step` shows nothing
+    new earlier.
+
+    Args:
+        rate: Hz.
+        step: of the plant, s; None where no plant steps.
+        name: where the rate comes from, e.g. "imu.rate".
+    """
+    if not (math.isfinite(rate) and rate > 0.0):
+        raise ScenarioError(f"{name}: {rate:g} Hz must be above 0")
+    if step is not None and rate * step > 1.0 + RATE_TOLERANCE:
+        raise ScenarioError(
+            f"{name}: {rate:g} Hz must be at most 1/step, {1.0 / step:g} Hz with step {step:g} s"
+        )

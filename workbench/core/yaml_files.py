@@ -14,7 +14,7 @@ ModelT = TypeVar("ModelT", bound=BaseModel)
 
 
 class StrictModel(BaseModel):
-    """Part of a file: frozen, unknown keys and NaN refused."""
+    """Frozen part of a file; unknown keys and NaN are refused."""
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True
@@ -25,7 +25,7 @@ class UniqueKeyLoader(yaml.CSafeLoader):
     """Safe loader that refuses a key named twice, of which plain YAML silently takes the last."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        """One mapping; raises yaml.constructor.ConstructorError at the place of the second key."""
+        """Read one mapping; raises yaml.constructor.ConstructorError for a duplicate key."""
         keys = [key.value for key, _ in node.value]
         for key in keys:
             if keys.count(key) > 1:
@@ -36,14 +36,14 @@ class UniqueKeyLoader(yaml.CSafeLoader):
 
 
 def shipped_names(folder: str) -> list[str]:
-    """Names of the YAML files in a folder of `models/`."""
+    """List the names of the YAML files in a folder of `models/`."""
     return sorted(path.stem for path in (models_dir() / folder).glob("*.yaml"))
 
 
 def find_file(
     name_or_path: str | Path, folder: str, kind: str, error: type[UserError] = ScenarioError
 ) -> Path:
-    """The path itself, or the file of that name in a folder of `models/`.
+    """Return the path itself, or the file of that name in a folder of `models/`.
 
     Raises:
         UserError (of the class `error`): a bare name that is not there; names the nearest.
@@ -61,7 +61,7 @@ def find_file(
 
 
 def read_yaml(path: Path, error: type[UserError] = ScenarioError) -> dict[str, Any]:
-    """Reads a YAML mapping; an empty file is an empty one.
+    """Read a YAML mapping; an empty file is an empty one.
 
     Raises:
         UserError (of the class `error`): a missing file, bad syntax, a key named twice or another
@@ -77,9 +77,9 @@ def read_yaml(path: Path, error: type[UserError] = ScenarioError) -> dict[str, A
 
 
 def require_mapping(data: Any, where: str, error: type[UserError]) -> dict[str, Any]:
-    """The data, if they are keys with values."""
+    """Return the data if they are a mapping, else raise `error`."""
     if not isinstance(data, dict):
-        raise error(f"{where}: holds a {type(data).__name__}; allowed is a mapping")
+        raise error(f"{where}: expected a mapping, not a {type(data).__name__}")
     return data
 
 
@@ -91,17 +91,15 @@ def checked(
     *,
     schema: str | None = None,
 ) -> ModelT:
-    """The model of plain data; `schema` is what they must carry, if they must carry one.
+    """Make a model of plain data; `schema` is what they must carry, if they must carry one.
 
     Raises:
         UserError (of the class `error`): unknown or missing key, value not allowed, another schema;
             names the place after `where`, the value and what is allowed.
     """
-    found = require_mapping(data, where, error).get("schema")
-    if schema is not None and found != schema:
-        raise error(
-            f"{where}: schema: {found!r} is not read by this version; allowed is {schema!r}"
-        )
+    version = require_mapping(data, where, error).get("schema")
+    if schema is not None and version != schema:
+        raise error(f"{where}: schema: {version!r} must be {schema!r}")
     try:
         return model.model_validate(data)
     except ValidationError as report:

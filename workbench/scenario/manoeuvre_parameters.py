@@ -41,14 +41,14 @@ class WindParameters(QuantityModel):
 
     @property
     def is_still(self) -> bool:
-        """Whether the air stands still."""
+        """Tell whether the air stands still."""
         return not any(
             (self.mean_x, self.mean_y, self.mean_z, self.gust_amplitude, self.turbulence)
         )
 
 
 class ManoeuvreParameters(QuantityModel):
-    """What the car is asked to do (design section 10)."""
+    """Task of the car (design section 10)."""
 
     kind: Literal["turn", "auto_turn", "straight", "slalom", "fishhook", "path", "rising"] = (
         quantity("1", "simulated turn, AUTO sequence, ...")

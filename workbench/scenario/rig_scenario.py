@@ -16,7 +16,8 @@ from pydantic import Field, model_validator
 
 from aerodima.workbench.core.quantity import QuantityModel, quantity
 from aerodima.workbench.scenario.manoeuvre_parameters import EnvironmentParameters
-from aerodima.workbench.scenario.scenario import Scenario, ScenarioFile
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.scenario_file import ScenarioFile
 from aerodima.workbench.scenario.tail_parameters import (
     FrictionParameters,
     TailMotorParameters,

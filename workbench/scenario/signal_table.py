@@ -28,11 +28,11 @@ WHEELS = tuple(f"{axle}_{side}" for axle in AXLES for side in SIDES)
 GROUND_CONTACTS = ("cage", "board", "tail")
 PLANT_POSITION_PREFIX = "plant_position_"
 RIG_KINDS = ("static", "swing", "bar_swing", "robot_swing")
-"""Kinds of rig log: tail held by the motor, tail let go, bar let go without a tail, tail of the
+"""Kinds of rig log: tail held by the motor, tail released, bar released without a tail, tail of the
 robot swung."""
 TIME = "time_s"
 UNARMED_SOURCES = ("sail", "imu", "speed", "operator")
-"""Sources of `status` that are heard before the motors are armed."""
+"""Sources of `status` that report before the motors are armed."""
 STATUS_SOURCES = ("tail_pitch", "tail_roll", *UNARMED_SOURCES)
 RIG_STATUS_SOURCES = ("motor", "force", "operator")
 _AXES = ("x", "y", "z")
@@ -261,18 +261,18 @@ motor_torque_truth_n_m | N m | torque of the motor
 
 
 def names_of(columns: Iterable[Column]) -> list[str]:
-    """Their names."""
+    """List the names of columns."""
     return [column.name for column in columns]
 
 
 def sensor_columns() -> list[Column]:
-    """Every column that a run on the real car has too."""
+    """List every column that a run on the real car has too."""
     time = Column(TIME, "s", "time since the start of the run")
     return [time, *(column for columns in CAR_PORTS.values() for column in columns)]
 
 
 def plant_position_columns(position_names: Iterable[str]) -> list[Column]:
-    """A column per plant position, in the order of `plant.GetPositionNames()`; for the replay."""
+    """Make a column per plant position, in the order of `plant.GetPositionNames()`."""
     return [
         Column(f"{PLANT_POSITION_PREFIX}{name}", "rad, m or 1", f"plant position {name}")
         for name in position_names
@@ -280,15 +280,13 @@ def plant_position_columns(position_names: Iterable[str]) -> list[Column]:
 
 
 def truth_columns() -> list[Column]:
-    """Every ground-truth column of a simulated run with a tail and without wind, without the plant
-    positions.
-    """
+    """List every ground-truth column of a run with a tail and without wind; no plant positions."""
     return [
         column for port, columns in CAR_TRUTH.items() if port != "wind_truth" for column in columns
     ]
 
 
 def rig_columns() -> list[Column]:
-    """The table of a wind-tunnel log."""
+    """List the columns of a wind-tunnel log."""
     time = Column(TIME, "s", "time since the start of the log")
     return [time, *(column for columns in RIG_PORTS.values() for column in columns)]

@@ -141,7 +141,7 @@ class TailParameters(QuantityModel):
 
     @property
     def has_own_geometry(self) -> bool:
-        """Whether a tail file gives shape and mass."""
+        """Tell whether a tail file gives shape and mass."""
         return self.geometry != NO_GEOMETRY
 
     @model_validator(mode="after")
@@ -182,7 +182,7 @@ class TailParameters(QuantityModel):
 
 @cache
 def robot_tail_sets() -> tuple[str, ...]:
-    """Embedded sets (`models/coefficients`) whose law knows the normal of a sail, sorted."""
+    """List the embedded sets (`models/coefficients`) whose law knows the normal of a sail."""
     files = sorted((models_dir() / "coefficients").glob("*.yaml"))
     return tuple(
         path.stem
@@ -192,10 +192,10 @@ def robot_tail_sets() -> tuple[str, ...]:
 
 
 def require_coefficient_name(name: str) -> None:
-    """Refuses (ValueError) what is neither `constant` nor a set for the robot's tail nor a path of
+    """Refuse (ValueError) what is neither `constant` nor a set for the robot's tail nor a path of
     a YAML or CSV file.
 
-    A file is looked at when the car is built: a log stays readable where the file is not at hand.
+    A file is read when the car is built: a log stays readable where the file is not at hand.
     """
     if name == CONSTANT or Path(name).suffix in COEFFICIENT_ENDINGS or name in robot_tail_sets():
         return

@@ -12,14 +12,15 @@ from typing import Any
 
 import pandas as pd
 
-from aerodima.workbench.batch.dask_engine import check_workers, run_batch
+from aerodima.workbench.batch.dask_cluster import check_workers
+from aerodima.workbench.batch.dask_engine import run_batch
 from aerodima.workbench.batch.row_store import (
     WORKER_RECORD,
     ProgressBar,
     ProgressLine,
     RowStore,
-    saying_how_to_go_on,
-    silent,
+    no_progress,
+    print_resume_hint,
 )
 from aerodima.workbench.core.atomic_write import make_folder
 from aerodima.workbench.core.errors import LogError, UserError
@@ -108,7 +109,7 @@ def make_demo(
     *,
     workers: int = 2,
     force: bool = False,
-    progress: ProgressLine = silent,
+    progress: ProgressLine = no_progress,
 ) -> Path:
     """Runs the demo and writes its page; the path of the page.
 
@@ -133,10 +134,10 @@ def make_demo(
     bar = ProgressBar(progress, len(runs))
 
     def done(_place: int, summary: RunSummary) -> None:
-        bar.one_more(f"{summary.name}: {summary.metrics.outcome.result}")
+        bar.advance(f"{summary.name}: {summary.metrics.outcome.result}")
 
     kept = lambda: f"{sum(run.log.exists() for run in runs)} of {len(runs)} logs"  # noqa: E731
-    with _claimed(out, runs, force) as store, saying_how_to_go_on(progress, kept):
+    with _claimed(out, runs, force) as store, print_resume_hint(progress, kept):
         progress(f"{len(runs)} runs in {min(workers, len(runs))} process(es), results in {out}")
         summaries = run_batch(
             do_run, runs, workers, done, progress=progress, record=out / WORKER_RECORD

@@ -11,7 +11,7 @@ from aerodima.workbench.batch.row_store import (
     ProgressBar,
     RowStore,
     content_key,
-    saying_how_to_go_on,
+    print_resume_hint,
 )
 from aerodima.workbench.core.errors import UserError
 from tests.refusals import assert_refused
@@ -70,8 +70,8 @@ def test_an_interruption_says_what_is_kept_and_how_to_go_on():
     progress = ProgressBar(said.append, 4, there=1)
 
     def work():
-        with saying_how_to_go_on(said.append, lambda: f"{progress.done} of 4 runs"):
-            progress.one_more("survived")
+        with print_resume_hint(said.append, lambda: f"{progress.done} of 4 runs"):
+            progress.advance("survived")
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
