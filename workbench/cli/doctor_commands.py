@@ -179,7 +179,8 @@ def _extras() -> Iterator[Finding]:
 def _programs() -> Iterator[Finding]:
     for subject, (names, advice) in PROGRAMS.items():
         paths = [path for path in map(shutil.which, names) if path is not None]
-        yield Finding(subject, *paths[:1] or [f"no {' or '.join(names)}"], bool(paths), advice)
+        found = paths[0] if paths else f"no {' or '.join(names)} on the path"
+        yield Finding(subject, found, bool(paths), advice)
 
 
 def _can() -> Iterator[Finding]:

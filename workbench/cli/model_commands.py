@@ -1,4 +1,4 @@
-"""The group `models`: what looks into models, coefficients and scenarios."""
+"""Commands of the group `models`: models, tails, coefficients and diagrams."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the commands."""
+    """Add the commands."""
     models = cli.command_group(
         app, "models", "Look into models, tails, coefficients and diagrams.", cli.CHECKS
     )
@@ -105,10 +105,7 @@ def tail(
     for path in out or ():
         refuse_existing(path, force, UserError)
     car = workbench.load_scenario(scenario, settings or [])
-    if file is None:
-        geometry = workbench.tail_geometry(car.tail)
-    else:
-        geometry = workbench.read_tail(file)
+    geometry = workbench.read_tail(file) if file else workbench.tail_geometry(car.tail)
     for line in tail_lines(geometry):
         typer.echo(line)
     for path in out or ():

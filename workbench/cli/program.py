@@ -1,5 +1,4 @@
-"""The program `aerodima`: finds the commands of every installed package, turns errors into a line
-and an exit status.
+"""The program `aerodima`: commands of every installed package; errors become a line and a status.
 
 A package adds commands with an entry point in the group `aerodima.commands` that names a function
 `register(app: typer.Typer) -> None`. Everything a command needs beyond the standard library and
@@ -25,9 +24,7 @@ ENTRY_POINT_GROUP = "aerodima.commands"
 
 
 class ErrorBoundary(TyperGroup):
-    """The outermost group: what a user can fix becomes one line; any other exception is a bug, its
-    traceback stays.
-    """
+    """Outermost group of commands: a user's error becomes one line, a bug keeps its traceback."""
 
     def invoke(self, ctx: Any) -> Any:  # Typer's own class of the context is private
         """Run the command; raises `typer.Exit` with a `Status`."""
@@ -49,7 +46,7 @@ class ErrorBoundary(TyperGroup):
         raise typer.Exit(Status.WRONG) from cause
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Lists the commands by section, those of other packages last."""
+        """List the commands by section, those of other packages last."""
         names = self.list_commands(ctx)
         room = formatter.width - 6 - max(map(len, names))
         sections: dict[str, list[tuple[str, str]]] = {
@@ -87,8 +84,7 @@ def _root(
 
 
 def build_app() -> typer.Typer:
-    """The program with the commands of every installed package, sorted by the name of the entry
-    point.
+    """Build the program with the commands of every installed package, sorted by entry point.
 
     An exception while a package registers its commands names that package and is raised: half a
     program helps nobody.
@@ -115,7 +111,7 @@ def build_app() -> typer.Typer:
 
 
 def main() -> None:
-    """Entry point of the console command."""
+    """Run the console command."""
     try:
         build_app()()
     except KeyboardInterrupt:  # before a command began

@@ -65,19 +65,19 @@ class SampledSensor(LeafSystem):
         super().__init__()
         check_rate(rate, step, f"{name}.rate")
         if not (math.isfinite(delay) and delay >= 0.0):
-            raise UserError(f"{name}.delay: {delay:g} s; allowed: >= 0 s")
+            raise UserError(f"{name}.delay: {delay:g} s must be >= 0 s")
         self.set_name(name)
         self._rate = rate
-        size = sum(outputs.values())
+        self._delay = delay
         whole = math.floor(delay * rate + RATE_TOLERANCE)
         lag = max(0.0, delay - whole / rate)
         self._shows_at_once = lag * rate <= RATE_TOLERANCE
-        self._delay = delay
-        ends = np.cumsum([*outputs.values()]).tolist()
-        self._outputs = [
-            (DiscreteVector(self, np.zeros(width), output=port), slice(end - width, end))
-            for (port, width), end in zip(outputs.items(), ends, strict=True)
-        ]
+        self._outputs = []
+        size = 0
+        for port, width in outputs.items():
+            vector = DiscreteVector(self, np.zeros(width), output=port)
+            self._outputs.append((vector, slice(size, size + width)))
+            size += width
         self._sample_time = DiscreteVector(self, [0.0], output="sample_time")
         self._queue_length = whole + 1
         self._row_size = size + 1
@@ -86,10 +86,7 @@ class SampledSensor(LeafSystem):
             "age", 1, weak_callback(self._calc_age), {self.time_ticket(), self._sample_time.ticket}
         )
         self.DeclareInitializationUnrestrictedUpdateEvent(self._initialise)
-        if discrete:
-            period = period_of(rate, EventPriority.SENSOR)
-        else:
-            period = 1.0 / rate
+        period = period_of(rate, EventPriority.SENSOR) if discrete else 1.0 / rate
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._sample)
         if not self._shows_at_once:
             self.DeclarePeriodicDiscreteUpdateEvent(period, lag * rate * period, self._show)
@@ -200,14 +197,10 @@ class AngleEncoder(SampledSensor):
         """Take one sample (2,): angle rad, rate rad/s."""
         angle = self.reading(float(vector_of(self._angle, context)[0]), index)
         earlier = self._past.read(context)[0]
-        return np.array(
-            [
-                angle,
-                0.0
-                if math.isnan(earlier)
-                else math.remainder(angle - earlier, TURN) / self._window,
-            ]
-        )
+        rate = 0.0
+        if not math.isnan(earlier):
+            rate = math.remainder(angle - earlier, TURN) / self._window
+        return np.array([angle, rate])
 
     def take(self, context: Context, discrete_state: DiscreteValues) -> np.ndarray:
         """Take a sample; keeps the angle for the rate of later samples."""

@@ -1,12 +1,11 @@
-"""Sections of a scenario: every physical number of the car, its tail, its actuators and its
-sensors.
+"""The car of a scenario: chassis, wheels, steering servo and drive.
 
 The values live in `models/parameters/<section>.yaml`, each with unit and source; the classes here
 hold name, unit and allowed range only. Frames and signs: design section 4.
 """
 
 import math
-from typing import Literal
+from typing import Literal, Self
 
 from pydantic import model_validator
 
@@ -94,20 +93,19 @@ class CarParameters(QuantityModel):
     board_mass: float = quantity("kg", "board, part of the mass of the car", "(0, 1]")
 
     @model_validator(mode="after")
-    def _gyration_is_physical(self) -> "CarParameters":
+    def _gyration_is_physical(self) -> Self:
         radii = {name: getattr(self, f"gyration_{name}") for name in ("roll", "pitch", "yaw")}
         for name, radius in radii.items():
-            most = math.sqrt(sum(other**2 for other in radii.values()) - radius**2)
-            if radius > most * (1 + 1e-9):
+            largest = math.sqrt(sum(other**2 for other in radii.values()) - radius**2)
+            if radius > largest * (1 + 1e-9):
                 raise ValueError(
-                    f"gyration_{name}: {radius:g} m; allowed: <= {most:g} m, so that the inertia "
-                    "is physical"
+                    f"gyration_{name}: {radius:g} m must be <= {largest:g} m for a physical inertia"
                 )
         return self
 
     @property
     def outer_half_track(self) -> float:
-        """Distance (m) from the car's middle to the line under its outer tyres once it leans."""
+        """Compute the distance (m) of the outer tyres' edge from the car's middle as it leans."""
         return self.track / 2 + (self.tyre_width / 2 if self.tyre_shape == "cylinder" else 0.0)
 
 

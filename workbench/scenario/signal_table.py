@@ -17,7 +17,7 @@ readings of the force sensor in W axes (design section 4), zeroed: add the offse
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import chain, product
 
 from aerodima.workbench.core.port_fields import PortFields
 
@@ -267,8 +267,7 @@ def names_of(columns: Iterable[Column]) -> list[str]:
 
 def sensor_columns() -> list[Column]:
     """List every column that a run on the real car has too."""
-    time = Column(TIME, "s", "time since the start of the run")
-    return [time, *(column for columns in CAR_PORTS.values() for column in columns)]
+    return [Column(TIME, "s", "time since the start of the run"), *chain(*CAR_PORTS.values())]
 
 
 def plant_position_columns(position_names: Iterable[str]) -> list[Column]:
@@ -281,12 +280,9 @@ def plant_position_columns(position_names: Iterable[str]) -> list[Column]:
 
 def truth_columns() -> list[Column]:
     """List every ground-truth column of a run with a tail and without wind; no plant positions."""
-    return [
-        column for port, columns in CAR_TRUTH.items() if port != "wind_truth" for column in columns
-    ]
+    return [*chain(*(CAR_TRUTH[port] for port in CAR_TRUTH if port != "wind_truth"))]
 
 
 def rig_columns() -> list[Column]:
     """List the columns of a wind-tunnel log."""
-    time = Column(TIME, "s", "time since the start of the log")
-    return [time, *(column for columns in RIG_PORTS.values() for column in columns)]
+    return [Column(TIME, "s", "time since the start of the log"), *chain(*RIG_PORTS.values())]

@@ -57,19 +57,20 @@ class _Strict(StrictModel):
 class Knots(_Strict):
     """States at the knots, all of the length of `time_s`; cubic Hermite between them."""
 
-    time_s: Times = Field(
-        description="times since the release, s, strictly increasing, the first 0"
-    )
-    roll_position_rad: Samples = Field(description="tail roll, rad")
-    roll_velocity_rad_per_s: Samples = Field(description="tail roll rate, rad/s")
-    pitch_position_rad: Samples = Field(description="tail pitch, rad")
-    pitch_velocity_rad_per_s: Samples = Field(description="tail pitch rate, rad/s")
-    roll_torque_n_m: Samples | None = Field(
-        None, description="feed-forward torque of the roll motor, N m"
-    )
-    pitch_torque_n_m: Samples | None = Field(
-        None, description="feed-forward torque of the pitch motor, N m"
-    )
+    time_s: Times
+    """Times since the release, s, strictly increasing, the first 0."""
+    roll_position_rad: Samples
+    """Tail roll, rad."""
+    roll_velocity_rad_per_s: Samples
+    """Tail roll rate, rad/s."""
+    pitch_position_rad: Samples
+    """Tail pitch, rad."""
+    pitch_velocity_rad_per_s: Samples
+    """Tail pitch rate, rad/s."""
+    roll_torque_n_m: Samples | None = None
+    """Feed-forward torque of the roll motor, N m."""
+    pitch_torque_n_m: Samples | None = None
+    """Feed-forward torque of the pitch motor, N m."""
 
     @model_validator(mode="after")
     def _equally_long(self) -> Self:
@@ -91,14 +92,17 @@ class Knots(_Strict):
 class JointGains(_Strict):
     """Gains of one tail joint in the motor's own law (design section 6)."""
 
-    kp: float = Field(description="position gain, N m/rad", ge=0, le=500)
-    kd: float = Field(description="velocity gain, N m s/rad", ge=0, le=5)
+    kp: float = Field(ge=0, le=500)
+    """Position gain, N m/rad."""
+    kd: float = Field(ge=0, le=5)
+    """Velocity gain, N m s/rad."""
 
 
 class GainPhase(_Strict):
     """Gains that hold from `start_s` on."""
 
-    start_s: float = Field(description="time since the release, s", ge=0)
+    start_s: float = Field(ge=0)
+    """Time since the release, s."""
     roll: JointGains
     pitch: JointGains
 
@@ -119,14 +123,14 @@ class Gains(_Strict):
 class Limits(_Strict):
     """Symmetric limits of the knots and of the curve between them."""
 
-    roll_position_rad: float = Field(
-        description="largest magnitude of the roll angle, rad", gt=0, le=math.pi
-    )
-    pitch_position_rad: float = Field(
-        description="largest magnitude of the pitch angle, rad", gt=0, le=math.pi
-    )
-    velocity_rad_per_s: float = Field(description="largest joint rate, rad/s", gt=0)
-    torque_n_m: float = Field(description="largest motor torque, N m", gt=0)
+    roll_position_rad: float = Field(gt=0, le=math.pi)
+    """Largest magnitude of the roll angle, rad."""
+    pitch_position_rad: float = Field(gt=0, le=math.pi)
+    """Largest magnitude of the pitch angle, rad."""
+    velocity_rad_per_s: float = Field(gt=0)
+    """Largest joint rate, rad/s."""
+    torque_n_m: float = Field(gt=0)
+    """Largest motor torque, N m."""
 
 
 class Trigger(_Strict):
@@ -135,15 +139,12 @@ class Trigger(_Strict):
     """
 
     kind: Literal["yaw_rate", "steering", "time"] = "yaw_rate"
-    threshold_rad_per_s: float | None = Field(
-        None, description="yaw_rate: into the planned turn, rad/s", gt=0
-    )
-    threshold_rad: float | None = Field(
-        None, description="steering: command into the planned turn, rad", gt=0
-    )
-    delay_s: float = Field(
-        0.0, description="from the trigger to the release, s; time: since the announcement", ge=0
-    )
+    threshold_rad_per_s: float | None = Field(None, gt=0)
+    """Yaw rate into the planned turn, rad/s; of kind yaw_rate."""
+    threshold_rad: float | None = Field(None, gt=0)
+    """Steering command into the planned turn, rad; of kind steering."""
+    delay_s: float = Field(0.0, ge=0)
+    """Time from the trigger, of kind time from the announcement, to the release, s."""
 
     @model_validator(mode="after")
     def _has_threshold(self) -> Self:
@@ -156,23 +157,22 @@ class Trigger(_Strict):
 class Provenance(_Strict):
     """Origin of the swing."""
 
-    source: str = Field(description="what made it: a table, a command")
-    scenario: str | None = Field(None, description="scenario it was made with")
-    seed: int | None = Field(None, description="seed of the solver's starts", ge=0)
-    settings: Annotated[tuple[str, ...], Field(strict=False)] = Field(
-        (), description="overrides of that scenario"
-    )
-    options: dict[str, float | int | str] = Field(
-        default_factory=dict, description="of the command that made it"
-    )
-    found: dict[str, float | int | str] = Field(
-        default_factory=dict,
-        description="what it found, such as peak_roll_rad; unit at the end of the name",
-    )
-    solver_log: str | None = Field(None, description="file of the solver's log")
-    versions: dict[str, str] = Field(
-        default_factory=dict, description="project, drake, python, numpy"
-    )
+    source: str
+    """Table or command that made it."""
+    scenario: str | None = None
+    """Scenario it was made with."""
+    seed: int | None = Field(None, ge=0)
+    """Seed of the solver's starts."""
+    settings: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    """Overrides of that scenario."""
+    options: dict[str, float | int | str] = Field(default_factory=dict)
+    """Options of the command that made it."""
+    found: dict[str, float | int | str] = Field(default_factory=dict)
+    """Results of that command, such as peak_roll_rad; names end in their unit."""
+    solver_log: str | None = None
+    """File of the solver's log."""
+    versions: dict[str, str] = Field(default_factory=dict)
+    """Versions of project, drake, python, numpy."""
 
 
 class SwingFile(_Strict):
@@ -183,7 +183,8 @@ class SwingFile(_Strict):
 
     schema_: Literal["aerodima/swing/1"] = Field("aerodima/swing/1", alias="schema")
     name: str = Field(min_length=1, max_length=80)
-    direction: Direction = Field(description="turn that the knots are written for")
+    direction: Direction
+    """Turn that the knots are written for."""
     trigger: Trigger
     knots: Knots
     gains: Gains
