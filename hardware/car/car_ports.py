@@ -25,8 +25,8 @@ from aerodima.hardware.protocol.ak70 import MAX_ID, MIN_ID, FirmwareProfile, fir
 from aerodima.hardware.protocol.xbee import BROADCAST
 from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.hardware.transport.serial_link import SerialSettings
-from aerodima.workbench.core.checked_files import StrictModel, checked
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.yaml_files import StrictModel, checked
 
 SCHEMA = "aerodima/ports/1"
 Joint = Literal["tail_pitch", "tail_roll"]

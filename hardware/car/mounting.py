@@ -17,10 +17,10 @@ from aerodima.hardware.devices.bno055 import Bno055Sample
 from aerodima.hardware.devices.teensy_link import pulse
 from aerodima.hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.checked_files import QuantityModel, quantity
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.quantity import QuantityModel, quantity
 from aerodima.workbench.core.resources import model_path
-from aerodima.workbench.scenario.scenario import load_section
+from aerodima.workbench.scenario.scenario_file import load_section
 
 AXES = {
     f"{sign}{axis}": factor * np.eye(3)["xyz".index(axis)]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from aerodima.workbench.core.checked_files import QuantityModel, quantity
+from aerodima.workbench.core.quantity import QuantityModel, quantity
 from aerodima.workbench.core.resources import model_path
-from aerodima.workbench.scenario.scenario import load_section
+from aerodima.workbench.scenario.scenario_file import load_section
 
 
 class DriveSafety(QuantityModel):

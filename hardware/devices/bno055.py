@@ -21,7 +21,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from aerodima.hardware.protocol.can_frame import FrameError
-from aerodima.workbench.core.checked_files import STANDARD_GRAVITY
+from aerodima.workbench.core.quantity import STANDARD_GRAVITY
 
 RATE = 100.0
 """Hz of the fusion (data sheet table 3-14)."""

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from aerodima.hardware.protocol.ak70 import MAX_ID, FirmwareProfile, check_motor_id
-from aerodima.workbench.core.checked_files import QuantityModel, quantity
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.quantity import QuantityModel, quantity
 from aerodima.workbench.core.resources import model_path
-from aerodima.workbench.scenario.car_parameters import TailMotorParameters
-from aerodima.workbench.scenario.scenario import load_section
+from aerodima.workbench.scenario.scenario_file import load_section
+from aerodima.workbench.scenario.tail_parameters import TailMotorParameters
 
 
 class MotorSafety(QuantityModel):

@@ -19,9 +19,9 @@ from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import WiringName
 from aerodima.hardware.firmware.teensy_firmware import firmware_hash
 from aerodima.workbench.core.atomic_write import write_atomically
-from aerodima.workbench.core.checked_files import StrictModel, checked
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.core.resources import model_path
+from aerodima.workbench.core.yaml_files import StrictModel, checked
 from aerodima.workbench.logs.schema import software_versions
 
 SCHEMA = "aerodima/watchdog_test/2"

@@ -32,8 +32,8 @@ from pydantic import Field, model_validator
 
 from aerodima.hardware.car.car_ports import JOINTS, SERIAL_DEVICES, SerialDevice
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
-from aerodima.workbench.core.checked_files import StrictModel, checked, read_yaml
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
 
 SCHEMA = "aerodima/emulation/1"
 Device = SerialDevice | Literal["can", "console"]

@@ -18,8 +18,8 @@ from typing import Any, BinaryIO, cast
 from pydantic import Field
 
 from aerodima.hardware.transport.serial_link import reason_of
-from aerodima.workbench.core.checked_files import StrictModel
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.yaml_files import StrictModel
 
 try:
     import can as can

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 from pydantic import Field
 
-from aerodima.workbench.core.checked_files import StrictModel
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.yaml_files import StrictModel
 
 if TYPE_CHECKING:
     from serial import Serial

@@ -20,14 +20,9 @@ from scipy.stats import norm, qmc
 
 from aerodima.workbench.car.car_model import chassis_centre
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.checked_files import (
-    StrictModel,
-    checked,
-    find_file,
-    nearest,
-    read_yaml,
-)
 from aerodima.workbench.core.errors import ScenarioError
+from aerodima.workbench.core.key_errors import nearest
+from aerodima.workbench.core.yaml_files import StrictModel, checked, find_file, read_yaml
 from aerodima.workbench.metrics.published_values import (
     Platform,
     inner_lift_yaw_rate,

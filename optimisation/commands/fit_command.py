@@ -101,7 +101,7 @@ class LogFit:
         """
         from aerodima.optimisation.identify.fit_batch import fit_logs
         from aerodima.optimisation.identify.fit_report import write_report
-        from aerodima.workbench.batch.row_store import terminal
+        from aerodima.workbench.batch.row_store import terminal_progress
 
         settings = {"fit": title, **more, **asdict(options)}
         work = partial(work, options=options, **more)
@@ -112,7 +112,7 @@ class LogFit:
             settings=settings,
             workers=self.workers,
             force=self.force,
-            progress=terminal(),
+            progress=terminal_progress(),
         )
         results = fitted.results
         failed = fitted.failed

@@ -41,9 +41,9 @@ def engine_for(
     out: Path | None, workers: int = 2, scheduler: str | None = None
 ) -> Iterator[tuple[Engine, ProgressLine]]:
     """Opens an engine whose workers record in a folder, and the terminal for lines of progress."""
-    from aerodima.workbench.batch.row_store import WORKER_RECORD, terminal
+    from aerodima.workbench.batch.row_store import WORKER_RECORD, terminal_progress
 
-    progress = terminal()
+    progress = terminal_progress()
     with optimisation.open_run_engine(
         workers, scheduler, progress=progress, record=None if out is None else out / WORKER_RECORD
     ) as engine:

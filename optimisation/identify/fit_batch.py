@@ -90,7 +90,7 @@ def fit_logs(
             if line["error"] != WORKER_KILLED:  # a second call tries it again
                 store.add(keys[name], line)
             done[name] = line
-            bar.one_more(Path(name).name)
+            bar.advance(Path(name).name)
 
         with print_resume_hint(progress, lambda: f"{bar.done} of {len(names)} fits"):
             run_batch(

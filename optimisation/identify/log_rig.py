@@ -18,8 +18,8 @@ import numpy as np
 
 from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.checked_files import find_file, read_yaml
 from aerodima.workbench.core.errors import FitError, LogError
+from aerodima.workbench.core.yaml_files import find_file, read_yaml
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals
 from aerodima.workbench.scenario.rig_scenario import (

@@ -9,8 +9,9 @@ from aerodima.optimisation.identify.fit_options import FitOptions
 from aerodima.optimisation.identify.least_squares import Parameter
 from aerodima.optimisation.identify.log_rig import is_simulated, named_rig
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.checked_files import nearest, unit_of
 from aerodima.workbench.core.errors import FitError
+from aerodima.workbench.core.key_errors import nearest
+from aerodima.workbench.core.quantity import unit_of
 from aerodima.workbench.core.resources import published_table
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.scenario.rig_scenario import (

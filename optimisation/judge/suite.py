@@ -22,9 +22,10 @@ from aerodima.optimisation.judge.candidate import (
     user_law,
 )
 from aerodima.optimisation.judge.entry_speed import Case, Manoeuvre, Surface
-from aerodima.workbench.core.checked_files import StrictModel, checked, nearest, read_yaml
 from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.core.resources import model_path
+from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
 from aerodima.workbench.scenario.ensemble import Member
 from aerodima.workbench.scenario.scenario import load_scenario
 

@@ -30,8 +30,8 @@ from aerodima.workbench.batch.row_store import (
 )
 from aerodima.workbench.control.swing_library import NO_SWING, find_swing
 from aerodima.workbench.control.user_law import in_words, load_law
-from aerodima.workbench.core.checked_files import read_yaml
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.yaml_files import read_yaml
 from aerodima.workbench.logs.schema import RunLog, read_run_log, software_versions
 from aerodima.workbench.scenario.rig_scenario import RigScenario
 from aerodima.workbench.scenario.scenario import Scenario, default_values
@@ -296,9 +296,9 @@ class CachedRunner:
             else:
                 self._store.add(key, row)
             if "result" not in row:
-                bar.one_more(f"{self.stage} {row['outcome'] or 'failed':8}".lstrip())
+                bar.advance(f"{self.stage} {row['outcome'] or 'failed':8}".lstrip())
             elif self.stage:
-                bar.one_more(self.stage)
+                bar.advance(self.stage)
 
         self._engine.map(work, [by_key[key] for key in missing], keep, lost)
         return [self._known[key] for key in keys]

@@ -14,16 +14,12 @@ from pydantic import Field, model_validator
 from scipy.stats import norm, qmc
 
 from aerodima.optimisation.studies.runs import RunTask, load_any_scenario
-from aerodima.workbench.core.checked_files import (
-    StrictModel,
-    checked,
-    find_file,
-    nearest,
-    read_yaml,
-)
 from aerodima.workbench.core.errors import ScenarioError, SweepError
+from aerodima.workbench.core.key_errors import nearest
+from aerodima.workbench.core.yaml_files import StrictModel, checked, find_file, read_yaml
 from aerodima.workbench.scenario.ensemble import Member, load_ensemble
-from aerodima.workbench.scenario.scenario import Scenario, ScenarioFile
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.scenario_file import ScenarioFile
 
 STUDY_SCHEMA = "aerodima/study/1"
 MAX_RUNS = 100_000
@@ -259,7 +255,7 @@ def plan_runs(study: Study) -> list[PlannedRun]:
         ensemble = load_ensemble(study.ensemble)
         members = ensemble.members
         if study.members is not None:
-            members = ensemble.drawn(study.members)
+            members = ensemble.resample(study.members)
     number = sum(block.size for block in study.blocks) * len(members)
     if number > MAX_RUNS:
         raise SweepError(f"{study.name}: {number} runs; must be at most {MAX_RUNS}")

@@ -183,7 +183,7 @@ def search_laws(
             best = laws[index]
             best_score = float(scores[index])
         tried += len(laws)
-        bar.one_more(f"{tried} laws tried on reduced cars, the best {best_score - 1.0:+.1%}")
+        bar.advance(f"{tried} laws tried on reduced cars, the best {best_score - 1.0:+.1%}")
         return -scores
 
     numbers = len(RANGES)

@@ -24,14 +24,9 @@ from aerodima.optimisation.studies.rollover_threshold import (
     find_thresholds,
 )
 from aerodima.optimisation.studies.runs import CachedRunner, step_settings
-from aerodima.workbench.core.checked_files import (
-    StrictModel,
-    checked,
-    find_file,
-    nearest,
-    read_yaml,
-)
 from aerodima.workbench.core.errors import SweepError, UserError
+from aerodima.workbench.core.key_errors import nearest
+from aerodima.workbench.core.yaml_files import StrictModel, checked, find_file, read_yaml
 from aerodima.workbench.scenario.ensemble import Member, load_ensemble
 from aerodima.workbench.scenario.scenario import load_scenario
 

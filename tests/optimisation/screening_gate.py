@@ -182,8 +182,8 @@ def main():
     folder = Path(sys.argv[1])
     (number, with_laws, searches, cores) = map(int, sys.argv[2:])
     ensemble = load_ensemble()
-    tuned = {member.name for member in ensemble.drawn(TUNED)}
-    others = [m for m in ensemble.drawn(len(ensemble.members)) if m.name not in tuned]
+    tuned = {member.name for member in ensemble.resample(TUNED)}
+    others = [m for m in ensemble.resample(len(ensemble.members)) if m.name not in tuned]
     cars = [(*m.settings_on(SCENARIO), *SPEED) for m in others[:number]]
     with (
         RowStore(folder / "runs.jsonl", {"schema": "screening gate"}) as store,

@@ -51,9 +51,9 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from aerodima.workbench.aero.sections import SectionLayout, sampled_poses
 from aerodima.workbench.aero.slide_keeper import SlideKeeper
 from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX, connect_spatial_forces
-from aerodima.workbench.core.checked_files import check_range
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.port_wiring import add_and_connect
+from aerodima.workbench.core.quantity import check_range
 
 _CONTINUOUS_RATE = 100.0
 """Rate of the keeper in a continuous plant, rad/s."""

@@ -22,7 +22,8 @@ from aerodima.workbench.aero.laws import (
     TwoSidedLaw,
 )
 from aerodima.workbench.aero.polar_law import MIN_DRAG, PolarLaw, RegularTable
-from aerodima.workbench.core.checked_files import (
+from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.yaml_files import (
     StrictModel,
     checked,
     find_file,
@@ -30,7 +31,6 @@ from aerodima.workbench.core.checked_files import (
     require_mapping,
     shipped_names,
 )
-from aerodima.workbench.core.errors import ModelError
 
 SCHEMA = "aerodima/coefficients/1"
 _FOLDER = "coefficients"

@@ -20,8 +20,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from pydrake.math import arctan2
 
-from aerodima.workbench.core.checked_files import check_range
 from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.quantity import check_range
 
 check_from_zero = partial(check_range, low=0.0, high=math.inf, error=ModelError)
 check_above_zero = partial(check_from_zero, above_low=True)

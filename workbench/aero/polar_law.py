@@ -24,8 +24,8 @@ from aerodima.workbench.aero.laws import (
     require_finite,
     require_increasing,
 )
-from aerodima.workbench.core.checked_files import check_range
 from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.quantity import check_range
 
 Coefficient = Callable[[Scalar, Scalar], Scalar]
 _LIFT_END = math.radians(10.0)

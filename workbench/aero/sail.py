@@ -39,7 +39,7 @@ from typing import Any, NamedTuple
 
 from aerodima.workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw, SectionLaw
 from aerodima.workbench.aero.sections import SectionLayout
-from aerodima.workbench.scenario.car_parameters import SHELL_DEPTH
+from aerodima.workbench.scenario.tail_parameters import SHELL_DEPTH
 
 Vector = tuple[float, float, float]
 

@@ -50,8 +50,9 @@ from aerodima.workbench.aero.tail_pieces import (
     trapezoid_centre,
     unit_vector,
 )
-from aerodima.workbench.core.checked_files import QuantityModel, lines_of, quantity
 from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.key_errors import lines_of
+from aerodima.workbench.core.quantity import QuantityModel, quantity
 from aerodima.workbench.core.sdf_model import Inertial
 
 SCHEMA: Literal["aerodima/tail/1"] = "aerodima/tail/1"

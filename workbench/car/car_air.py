@@ -32,12 +32,16 @@ from aerodima.workbench.aero.sail import FreeSail, SailMotion, generalised_force
 from aerodima.workbench.aero.sections import Air, SectionLayout
 from aerodima.workbench.car.tail_plant import tail_geometry
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.checked_files import CONSTANT, SAIL_LAWS
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.port_wiring import add_and_connect, concatenate, vector_of
 from aerodima.workbench.core.system_lifetime import weak_callback
-from aerodima.workbench.scenario.car_parameters import SAIL_SHAPES, TailParameters
 from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.tail_parameters import (
+    CONSTANT,
+    SAIL_LAWS,
+    SAIL_SHAPES,
+    TailParameters,
+)
 
 if TYPE_CHECKING:
     from aerodima.workbench.aero.wind import WindModel

@@ -14,9 +14,9 @@ import numpy as np
 from pydrake.systems.framework import Context
 
 from aerodima.workbench.aero.sail import rotation_rows
-from aerodima.workbench.core.checked_files import STANDARD_GRAVITY
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_wiring import vector_of
+from aerodima.workbench.core.quantity import STANDARD_GRAVITY
 from aerodima.workbench.core.sampled import TURN, AngleEncoder, CounterNoise, SampledSensor
 from aerodima.workbench.scenario.signal_table import IMU
 

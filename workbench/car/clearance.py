@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.scenario.car_parameters import TailParameters
 from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.tail_parameters import TailParameters
 
 PARTS = ("cage", "deck", "wheels", "ground")
 """What the tail may touch. Deck: chassis, rear deck, electronics and anti-ramp board."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aerodima.workbench.core.checked_files import check_range
+from aerodima.workbench.core.quantity import check_range
 
 
 @dataclass(frozen=True)

@@ -22,13 +22,13 @@ from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.aero.tail_geometry import SCHEMA, Plate, TailArm, TailGeometry
 from aerodima.workbench.aero.tail_pieces import Piece
 from aerodima.workbench.core.atomic_write import write_atomically
-from aerodima.workbench.core.checked_files import checked, read_yaml
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.sdf_model import Inertial, SdfModel
-from aerodima.workbench.scenario.car_parameters import (
+from aerodima.workbench.core.yaml_files import checked, read_yaml
+from aerodima.workbench.scenario.car_parameters import CarParameters
+from aerodima.workbench.scenario.tail_parameters import (
     SHELL_DEPTH,
-    CarParameters,
     TailMotorParameters,
     TailParameters,
 )

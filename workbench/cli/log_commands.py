@@ -1,4 +1,4 @@
-"""The group `log`: what is done with run logs."""
+"""Commands of the group `log`: metrics, comparison, import, conditioning, export of run logs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the commands."""
+    """Add the commands."""
     group = cli.command_group(
         app, "log", "Measure, compare, import, condition and export run logs.", cli.RUNS
     )
@@ -123,10 +123,10 @@ def export(
 
     form = next((known for known in FORMATS if known == to), None)
     if form is None:
-        raise LogError(f"--to: {to!r}; allowed: {', '.join(FORMATS)}")
+        raise LogError(f"--to: {to!r} must be one of {', '.join(FORMATS)}")
     path = out or log.with_suffix(f".{form}")
     if path.suffix.lower() != f".{form}":
-        raise LogError(f"--out {path}: ending {path.suffix!r}; allowed with --to {form}: .{form}")
+        raise LogError(f"--out {path}: must end in .{form} with --to {form}")
     _refuse_raw(path, log)
     refuse_existing(path, force, LogError)
     run_log = workbench.read_run_log(log)
@@ -135,7 +135,7 @@ def export(
 
 
 def _scene(run_log: RunLog) -> Iterable[SceneMessage]:
-    """What a viewer draws of a car's run; a note says why there is nothing."""
+    """Make the scene of a car's run for a viewer; a note says why there is none."""
     from aerodima.workbench.scenario.signal_table import RIG_KINDS
 
     if run_log.kind in RIG_KINDS:
@@ -240,17 +240,17 @@ def compare(
 
 def _refuse_raw(out: Path, log: Path) -> None:
     if out.resolve() == log.resolve():
-        raise LogError(f"--out {out}: is the log that is read; raw logs are kept")
+        raise LogError(f"--out {out}: must not be the log that is read; raw logs are kept")
 
 
 def _refuse_twice(runs: list[Path]) -> None:
     for path in runs:
         if runs.count(path) > 1:
-            raise LogError(f"{path}: named twice")
+            raise LogError(f"{path}: duplicate")
 
 
 def run_names(runs: list[Path]) -> list[str]:
-    """File names without ending; whole paths where these are not enough."""
+    """List file names without ending; whole paths if these are not unique."""
     _refuse_twice(runs)
     stems = [path.stem for path in runs]
     if len(set(stems)) == len(stems):

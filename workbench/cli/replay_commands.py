@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the commands."""
+    """Add the commands."""
     app.command(rich_help_panel=cli.RUNS)(play)
     app.command(rich_help_panel=cli.RUNS)(replay)
 
@@ -45,9 +45,9 @@ def play(
     Example: aerodima play --out by_hand.parquet --pace 0.5
     """
     if not 0.1 <= pace <= 1.0:
-        raise UserError(f"--pace: {pace:g}; allowed: 0.1 to 1")
+        raise UserError(f"--pace: {pace:g} must be 0.1 to 1")
     if not length > 0.0:
-        raise UserError(f"--length: {length:g} s; allowed: > 0")
+        raise UserError(f"--length: {length:g} s must be > 0")
     if out is not None:
         refuse_existing(out, force, LogError)
 
@@ -103,7 +103,7 @@ def replay(
     others = html is not None or strip is not None or port is not None
     if len(runs) > 1 and (video is None or others):
         raise UserError(
-            f"{len(runs)} runs: allowed with --video alone; `aerodima log compare` makes a page "
+            f"{len(runs)} runs: must be with --video alone; `aerodima log compare` makes a page "
             "of them"
         )
     for path in (html, strip, video):
@@ -122,16 +122,14 @@ def _write_video(runs: list[Path], video: Path, start: float, rate: float, force
     check_video(video, force)
     names = [name.replace("_", " ") for name in run_names(runs)]
     filmed = {name: workbench.read_run_log(path) for name, path in zip(names, runs, strict=True)}
-    told = show_progress("frame", "")
-    typer.echo(
-        f"video: {write_video(filmed, video, force=force, rate=rate, progress=told, start=start)}"
-    )
+    progress = show_progress("frame", "")
+    path = write_video(filmed, video, force=force, rate=rate, progress=progress, start=start)
+    typer.echo(f"video: {path}")
 
 
 def _replay_one(
     run: Path, html: Path | None, strip: Path | None, port: int | None, rate: float, force: bool
 ) -> None:  # fmt: skip
-
     run_log = workbench.read_run_log(run)
     if html is not None:
         from aerodima.workbench.view.replay_page import write_replay_html
@@ -146,7 +144,7 @@ def _replay_one(
 
 
 def _show(run_log: RunLog, port: int | None, rate: float) -> None:
-    """Plays the run in Meshcat until Ctrl-C."""
+    """Play the run in Meshcat until Ctrl-C."""
     from aerodima.workbench.view.captions import run_caption
     from aerodima.workbench.view.recording import record_run
     from aerodima.workbench.view.viewer import open_meshcat

@@ -22,7 +22,6 @@ from aerodima.workbench.control.driver_law import DriverLaw, ScheduledDriver, Se
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
 from aerodima.workbench.control.manoeuvre import DriverInput, Schedule
 from aerodima.workbench.control.tail_law import AGE_LIMIT, Observation, TailLaw, observe
-from aerodima.workbench.core.checked_files import check_range
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.event_order import (
     EventPriority,
@@ -37,6 +36,7 @@ from aerodima.workbench.core.port_wiring import (
     concatenate,
     vector_of,
 )
+from aerodima.workbench.core.quantity import check_range
 from aerodima.workbench.scenario.signal_table import (
     IMU,
     PLANNED_TURN,

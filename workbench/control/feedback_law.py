@@ -26,7 +26,7 @@ import numpy as np
 
 from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.control.tail_law import NO_COMMAND, Observation
-from aerodima.workbench.scenario.car_parameters import ControllerParameters, FeedbackParameters
+from aerodima.workbench.scenario.law_parameters import ControllerParameters, FeedbackParameters
 from aerodima.workbench.scenario.signal_table import IMU
 
 ROLL = IMU.index("roll")

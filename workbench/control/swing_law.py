@@ -15,11 +15,11 @@ from typing import Any, Literal, NamedTuple
 from pydantic import Field, model_validator
 
 from aerodima.workbench.control.tail_law import EPSILON
-from aerodima.workbench.core.checked_files import checked
 from aerodima.workbench.core.elementwise import where
 from aerodima.workbench.core.resources import model_path
-from aerodima.workbench.scenario.car_parameters import ControllerParameters
-from aerodima.workbench.scenario.scenario import load_parameter_file
+from aerodima.workbench.core.yaml_files import checked
+from aerodima.workbench.scenario.law_parameters import ControllerParameters
+from aerodima.workbench.scenario.scenario_file import load_parameter_file
 
 
 class SwingState(IntEnum):

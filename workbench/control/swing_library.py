@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from aerodima.workbench.core.checked_files import find_file
 from aerodima.workbench.core.errors import ScenarioError, SwingFileError
+from aerodima.workbench.core.yaml_files import find_file
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.swing_file import (
     SwingFile,

@@ -1,5 +1,4 @@
-"""Put a finished file in place in one step: a reader sees the old file or the whole new one, never
-a half.
+"""Atomic writing: a reader sees the old file or the whole new one, never a half.
 
 The content goes to a hidden neighbour of the target first, is forced to the disk, and then takes
 the name.

@@ -26,17 +26,17 @@ class PortFields:
 
     @property
     def size(self) -> int:
-        """Number of elements of the port's vector."""
+        """Count the elements of the port's vector."""
         return len(self.fields)
 
     def index(self, name: str) -> int:
-        """Place of a field in the vector; ValueError, with the known names, for an unknown one."""
+        """Find the index of a field in the vector; ValueError lists the known names."""
         if name not in self.fields:
             raise ValueError(f"{self.name} has no field '{name}'; it has {', '.join(self.fields)}")
         return self.fields.index(name)
 
     def read(self, values: Sequence[float] | np.ndarray) -> Any:
-        """The vector (size,) as a named tuple of plain floats; ValueError for another length."""
+        """Read a vector (size,) as a named tuple of plain floats; ValueError for another length."""
         if len(values) != len(self.fields):
             raise ValueError(f"{self.name} has {len(self.fields)} elements, got {len(values)}")
         return self._tuple(
@@ -44,7 +44,5 @@ class PortFields:
         )
 
     def write(self, **values: float) -> np.ndarray:
-        """Vector (size,) from one keyword per field, all of them required; TypeError names a
-        missing or unknown one.
-        """
+        """Write a vector (size,) from one keyword per field; TypeError names a missing one."""
         return np.array(self._tuple(**values), dtype=float)

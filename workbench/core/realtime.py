@@ -25,14 +25,14 @@ DRIVE_PRIORITY = 40
 EMULATOR_PRIORITY = 30
 """SCHED_RR priority of the emulated car; below that of what a real computer runs."""
 SWITCH_INTERVAL = 0.0005
-"""How long a thread that computes may keep the others waiting, s. Python's own 5 ms are half a
+"""Time for which a thread that computes may keep others waiting, s; Python's own 5 ms are half a
 cycle of the loop."""
 _SWITCH_INTERVAL_OF_PYTHON = 0.005
 """Python's own switch interval, s."""
 
 
 def prefer_realtime(priority: int) -> str:
-    """Gives the calling thread, and those that it starts, SCHED_RR with `priority` (1 to 99) and
+    """Give the calling thread, and those that it starts, SCHED_RR with `priority` (1 to 99) and
     locks the memory.
 
     Returns:
@@ -42,13 +42,13 @@ def prefer_realtime(priority: int) -> str:
 
 
 def restore_ordinary() -> None:
-    """Ordinary scheduling for the calling thread; harmless when it never had another."""
+    """Restore ordinary scheduling of the calling thread; harmless when it never had another."""
     with contextlib.suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def is_realtime() -> bool:
-    """Whether the calling thread has priority over ordinary programs."""
+    """Tell whether the calling thread has priority over ordinary programs."""
     try:
         return os.sched_getscheduler(0) in (os.SCHED_RR, os.SCHED_FIFO)
     except (OSError, AttributeError):
@@ -56,7 +56,7 @@ def is_realtime() -> bool:
 
 
 def permitted() -> tuple[bool, bool]:
-    """Whether real-time priority, and locked memory without a limit, may be had here.
+    """Tell whether real-time priority, and locked memory without a limit, may be had here.
 
     Changes nothing.
     """
@@ -80,7 +80,7 @@ def _set_priority(priority: int) -> str:
 
 
 def _may_lock() -> bool:
-    """A limit is worse than no lock: what is asked for beyond it fails in mid-drive."""
+    """Tell whether memory may be locked without limit; one would fail allocations in mid-drive."""
     if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         return True
     try:
@@ -101,15 +101,13 @@ def _lock_memory() -> str:
 
 
 def prefer_latency() -> None:
-    """Before the loop begins: threads give way sooner, and what exists by now is never looked
-    through for garbage.
-    """
+    """Make threads give way sooner, and keep what exists out of garbage collection."""
     gc.collect()
     gc.freeze()
     sys.setswitchinterval(SWITCH_INTERVAL)
 
 
 def restore_latency() -> None:
-    """Python's own habits again; harmless when they were never changed."""
+    """Restore Python's own settings; harmless if they were never changed."""
     gc.unfreeze()
     sys.setswitchinterval(_SWITCH_INTERVAL_OF_PYTHON)

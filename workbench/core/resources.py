@@ -1,4 +1,4 @@
-"""Where the files of `models/` are: in a checkout, an editable install and a wheel.
+"""Paths of the files of `models/` in a checkout, an editable install and a wheel.
 
 In a wheel they are inside the package (`workbench/_models`); in a checkout and an editable install
 they are the folder `models` beside the packages.
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 _PACKAGE = Path(__file__).resolve().parent.parent
 _SHIPPED = _PACKAGE / "_models"
 _CHECKOUT = _PACKAGE.parent / "models"
-_MOST_SUGGESTIONS = 3
-"""Most names that are suggested for one that is not known."""
+_MAX_SUGGESTIONS = 3
+"""Names that are suggested for an unknown one."""
 
 
 @cache
 def models_dir() -> Path:
-    """Absolute path of the folder with `package.xml`, models, parameters and scenarios.
+    """Find the folder with `package.xml`, models, parameters and scenarios.
 
     Raises:
         ModelError: neither a wheel's nor a checkout's folder is there.
@@ -38,7 +38,7 @@ def models_dir() -> Path:
 
 
 def model_path(relative: str | PurePosixPath) -> Path:
-    """Absolute path of a file or folder of `models/`.
+    """Find a file or folder of `models/`.
 
     Args:
         relative: path below `models/` with forward slashes, such as `parameters/car.yaml`.
@@ -60,14 +60,14 @@ def model_path(relative: str | PurePosixPath) -> Path:
 
 
 def published_rows(name: str) -> list[dict[str, str]]:
-    """Rows of `models/published/NAME.csv`, every cell as printed there."""
+    """Read the rows of `models/published/NAME.csv`, every cell as printed there."""
     with model_path(f"published/{name}.csv").open(newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))
 
 
 @cache
 def published_table(name: str) -> pd.DataFrame:
-    """`models/published/NAME.csv` with numbers as such; do not change it in place."""
+    """Read `models/published/NAME.csv` with numbers as such; do not change it in place."""
     import pandas as pd
 
     return pd.read_csv(model_path(f"published/{name}.csv"))
@@ -77,7 +77,7 @@ def _nearest(root: Path, wanted: PurePosixPath) -> str:
     names = sorted(
         found.relative_to(root).as_posix() for found in root.rglob("*") if found.is_file()
     )
-    close = get_close_matches(str(wanted), names, n=_MOST_SUGGESTIONS)
+    close = get_close_matches(str(wanted), names, n=_MAX_SUGGESTIONS)
     if close:
         return f"nearest: {', '.join(close)}"
     beside = [name for name in names if PurePosixPath(name).parent == wanted.parent]

@@ -1,6 +1,4 @@
-"""What all sensors share: they sample at a rate, and a sample appears on the output a delay after
-it was taken.
-"""
+"""Base of all sensors: they sample at a rate, and show a sample a delay after it was taken."""
 
 import hashlib
 import math
@@ -11,32 +9,13 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.event_order import EventPriority, period_of
 from aerodima.workbench.core.port_wiring import DiscreteVector, vector_of
+from aerodima.workbench.core.quantity import RATE_TOLERANCE, check_rate
 from aerodima.workbench.core.system_lifetime import weak_callback
 
-TOLERANCE = 1e-9
-"""Relative; a rate of exactly 1/step, or a delay of whole periods, may miss by rounding."""
 TURN = 2.0 * math.pi
-"""One turn, rad."""
+"""One revolution, rad."""
 BLOCK = 64
-"""Samples drawn at once; part of the stream's definition."""
-
-
-def check_rate(rate: float, step: float | None, name: str) -> None:
-    """Raises UserError unless 0 < rate <= 1/step: a plant that moves every `step` s has nothing new
-    to show earlier.
-
-    Args:
-        rate: Hz.
-        step: of the plant, s; None where no plant steps.
-        name: where the rate comes from, e.g. "imu.rate".
-    """
-    if not (math.isfinite(rate) and rate > 0.0):
-        raise UserError(f"{name}: {rate:g} Hz; allowed: > 0 Hz")
-    if step is not None and rate * step > 1.0 + TOLERANCE:
-        raise UserError(
-            f"{name}: {rate:g} Hz is above 1/step; allowed with step {step:g} s: <= "
-            f"{1.0 / step:g} Hz"
-        )
+"""Samples drawn at once; part of the definition of the stream."""
 
 
 class SampledSensor(LeafSystem):
@@ -86,19 +65,19 @@ class SampledSensor(LeafSystem):
         super().__init__()
         check_rate(rate, step, f"{name}.rate")
         if not (math.isfinite(delay) and delay >= 0.0):
-            raise UserError(f"{name}.delay: {delay:g} s; allowed: >= 0 s")
+            raise UserError(f"{name}.delay: {delay:g} s must be >= 0 s")
         self.set_name(name)
         self._rate = rate
-        size = sum(outputs.values())
-        whole = math.floor(delay * rate + TOLERANCE)
-        lag = max(0.0, delay - whole / rate)
-        self._shows_at_once = lag * rate <= TOLERANCE
         self._delay = delay
-        ends = np.cumsum([*outputs.values()]).tolist()
-        self._outputs = [
-            (DiscreteVector(self, np.zeros(width), output=port), slice(end - width, end))
-            for (port, width), end in zip(outputs.items(), ends, strict=True)
-        ]
+        whole = math.floor(delay * rate + RATE_TOLERANCE)
+        lag = max(0.0, delay - whole / rate)
+        self._shows_at_once = lag * rate <= RATE_TOLERANCE
+        self._outputs = []
+        size = 0
+        for port, width in outputs.items():
+            vector = DiscreteVector(self, np.zeros(width), output=port)
+            self._outputs.append((vector, slice(size, size + width)))
+            size += width
         self._sample_time = DiscreteVector(self, [0.0], output="sample_time")
         self._queue_length = whole + 1
         self._row_size = size + 1
@@ -107,10 +86,7 @@ class SampledSensor(LeafSystem):
             "age", 1, weak_callback(self._calc_age), {self.time_ticket(), self._sample_time.ticket}
         )
         self.DeclareInitializationUnrestrictedUpdateEvent(self._initialise)
-        if discrete:
-            period = period_of(rate, EventPriority.SENSOR)
-        else:
-            period = 1.0 / rate
+        period = period_of(rate, EventPriority.SENSOR) if discrete else 1.0 / rate
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._sample)
         if not self._shows_at_once:
             self.DeclarePeriodicDiscreteUpdateEvent(period, lag * rate * period, self._show)
@@ -122,17 +98,15 @@ class SampledSensor(LeafSystem):
 
     @property
     def delay(self) -> float:
-        """From the taking of a sample to its appearance, s."""
+        """Time from taking a sample to its appearance, s."""
         return self._delay
 
     def measure(self, context: Context, index: int) -> np.ndarray:
-        """One sample (size,) of the inputs at this instant, with noise and resolution; samples are
-        counted from 0.
-        """
+        """Take sample `index` (size,) of the inputs now, with noise and resolution."""
         raise NotImplementedError
 
     def _row(self, context: Context) -> np.ndarray:
-        """One row of the queue: the sample, then the time at which it was taken."""
+        """Make a row of the queue: the sample, then the time at which it was taken."""
         time = context.get_time()
         row = np.empty(self._row_size)
         row[:-1] = self.measure(context, max(0, round(time * self._rate)))
@@ -152,7 +126,7 @@ class SampledSensor(LeafSystem):
         self.take(context, state.get_mutable_discrete_state())
 
     def take(self, context: Context, discrete_state: DiscreteValues) -> np.ndarray:
-        """Takes a sample; the new row of the queue."""
+        """Take a sample and return it as the new row of the queue."""
         row = self._row(context)
         queue = row
         if self._queue_length > 1:
@@ -216,24 +190,20 @@ class AngleEncoder(SampledSensor):
         self._past = DiscreteVector(self, np.full(samples, math.nan))
 
     def reading(self, angle: float, index: int) -> float:
-        """What sample `index` says of an angle, rad."""
+        """Read an angle (rad) as sample `index` of the encoder."""
         raise NotImplementedError
 
     def measure(self, context: Context, index: int) -> np.ndarray:
-        """One sample (2,): angle rad, rate rad/s."""
+        """Take one sample (2,): angle rad, rate rad/s."""
         angle = self.reading(float(vector_of(self._angle, context)[0]), index)
         earlier = self._past.read(context)[0]
-        return np.array(
-            [
-                angle,
-                0.0
-                if math.isnan(earlier)
-                else math.remainder(angle - earlier, TURN) / self._window,
-            ]
-        )
+        rate = 0.0
+        if not math.isnan(earlier):
+            rate = math.remainder(angle - earlier, TURN) / self._window
+        return np.array([angle, rate])
 
     def take(self, context: Context, discrete_state: DiscreteValues) -> np.ndarray:
-        """See `SampledSensor.take`; keeps the angle for the rate of later samples."""
+        """Take a sample; keeps the angle for the rate of later samples."""
         row = super().take(context, discrete_state)
         past = self._past.read(context)
         self._past.write(discrete_state, np.concatenate((past[1:], row[:1])))
@@ -261,7 +231,7 @@ class CounterNoise:
         self._block = np.empty((0, width))
 
     def at(self, index: int) -> np.ndarray:
-        """Numbers (width,) of sample `index` >= 0."""
+        """Draw the numbers (width,) of sample `index` >= 0."""
         block_index, row = divmod(index, BLOCK)
         if block_index != self._block_index:
             self._block = self._generator(block_index + 1).standard_normal((BLOCK, self._width))
@@ -269,7 +239,7 @@ class CounterNoise:
         return self._block[row]
 
     def first(self, count: int) -> np.ndarray:
-        """Numbers (count, width) of the first samples: the rows of `at` for 0 ... count - 1."""
+        """Draw the numbers (count, width) of the first samples: `at` 0 ... count - 1."""
         blocks = [
             self._generator(1 + block).standard_normal((BLOCK, self._width))
             for block in range(-(-count // BLOCK))
@@ -277,7 +247,7 @@ class CounterNoise:
         return np.concatenate([np.empty((0, self._width)), *blocks])[:count]
 
     def constant(self) -> np.ndarray:
-        """Numbers (width,) of the run as a whole, such as a bias; independent of all samples."""
+        """Draw numbers (width,) of the whole run, such as a bias; independent of all samples."""
         return self._generator(0).standard_normal(self._width)
 
     def _generator(self, stream: int) -> np.random.Generator:

@@ -36,7 +36,7 @@ class Inertial:
 
     @property
     def matrix(self) -> np.ndarray:
-        """Inertia about the centre of mass (3 x 3), kg m2."""
+        """Build the inertia about the centre of mass (3 x 3), kg m2."""
         xy, xz, yz = self.products
         return np.diag(self.moments) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
 
@@ -68,7 +68,7 @@ class SdfModel:
         self.model = model
 
     def set_inertial(self, link: str, inertial: Inertial) -> None:
-        """Sets mass, centre of mass, moments and products of inertia of a link."""
+        """Set mass, centre of mass, moments and products of inertia of a link."""
         element = self._child(self._named("link", link), "inertial")
         self._set_position(element, inertial.com)
         self._child(element, "mass").text = self._text(inertial.mass)
@@ -80,7 +80,7 @@ class SdfModel:
                 self._child(inertia, tag).text = self._text(product)
 
     def inertial(self, link: str) -> Inertial:
-        """Mass, centre of mass, moments and products of inertia of a link."""
+        """Read mass, centre of mass, moments and products of inertia of a link."""
         element = self._child(self._named("link", link), "inertial")
         x, y, z = (float(word) for word in (self._child(element, "pose").text or "").split()[:3])
         inertia = self._child(element, "inertia")
@@ -93,7 +93,7 @@ class SdfModel:
     def set_link_position(
         self, link: str, position: Sequence[float], roll: float | None = None
     ) -> None:
-        """Sets the position (m) of a link in the model frame, and its roll (rad); without one its
+        """Set the position (m) of a link in the model frame, and its roll (rad); without one its
         orientation stays.
         """
         element = self._named("link", link)
@@ -104,7 +104,7 @@ class SdfModel:
     def set_shape(
         self, link: str, shape: str, position: Sequence[float] | None = None, **sizes: str
     ) -> None:
-        """Sets sizes (such as `radius="0.07"`) and position of a visual or collision shape."""
+        """Set sizes (such as `radius="0.07"`) and position of a visual or collision shape."""
         for element in self._shapes(link, shape):
             if position is not None:
                 self._set_position(element, position)
@@ -126,7 +126,7 @@ class SdfModel:
         colour: str | None = None,
         **sizes: str,
     ) -> None:
-        """Adds a visual of a colour (`0.9 0.7 0.2 1`), or without one a collision shape for
+        """Add a visual of a colour (`0.9 0.7 0.2 1`), or without one a collision shape for
         `set_contact`.
 
         Args:
@@ -136,7 +136,7 @@ class SdfModel:
         element = ElementTree.SubElement(
             self._named("link", link), "collision" if colour is None else "visual", name=name
         )
-        ElementTree.SubElement(element, "pose").text = " ".join(self._text(value) for value in pose)
+        ElementTree.SubElement(element, "pose").text = " ".join(map(self._text, pose))
         form = ElementTree.SubElement(ElementTree.SubElement(element, "geometry"), shape)
         for tag, size in sizes.items():
             ElementTree.SubElement(form, tag).text = size
@@ -152,7 +152,7 @@ class SdfModel:
     def set_contact(
         self, link: str, shape: str | None, stiffness: float, dissipation: float, friction: float
     ) -> None:
-        """Sets point-contact stiffness (N/m), Hunt-Crossley dissipation (s/m), friction of
+        """Set point-contact stiffness (N/m), Hunt-Crossley dissipation (s/m), friction of
         collision shapes.
         """
         values = dict(zip(_CONTACT, (stiffness, dissipation, friction, friction), strict=True))
@@ -162,7 +162,7 @@ class SdfModel:
                 self._child(properties, _drake(tag)).text = self._text(value)
 
     def set_joint(self, joint: str, **values: float) -> None:
-        """Sets a joint's damping, spring stiffness and reference, lower and upper limit, effort."""
+        """Set a joint's damping, spring stiffness and reference, lower and upper limit, effort."""
         axis = self._child(self._named("joint", joint), "axis")
         for tag, value in values.items():
             parent = self._child(
@@ -171,56 +171,50 @@ class SdfModel:
             self._child(parent, tag).text = self._text(value)
 
     def set_rotor(self, joint: str, inertia: float, gear_ratio: float) -> None:
-        """Sets rotor inertia (kg m2, before the gearbox) and gear ratio of a joint's actuator."""
+        """Set rotor inertia (kg m2, before the gearbox) and gear ratio of a joint's actuator."""
         element = self._named("joint", joint)
         self._child(element, _drake("rotor_inertia")).text = f"{inertia:.15g}"
         self._child(element, _drake("gear_ratio")).text = self._text(gear_ratio)
 
     def set_controller_gains(self, joint: str, stiffness: float, damping: float) -> None:
-        """Sets the implicit position control (N m/rad, N m s/rad) of the actuator of a joint."""
+        """Set the implicit position control (N m/rad, N m s/rad) of the actuator of a joint."""
         gains = self._child(self._named("joint", joint), _drake("controller_gains"))
         gains.set("p", self._text(stiffness))
         gains.set("d", self._text(damping))
 
     def fix_joint(self, joint: str) -> None:
-        """Turns a joint into a fixed one at its zero position."""
+        """Turn a joint into a fixed one at its zero position."""
         element = self._named("joint", joint)
         element.set("type", "fixed")
         element.remove(self._child(element, "axis"))
 
     def remove_shapes(self, link: str, shape: str | None = None, kind: str = "*") -> None:
-        """Removes visuals and collision shapes of a link, or those of a name or of one kind."""
-        element = self._named("link", link)
-        for found in self._shapes(link, shape, kind):
-            element.remove(found)
+        """Remove visuals and collision shapes of a link, or those of a name or of one kind."""
+        for element in self._shapes(link, shape, kind):
+            self._named("link", link).remove(element)
 
     def remove_link(self, link: str, joint: str) -> None:
-        """Takes away a link with the joint that holds it."""
+        """Remove a link with the joint that holds it."""
         self.model.remove(self._named("joint", joint))
         self.model.remove(self._named("link", link))
 
     def text(self) -> str:
-        """The model as an SDF document."""
-        return (
-            '<?xml version="1.0"?>\n' + ElementTree.tostring(self._root, encoding="unicode") + "\n"
-        )
+        """Write the model as an SDF document."""
+        document = ElementTree.tostring(self._root, encoding="unicode")
+        return f'<?xml version="1.0"?>\n{document}\n'
 
     def _named(self, kind: str, name: str) -> ElementTree.Element:
-        for element in self.model.findall(kind):
-            if element.get("name") == name:
-                return element
-        known = ", ".join(str(element.get("name")) for element in self.model.findall(kind))
-        raise ModelError(f"{self.path}: no {kind} {name!r}; it has {known}")
+        elements = {str(element.get("name")): element for element in self.model.findall(kind)}
+        if name not in elements:
+            raise ModelError(f"{self.path}: no {kind} {name!r}; it has {', '.join(elements)}")
+        return elements[name]
 
     def _shapes(self, link: str, shape: str | None, kind: str = "*") -> list[ElementTree.Element]:
-        if kind == "*":
-            kinds = ["visual", "collision"]
-        else:
-            kinds = [kind]
-        found = [element for element in self._named("link", link) if element.tag in kinds]
+        kinds = ("visual", "collision") if kind == "*" else (kind,)
+        elements = [element for element in self._named("link", link) if element.tag in kinds]
         if shape is None:
-            return found
-        named = [element for element in found if element.get("name") == shape]
+            return elements
+        named = [element for element in elements if element.get("name") == shape]
         if not named:
             raise ModelError(f"{self.path}: link {link!r} has no shape {shape!r}")
         return named
@@ -239,7 +233,7 @@ class SdfModel:
     def _set_position(self, element: ElementTree.Element, position: Sequence[float]) -> None:
         pose = self._child(element, "pose")
         angles = (pose.text or "0 0 0 0 0 0").split()[3:]
-        pose.text = " ".join([self._text(value) for value in position] + angles)
+        pose.text = " ".join([*map(self._text, position), *angles])
 
 
 def _drake(tag: str) -> str:

@@ -26,8 +26,8 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.checked_files import nearest
 from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.logs.mapping import CsvFormat
 
 MAX_COLUMNS = 64

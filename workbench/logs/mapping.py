@@ -10,13 +10,9 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, StrictBool, StrictFloat, StrictInt, field_validator, model_validator
 
-from aerodima.workbench.core.checked_files import (
-    StrictModel,
-    checked,
-    nearest,
-    read_yaml,
-)
 from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.core.key_errors import nearest
+from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
 from aerodima.workbench.scenario.signal_table import (
     RIG_KINDS,
     TIME,

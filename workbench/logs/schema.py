@@ -25,8 +25,8 @@ import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, field_validator
 
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.checked_files import checked
 from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.core.yaml_files import checked
 from aerodima.workbench.scenario.signal_table import (
     CAR_TRUTH,
     RIG_KINDS,

@@ -13,13 +13,13 @@ from aerodima.workbench.car.tail_plant import ROD_RADIUS
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.sdf_model import Inertial, SdfModel
 from aerodima.workbench.rig.rig_layout import pivot_position
-from aerodima.workbench.scenario.car_parameters import TailParameters
 from aerodima.workbench.scenario.rig_scenario import (
     BarParameters,
     CheetahTailParameters,
     MountParameters,
     RigScenario,
 )
+from aerodima.workbench.scenario.tail_parameters import TailParameters
 
 CHEETAH_RIG_SDF = "rig/cheetah_rig.sdf"
 ROBOT_RIG_SDF = "rig/robot_rig.sdf"

@@ -1,5 +1,4 @@
-"""Ensembles: the cars that are left possible after a calibration, each with a weight that says how
-likely it is.
+"""Ensembles: the cars that are left possible after a calibration, each weighted by its probability.
 
 A file of `models/calibration` (schema `aerodima/ensemble/1`) holds the members as parameters that
 differ from `models/parameters`, the best of them, and how they were made. A study that runs over an
@@ -7,23 +6,20 @@ ensemble states what the published data leave open, not only what one plausible 
 """
 
 import math
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.checked_files import (
-    StrictModel,
-    checked,
-    find_file,
-    nearest,
-    read_yaml,
-)
 from aerodima.workbench.core.errors import EnsembleError, ScenarioError
+from aerodima.workbench.core.key_errors import nearest
+from aerodima.workbench.core.yaml_files import StrictModel, checked, find_file, read_yaml
 from aerodima.workbench.scenario.scenario import SECTIONS, Scenario, load_scenario
 
 ENSEMBLE_SCHEMA = "aerodima/ensemble/1"
@@ -33,25 +29,39 @@ Value = float | int | bool | str
 BUILT = "built"
 """`tail.name` of the tail of the parameter files."""
 _MOUNT = ("tail.mount_x", "tail.mount_height")
-"""Part of the car, whatever tail stands on it."""
+"""Keys of the tail that belong to the car, whatever tail stands on it."""
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=ConfigDict(extra="forbid", allow_inf_nan=False))
 class Member:
     """One car of an ensemble.
 
     Attributes:
         name: within its ensemble.
-        weight: share of the probability, all weights of an ensemble sum to 1.
+        weight: share of the probability; a file's weights are divided by their sum.
         values: `section.key` -> value, in the unit of the parameter.
     """
 
-    name: str
-    weight: float
+    name: Annotated[str, Field(min_length=1, max_length=80)]
+    weight: Annotated[float, Field(gt=0)]
     values: dict[str, Value]
 
+    @model_validator(mode="after")
+    def _keys_exist(self) -> Self:
+        """Refuse unknown keys; whether values go together is checked when a scenario is made."""
+        for key in self.values:
+            section, _, name = key.partition(".")
+            where = f"member {self.name!r}: {key}"
+            if section not in SECTIONS:
+                near = nearest(section, SECTIONS)
+                raise ValueError(f"{where}: {section!r} is no section; {near}")
+            known = SECTIONS[section].model_fields
+            if name not in known:
+                raise ValueError(f"{where}: unknown key; {nearest(name, known)}")
+        return self
+
     def settings_on(self, scenario: str | Path) -> tuple[str, ...]:
-        """Overrides for a scenario of that name or path, such as `car.com_height=0.25`.
+        """List overrides for a scenario of that name or path, such as `car.com_height=0.25`.
 
         Another tail than the built one keeps its own size and mass.
         """
@@ -64,13 +74,13 @@ class Member:
 
 
 class Split(NamedTuple):
-    """Cars that laws are chosen on, cars that they are judged on, and cars kept for a benchmark;
-    none in two parts.
+    """Cars that laws are chosen on, cars that they are judged on, and cars held out for a
+    benchmark; none in two parts.
     """
 
     training: tuple[Member, ...]
     test: tuple[Member, ...]
-    reserved: tuple[Member, ...]
+    holdout: tuple[Member, ...]
 
 
 @dataclass(frozen=True)
@@ -94,57 +104,53 @@ class Ensemble:
 
     @property
     def weights(self) -> FloatArray:
-        """Weights of the members (n), summing to 1."""
+        """Collect the weights of the members (n); they sum to 1."""
         return np.array([member.weight for member in self.members])
 
     @property
     def effective_size(self) -> float:
-        """Effective sample size 1 / sum(w^2)."""
+        """Compute the effective sample size 1 / sum(w^2)."""
         return float(1.0 / np.sum(self.weights**2))
 
-    def drawn(self, number: int) -> tuple[Member, ...]:
-        """`number` members that stand for all: drawn by weight, evenly over the weights in the
-        order of the file.
+    def resample(self, number: int) -> tuple[Member, ...]:
+        """Draw `number` members by weight that stand for all: systematic resampling in the order of
+        the file.
 
-        A member that is drawn k times has the weight k / number (systematic resampling). All of
-        them, with their own weights, if there are no more than `number`.
+        A member that is drawn k times has the weight k / number. All members are returned, with
+        their own weights, if there are no more than `number`.
         """
         if number < 1:
             raise EnsembleError(
-                f"{number} members of {self.path}: allowed: 1 to {len(self.members)}"
+                f"{number} members of {self.path}: must be 1 to {len(self.members)}"
             )
         if number >= len(self.members):
             return self.members
         middles = (np.arange(number) + 0.5) / number
-        places, counts = np.unique(
-            np.searchsorted(np.cumsum(self.weights), middles), return_counts=True
-        )
-        chosen = [self.members[min(place, len(self.members) - 1)] for place in places]
+        indices = np.searchsorted(np.cumsum(self.weights), middles)
+        indices = np.minimum(indices, len(self.members) - 1)
+        draws = Counter(indices.tolist())
         return tuple(
-            Member(m.name, k / number, m.values)
-            for m, k in zip(chosen, counts.tolist(), strict=True)
+            replace(self.members[index], weight=count / number) for index, count in draws.items()
         )
 
     def split(self, seed: int) -> Split:
-        """The members but the best, which is the nominal car, in three parts.
+        """Split the members but the best, which is the nominal car, into three parts.
 
-        They are drawn by weight, one after the other and none twice, and dealt to the parts in
-        turn: the first cars of a part, however many, stand for the ensemble with equal weights.
+        They are drawn by weight without replacement and assigned round-robin: the first cars of a
+        part, however many, stand for the ensemble with equal weights.
         """
         others = [member for member in self.members if member.name != self.best.name]
         weights = np.array([member.weight for member in others])
         # The order of arrival of exponential times with these rates is that of draws by weight
         # without replacement.
-        order = np.argsort(np.random.default_rng(seed).exponential(size=weights.size) / weights)
-        training, test, reserved = (
-            tuple(others[place] for place in order[part::3]) for part in range(3)
-        )
-        return Split(training, test, reserved)
+        times = np.random.default_rng(seed).exponential(size=weights.size) / weights
+        cars = tuple(others[index] for index in np.argsort(times))
+        return Split(cars[0::3], cars[1::3], cars[2::3])
 
     def scenario(
         self, member: Member, scenario: str | Path, settings: Sequence[str] = ()
     ) -> Scenario:
-        """A scenario with the car of a member; `settings` override the member.
+        """Load a scenario with the car of a member; `settings` override the member.
 
         Raises:
             EnsembleError: the member's values do not go together; names file, member, value and
@@ -157,7 +163,7 @@ class Ensemble:
 
 
 def load_ensemble(name_or_path: str | Path = "car") -> Ensemble:
-    """Loads an ensemble by path, or by name from `models/calibration`.
+    """Load an ensemble by path, or by name from `models/calibration`.
 
     Raises:
         EnsembleError: missing, of another schema, unknown parameter, value out of range, weights
@@ -167,19 +173,13 @@ def load_ensemble(name_or_path: str | Path = "car") -> Ensemble:
     data = read_yaml(path, EnsembleError)
     content = checked(_EnsembleFile, data, str(path), EnsembleError, schema=ENSEMBLE_SCHEMA)
     total = math.fsum(member.weight for member in content.members)
-    members = tuple(Member(m.name, m.weight / total, _checked(path, m)) for m in content.members)
-    named = {member.name: member for member in members}
-    if content.best not in named:
+    members = {m.name: replace(m, weight=m.weight / total) for m in content.members}
+    if content.best not in members:
         raise EnsembleError(
-            f"{path}: best: {content.best!r} is no member; {nearest(content.best, named)}"
+            f"{path}: best: {content.best!r} is no member; {nearest(content.best, members)}"
         )
-    return Ensemble(content.name, members, named[content.best], content.provenance, path)
-
-
-class _MemberEntry(StrictModel):
-    name: str = Field(min_length=1, max_length=80)
-    weight: float = Field(gt=0)
-    values: dict[str, Value]
+    best = members[content.best]
+    return Ensemble(content.name, tuple(members.values()), best, content.provenance, path)
 
 
 class _EnsembleFile(StrictModel):
@@ -187,30 +187,12 @@ class _EnsembleFile(StrictModel):
     name: str = Field(min_length=1, max_length=80)
     provenance: dict[str, Any]
     best: str
-    members: tuple[_MemberEntry, ...] = Field(min_length=1)
+    members: tuple[Member, ...] = Field(min_length=1)
 
     @model_validator(mode="after")
-    def _names_differ(self) -> "_EnsembleFile":
+    def _names_differ(self) -> Self:
         names = [member.name for member in self.members]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise ValueError(
-                f"members: {twice[0]!r} stands there twice; allowed: one member per name"
-            )
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"members: duplicate name {name!r}")
         return self
-
-
-def _checked(path: Path, member: _MemberEntry) -> dict[str, Value]:
-    """The values of a member after a look at each key; whether they go together is checked when a
-    scenario is made.
-    """
-    for key in member.values:
-        section, _, name = key.partition(".")
-        where = f"{path}: member {member.name!r}: {key}"
-        if section not in SECTIONS:
-            raise EnsembleError(f"{where}: {section!r} is no section; {nearest(section, SECTIONS)}")
-        if name not in SECTIONS[section].model_fields:
-            raise EnsembleError(
-                f"{where}: unknown key; {nearest(name, SECTIONS[section].model_fields)}"
-            )
-    return dict(member.values)

@@ -14,14 +14,15 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from aerodima.workbench.core.checked_files import QuantityModel, quantity
-from aerodima.workbench.scenario.car_parameters import (
-    EnvironmentParameters,
+from aerodima.workbench.core.quantity import QuantityModel, quantity
+from aerodima.workbench.scenario.manoeuvre_parameters import EnvironmentParameters
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.scenario_file import ScenarioFile
+from aerodima.workbench.scenario.tail_parameters import (
     FrictionParameters,
     TailMotorParameters,
     TailParameters,
 )
-from aerodima.workbench.scenario.scenario import Scenario, ScenarioFile
 
 WRENCH_AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 """Order of forces and torques."""

@@ -14,8 +14,10 @@ readings of the force sensor in W axes (design section 4), zeroed: add the offse
 (`offsets_to_add` in a log's metadata) for the wrench of the support on the rig.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain, product
 
 from aerodima.workbench.core.port_fields import PortFields
 
@@ -26,11 +28,11 @@ WHEELS = tuple(f"{axle}_{side}" for axle in AXLES for side in SIDES)
 GROUND_CONTACTS = ("cage", "board", "tail")
 PLANT_POSITION_PREFIX = "plant_position_"
 RIG_KINDS = ("static", "swing", "bar_swing", "robot_swing")
-"""Kinds of rig log: tail held by the motor, tail let go, bar let go without a tail, tail of the
+"""Kinds of rig log: tail held by the motor, tail released, bar released without a tail, tail of the
 robot swung."""
 TIME = "time_s"
 UNARMED_SOURCES = ("sail", "imu", "speed", "operator")
-"""Sources of `status` that are heard before the motors are armed."""
+"""Sources of `status` that report before the motors are armed."""
 STATUS_SOURCES = ("tail_pitch", "tail_roll", *UNARMED_SOURCES)
 RIG_STATUS_SOURCES = ("motor", "force", "operator")
 _AXES = ("x", "y", "z")
@@ -55,17 +57,26 @@ class Column:
     optional: bool = False
 
 
-def _vector(stem: str, suffix: str, unit: str, meaning: str) -> list[Column]:
-    """Three columns `<stem>_{x,y,z}_<suffix>`."""
-    return [Column(f"{stem}_{axis}_{suffix}", unit, f"{meaning}, {axis}") for axis in _AXES]
-
-
-def _of_wheels(stem: str, suffix: str, unit: str, meaning: str) -> list[Column]:
+def _columns(name: str, unit: str, meaning: str) -> list[Column]:
+    """Make the columns of a line: `stem_{x,y}_m` gives two, with x or y for {} in the meaning."""
+    choices = [words.split(",") for words in re.findall(r"\{(.*?)\}", name)]
+    template = re.sub(r"\{.*?\}", "{}", name)
     return [
-        c
-        for wheel in WHEELS
-        for c in _vector(f"{stem}_{wheel}", suffix, unit, meaning.format(wheel))
+        Column(template.format(*words), unit, meaning.format(*words)) for words in product(*choices)
     ]
+
+
+def _ports(table: str) -> dict[str, list[Column]]:
+    """Read a table with a line `[port]` and below it a line `name | unit | meaning` per column."""
+    ports: dict[str, list[Column]] = {}
+    for line in table.strip().splitlines():
+        if line.startswith("["):
+            port = line.strip("[]")
+            ports[port] = []
+        else:
+            name, unit, meaning = [cell.strip() for cell in line.split("|")]
+            ports[port] += _columns(name, unit, meaning)
+    return ports
 
 
 def _status_fields(sources: Sequence[str]) -> tuple[str, ...]:
@@ -134,176 +145,133 @@ RIG_OUTPUTS: dict[str, PortFields] = {
 }
 
 
-def _command(joint: str) -> list[Column]:
-    stem = f"tail_{joint}_command"
-    return [
-        Column(f"{stem}_position_rad", "rad", f"tail {joint} position command"),
-        Column(f"{stem}_velocity_rad_per_s", "rad/s", f"tail {joint} velocity command"),
-        Column(f"{stem}_kp", "N m/rad", f"tail {joint} position gain"),
-        Column(f"{stem}_kd", "N m s/rad", f"tail {joint} velocity gain"),
-        Column(f"{stem}_torque_n_m", "N m", f"tail {joint} feed-forward torque"),
-    ]
-
-
-CAR_PORTS: Mapping[str, list[Column]] = {
-    "steering_angle": [
-        Column(
-            "steering_command_rad", "rad", "steering command before the servo, positive to the left"
-        )
-    ],
-    "throttle": [Column("throttle_command", "", "throttle command, -1 to 1")],
-    "planned_turn": [
-        Column("planned_turn", "", "turn that the driver announces: +1 left, -1 right, 0 none")
-    ],
-    "tail_pitch_command": _command("pitch"),
-    "tail_roll_command": _command("roll"),
-    "state": [Column("controller_state", "", "number of the tail controller's state")],
-    "tail_state": [
-        *(
-            Column(f"{part}_angle_rad", "rad", f"{part.replace('_', ' ')} angle")
-            for part in _TAIL_PARTS
-        ),
-        *(
-            Column(f"{part}_rate_rad_per_s", "rad/s", f"{part.replace('_', ' ')} rate")
-            for part in _TAIL_PARTS
-        ),
-    ],
-    "tail_torque": [
-        Column(f"tail_{part}_torque_n_m", "N m", f"torque of the tail {part} motor")
-        for part in ("pitch", "roll")
-    ],
-    "imu": [
-        *(Column(f"imu_{angle}_rad", "rad", f"IMU {angle}") for angle in ("roll", "pitch", "yaw")),
-        *_vector("imu_gyro", "rad_per_s", "rad/s", "IMU angular rate, B axes"),
-        *_vector(
-            "imu_acceleration",
-            "m_per_s2",
-            "m/s2",
-            "IMU linear acceleration, gravity removed, B axes",
-        ),
-    ],
-    "speed": [Column("speed_m_per_s", "m/s", "ground speed of the GPS")],
-    "status": [
-        *(
-            Column(f"status_{source}_{what}", unit, meaning.format(source))
-            for source in STATUS_SOURCES
-            for what, unit, meaning in (
-                ("age_s", "s", "age of the newest sample of {}"),
-                ("fault", "", "fault code of {}, 0 = none"),
-            )
-        ),
-        Column("status_armed", "", "1 when the tail motors are armed"),
-    ],
-    "roll_estimate": [Column("roll_estimate_rad", "rad", "roll angle from the on-board estimator")],
-    "roll_rate_estimate": [
-        Column("roll_rate_estimate_rad_per_s", "rad/s", "roll rate from the on-board estimator")
-    ],
-}
+CAR_PORTS = _ports("""
+[steering_angle]
+steering_command_rad | rad | steering command before the servo, positive to the left
+[throttle]
+throttle_command | | throttle command, -1 to 1
+[planned_turn]
+planned_turn | | turn that the driver announces: +1 left, -1 right, 0 none
+[tail_pitch_command]
+tail_pitch_command_position_rad | rad | tail pitch position command
+tail_pitch_command_velocity_rad_per_s | rad/s | tail pitch velocity command
+tail_pitch_command_kp | N m/rad | tail pitch position gain
+tail_pitch_command_kd | N m s/rad | tail pitch velocity gain
+tail_pitch_command_torque_n_m | N m | tail pitch feed-forward torque
+[tail_roll_command]
+tail_roll_command_position_rad | rad | tail roll position command
+tail_roll_command_velocity_rad_per_s | rad/s | tail roll velocity command
+tail_roll_command_kp | N m/rad | tail roll position gain
+tail_roll_command_kd | N m s/rad | tail roll velocity gain
+tail_roll_command_torque_n_m | N m | tail roll feed-forward torque
+[state]
+controller_state | | number of the tail controller's state
+[tail_state]
+tail_{pitch,roll}_angle_rad | rad | tail {} angle
+sail_angle_rad | rad | sail angle
+tail_{pitch,roll}_rate_rad_per_s | rad/s | tail {} rate
+sail_rate_rad_per_s | rad/s | sail rate
+[tail_torque]
+tail_{pitch,roll}_torque_n_m | N m | torque of the tail {} motor
+[imu]
+imu_{roll,pitch,yaw}_rad | rad | IMU {}
+imu_gyro_{x,y,z}_rad_per_s | rad/s | IMU angular rate, B axes, {}
+imu_acceleration_{x,y,z}_m_per_s2 | m/s2 | IMU linear acceleration, gravity removed, B axes, {}
+[speed]
+speed_m_per_s | m/s | ground speed of the GPS
+[status]
+status_tail_pitch_age_s | s | age of the newest sample of tail_pitch
+status_tail_pitch_fault | | fault code of tail_pitch, 0 = none
+status_tail_roll_age_s | s | age of the newest sample of tail_roll
+status_tail_roll_fault | | fault code of tail_roll, 0 = none
+status_sail_age_s | s | age of the newest sample of sail
+status_sail_fault | | fault code of sail, 0 = none
+status_imu_age_s | s | age of the newest sample of imu
+status_imu_fault | | fault code of imu, 0 = none
+status_speed_age_s | s | age of the newest sample of speed
+status_speed_fault | | fault code of speed, 0 = none
+status_operator_age_s | s | age of the newest sample of operator
+status_operator_fault | | fault code of operator, 0 = none
+status_armed | | 1 when the tail motors are armed
+[roll_estimate]
+roll_estimate_rad | rad | roll angle from the on-board estimator
+[roll_rate_estimate]
+roll_rate_estimate_rad_per_s | rad/s | roll rate from the on-board estimator
+""")
 """Port of driver, tail controller, station or roll estimator -> its columns: what a run on the real
 car has too. Sensor columns hold their last sample."""
 
-CAR_TRUTH: Mapping[str, list[Column]] = {
-    "body_truth": [
-        *_vector("position", "truth_m", "m", "position of Bo in W"),
-        Column("roll_truth_rad", "rad", "roll of B, positive leans to the right"),
-        Column("pitch_truth_rad", "rad", "pitch of B, positive nose down"),
-        Column("yaw_truth_rad", "rad", "yaw of B, positive to the left, unwrapped"),
-        Column("tilt_truth_rad", "rad", "angle of the body's z axis from the world's"),
-        *_vector("velocity", "truth_m_per_s", "m/s", "velocity of Bo in W, B axes"),
-        *_vector("gyro", "truth_rad_per_s", "rad/s", "angular velocity of B in W, B axes"),
-        *_vector(
-            "acceleration",
-            "truth_m_per_s2",
-            "m/s2",
-            "acceleration at the IMU, gravity removed, B axes",
-        ),
-        *_vector("com", "truth_m", "m", "centre of mass of the whole vehicle in W"),
-    ],
-    "tail_truth": [
-        *_vector("tail_tip", "truth_m", "m", "tip of the tail in W"),
-        *_vector("tail_com", "truth_m", "m", "centre of mass of the tail in W"),
-        *_vector("tail_momentum", "truth_n_s", "N s", "linear momentum of the tail, W axes"),
-        *_vector(
-            "tail_angular_momentum",
-            "truth_n_m_s",
-            "N m s",
-            "angular momentum of the tail about Wo, W axes",
-        ),
-        *_vector("tail_force", "truth_n", "N", "aerodynamic force on the tail, W axes"),
-        *_vector(
-            "tail_force_moment",
-            "truth_n_m",
-            "N m",
-            "aerodynamic moment on the tail about Wo, W axes",
-        ),
-        Column("tail_power_truth_w", "W", "mechanical power of the tail motors"),
-    ],
-    "contact_truth": [
-        *_of_wheels(
-            "wheel_force",
-            "truth_n",
-            "N",
-            "force of the ground on the {} wheel in the last step, W axes",
-        ),
-        *_of_wheels(
-            "wheel_contact", "truth_m", "m", "contact point of the {} wheel in W, weighted by load"
-        ),
-        *(
-            Column(
-                f"ground_contact_{part}_truth_n",
-                "N",
-                f"magnitude of the ground's force on the {part}",
-            )
-            for part in GROUND_CONTACTS
-        ),
-        Column("drive_power_truth_w", "W", "mechanical power of the drive"),
-    ],
-    "wind_truth": _vector("wind", "truth_m_per_s", "m/s", "velocity of the air, W axes"),
-}
+CAR_TRUTH = _ports("""
+[body_truth]
+position_{x,y,z}_truth_m | m | position of Bo in W, {}
+roll_truth_rad | rad | roll of B, positive leans to the right
+pitch_truth_rad | rad | pitch of B, positive nose down
+yaw_truth_rad | rad | yaw of B, positive to the left, unwrapped
+tilt_truth_rad | rad | angle of the body's z axis from the world's
+velocity_{x,y,z}_truth_m_per_s | m/s | velocity of Bo in W, B axes, {}
+gyro_{x,y,z}_truth_rad_per_s | rad/s | angular velocity of B in W, B axes, {}
+acceleration_{x,y,z}_truth_m_per_s2 | m/s2 | acceleration at the IMU, gravity removed, B axes, {}
+com_{x,y,z}_truth_m | m | centre of mass of the whole vehicle in W, {}
+[tail_truth]
+tail_tip_{x,y,z}_truth_m | m | tip of the tail in W, {}
+tail_com_{x,y,z}_truth_m | m | centre of mass of the tail in W, {}
+tail_momentum_{x,y,z}_truth_n_s | N s | linear momentum of the tail, W axes, {}
+tail_angular_momentum_{x,y,z}_truth_n_m_s | N m s \
+| angular momentum of the tail about Wo, W axes, {}
+tail_force_{x,y,z}_truth_n | N | aerodynamic force on the tail, W axes, {}
+tail_force_moment_{x,y,z}_truth_n_m | N m | aerodynamic moment on the tail about Wo, W axes, {}
+tail_power_truth_w | W | mechanical power of the tail motors
+[contact_truth]
+wheel_force_{front_left,front_right,rear_left,rear_right}_{x,y,z}_truth_n | N \
+| force of the ground on the {} wheel in the last step, W axes, {}
+wheel_contact_{front_left,front_right,rear_left,rear_right}_{x,y,z}_truth_m | m \
+| contact point of the {} wheel in W, weighted by load, {}
+ground_contact_{cage,board,tail}_truth_n | N | magnitude of the ground's force on the {}
+drive_power_truth_w | W | mechanical power of the drive
+[wind_truth]
+wind_{x,y,z}_truth_m_per_s | m/s | velocity of the air, W axes, {}
+""")
 """Port of a simulated station -> its columns. A car without a tail has no `tail_truth`, a run
 without wind no `wind_truth`."""
 
-RIG_PORTS: Mapping[str, list[Column]] = {
-    "rig_state": [
-        Column("angle_rad", "rad", "angle of the tail, 0 hanging, positive swung downstream"),
-        Column("angular_velocity_rad_per_s", "rad/s", "rate of that angle"),
-    ],
-    "motor_current": [Column("current_a", "A", "motor current, positive pushes the tail upstream")],
-    "force_torque": [
-        *_vector("force", "n", "N", "force reading, W axes"),
-        *_vector("torque", "n_m", "N m", "torque reading at W, W axes"),
-    ],
-}
+RIG_PORTS = _ports("""
+[rig_state]
+angle_rad | rad | angle of the tail, 0 hanging, positive swung downstream
+angular_velocity_rad_per_s | rad/s | rate of that angle
+[motor_current]
+current_a | A | motor current, positive pushes the tail upstream
+[force_torque]
+force_{x,y,z}_n | N | force reading, W axes, {}
+torque_{x,y,z}_n_m | N m | torque reading at W, W axes, {}
+""")
 """Port of a rig's station -> its columns. W has its origin at the force sensor's point, z up, x
 along the motor axis; the wind blows towards -y."""
 
-RIG_TRUTH: Mapping[str, list[Column]] = {
-    "state_truth": [
-        Column("angle_truth_rad", "rad", "angle of the tail"),
-        Column("angular_velocity_truth_rad_per_s", "rad/s", "rate of that angle"),
-    ],
-    "wrench_truth": [
-        *_vector("force", "truth_n", "N", "force of the support on the rig, W axes"),
-        *_vector("torque", "truth_n_m", "N m", "torque of the support on the rig at W, W axes"),
-    ],
-    "motor_torque_truth": [Column("motor_torque_truth_n_m", "N m", "torque of the motor")],
-}
+RIG_TRUTH = _ports("""
+[state_truth]
+angle_truth_rad | rad | angle of the tail
+angular_velocity_truth_rad_per_s | rad/s | rate of that angle
+[wrench_truth]
+force_{x,y,z}_truth_n | N | force of the support on the rig, W axes, {}
+torque_{x,y,z}_truth_n_m | N m | torque of the support on the rig at W, W axes, {}
+[motor_torque_truth]
+motor_torque_truth_n_m | N m | torque of the motor
+""")
 """Port of a simulated rig -> its columns in the log of a swing."""
 
 
 def names_of(columns: Iterable[Column]) -> list[str]:
-    """Their names."""
+    """List the names of columns."""
     return [column.name for column in columns]
 
 
 def sensor_columns() -> list[Column]:
-    """Every column that a run on the real car has too."""
-    time = Column(TIME, "s", "time since the start of the run")
-    return [time, *(column for columns in CAR_PORTS.values() for column in columns)]
+    """List every column that a run on the real car has too."""
+    return [Column(TIME, "s", "time since the start of the run"), *chain(*CAR_PORTS.values())]
 
 
 def plant_position_columns(position_names: Iterable[str]) -> list[Column]:
-    """A column per plant position, in the order of `plant.GetPositionNames()`; for the replay."""
+    """Make a column per plant position, in the order of `plant.GetPositionNames()`."""
     return [
         Column(f"{PLANT_POSITION_PREFIX}{name}", "rad, m or 1", f"plant position {name}")
         for name in position_names
@@ -311,15 +279,10 @@ def plant_position_columns(position_names: Iterable[str]) -> list[Column]:
 
 
 def truth_columns() -> list[Column]:
-    """Every ground-truth column of a simulated run with a tail and without wind, without the plant
-    positions.
-    """
-    return [
-        column for port, columns in CAR_TRUTH.items() if port != "wind_truth" for column in columns
-    ]
+    """List every ground-truth column of a run with a tail and without wind; no plant positions."""
+    return [*chain(*(CAR_TRUTH[port] for port in CAR_TRUTH if port != "wind_truth"))]
 
 
 def rig_columns() -> list[Column]:
-    """The table of a wind-tunnel log."""
-    time = Column(TIME, "s", "time since the start of the log")
-    return [time, *(column for columns in RIG_PORTS.values() for column in columns)]
+    """List the columns of a wind-tunnel log."""
+    return [Column(TIME, "s", "time since the start of the log"), *chain(*RIG_PORTS.values())]

@@ -1,5 +1,4 @@
-"""Swing files: a tail movement as knots in time, with the gains, limits and trigger that belong to
-it.
+"""Swing files: a tail movement as knots in time, with its gains, limits and trigger.
 
 One YAML file of schema `aerodima/swing/1`. Time 0 is the moment the trigger releases the swing.
 Positions, rates and torques are those of the tail joints (roll 0 upright, positive to the right;
@@ -22,28 +21,28 @@ from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_v
 
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.atomic_write import write_atomically
-from aerodima.workbench.core.checked_files import StrictModel, checked, read_yaml
 from aerodima.workbench.core.errors import SwingFileError
+from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
 
 SCHEMA = "aerodima/swing/1"
 
 _LIMIT_MARGIN = 1e-6
-"""How far a value may lie beyond its limit, rad or N m: rounding."""
+"""Rounding by which a value may lie beyond its limit, rad or N m."""
 _SAMPLES_PER_INTERVAL = 16
 """Points between two knots at which the curve is checked."""
 
 Samples = Annotated[tuple[float, ...], Field(strict=False, min_length=2)]
 Direction = Literal["left", "right"]
+Joint = Literal["roll", "pitch"]
+JOINTS: tuple[Joint, ...] = ("roll", "pitch")
 
 
 def _from_zero(times: tuple[float, ...]) -> tuple[float, ...]:
     if times[0] != 0.0:
-        raise ValueError(f"{times[0]!r} is first; allowed: 0, the moment of release")
+        raise ValueError(f"{times[0]!r} must be 0, the moment of release")
     for number, (before, after) in enumerate(pairwise(times), start=1):
         if after <= before:
-            raise ValueError(
-                f"{number}: {after!r} follows {before!r}; allowed: strictly increasing times"
-            )
+            raise ValueError(f"{number}: {after!r} must be later than {before!r}")
     return times
 
 
@@ -58,52 +57,52 @@ class _Strict(StrictModel):
 class Knots(_Strict):
     """States at the knots, all of the length of `time_s`; cubic Hermite between them."""
 
-    time_s: Times = Field(
-        description="times since the release, s, strictly increasing, the first 0"
-    )
-    roll_position_rad: Samples = Field(description="tail roll, rad")
-    roll_velocity_rad_per_s: Samples = Field(description="tail roll rate, rad/s")
-    pitch_position_rad: Samples = Field(description="tail pitch, rad")
-    pitch_velocity_rad_per_s: Samples = Field(description="tail pitch rate, rad/s")
-    roll_torque_n_m: Samples | None = Field(
-        None, description="feed-forward torque of the roll motor, N m"
-    )
-    pitch_torque_n_m: Samples | None = Field(
-        None, description="feed-forward torque of the pitch motor, N m"
-    )
+    time_s: Times
+    """Times since the release, s, strictly increasing, the first 0."""
+    roll_position_rad: Samples
+    """Tail roll, rad."""
+    roll_velocity_rad_per_s: Samples
+    """Tail roll rate, rad/s."""
+    pitch_position_rad: Samples
+    """Tail pitch, rad."""
+    pitch_velocity_rad_per_s: Samples
+    """Tail pitch rate, rad/s."""
+    roll_torque_n_m: Samples | None = None
+    """Feed-forward torque of the roll motor, N m."""
+    pitch_torque_n_m: Samples | None = None
+    """Feed-forward torque of the pitch motor, N m."""
 
     @model_validator(mode="after")
     def _equally_long(self) -> Self:
-        _refuse_other_length(self, *type(self).model_fields)
+        count = len(self.time_s)
+        for name in type(self).model_fields:
+            samples = getattr(self, name)
+            if samples is not None and len(samples) != count:
+                raise ValueError(f"{name}: {len(samples)} values must be {count}, one per time_s")
         return self
 
-    def states(self, joint: Literal["roll", "pitch"]) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (rad) and rates (rad/s) of one joint at the knots, shape (knots,)."""
+    def states(self, joint: Joint) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions (rad) and rates (rad/s) of one joint at the knots, shape (knots,)."""
         return (
             np.asarray(getattr(self, f"{joint}_position_rad")),
             np.asarray(getattr(self, f"{joint}_velocity_rad_per_s")),
         )
 
 
-def _refuse_other_length(series: Any, *names: str) -> None:
-    count = len(series.time_s)
-    for name in names:
-        samples = getattr(series, name)
-        if samples is not None and len(samples) != count:
-            raise ValueError(f"{name}: {len(samples)} values; allowed: {count}, as many as time_s")
-
-
 class JointGains(_Strict):
     """Gains of one tail joint in the motor's own law (design section 6)."""
 
-    kp: float = Field(description="position gain, N m/rad", ge=0, le=500)
-    kd: float = Field(description="velocity gain, N m s/rad", ge=0, le=5)
+    kp: float = Field(ge=0, le=500)
+    """Position gain, N m/rad."""
+    kd: float = Field(ge=0, le=5)
+    """Velocity gain, N m s/rad."""
 
 
 class GainPhase(_Strict):
-    """Gains from `start_s` on."""
+    """Gains that hold from `start_s` on."""
 
-    start_s: float = Field(description="time since the release, s", ge=0)
+    start_s: float = Field(ge=0)
+    """Time since the release, s."""
     roll: JointGains
     pitch: JointGains
 
@@ -122,62 +121,58 @@ class Gains(_Strict):
 
 
 class Limits(_Strict):
-    """What the knots and the curve between them must not leave; symmetric."""
+    """Symmetric limits of the knots and of the curve between them."""
 
-    roll_position_rad: float = Field(
-        description="largest magnitude of the roll angle, rad", gt=0, le=math.pi
-    )
-    pitch_position_rad: float = Field(
-        description="largest magnitude of the pitch angle, rad", gt=0, le=math.pi
-    )
-    velocity_rad_per_s: float = Field(description="largest joint rate, rad/s", gt=0)
-    torque_n_m: float = Field(description="largest motor torque, N m", gt=0)
+    roll_position_rad: float = Field(gt=0, le=math.pi)
+    """Largest magnitude of the roll angle, rad."""
+    pitch_position_rad: float = Field(gt=0, le=math.pi)
+    """Largest magnitude of the pitch angle, rad."""
+    velocity_rad_per_s: float = Field(gt=0)
+    """Largest joint rate, rad/s."""
+    torque_n_m: float = Field(gt=0)
+    """Largest motor torque, N m."""
 
 
 class Trigger(_Strict):
-    """What releases the swing: yaw rate or steering command into the planned turn, or a time since
-    its announcement.
+    """Event that releases the swing: yaw rate or steering command into the planned turn, or a time
+    since its announcement.
     """
 
     kind: Literal["yaw_rate", "steering", "time"] = "yaw_rate"
-    threshold_rad_per_s: float | None = Field(
-        None, description="yaw_rate: into the planned turn, rad/s", gt=0
-    )
-    threshold_rad: float | None = Field(
-        None, description="steering: command into the planned turn, rad", gt=0
-    )
-    delay_s: float = Field(
-        0.0, description="from the trigger to the release, s; time: since the announcement", ge=0
-    )
+    threshold_rad_per_s: float | None = Field(None, gt=0)
+    """Yaw rate into the planned turn, rad/s; of kind yaw_rate."""
+    threshold_rad: float | None = Field(None, gt=0)
+    """Steering command into the planned turn, rad; of kind steering."""
+    delay_s: float = Field(0.0, ge=0)
+    """Time from the trigger, of kind time from the announcement, to the release, s."""
 
     @model_validator(mode="after")
     def _has_threshold(self) -> Self:
         for name, kind in (("threshold_rad_per_s", "yaw_rate"), ("threshold_rad", "steering")):
             if (self.kind == kind) != (getattr(self, name) is not None):
-                raise ValueError(f"{name}: allowed and needed with kind {kind} only")
+                raise ValueError(f"{name}: must be given with kind {kind}, and only then")
         return self
 
 
 class Provenance(_Strict):
-    """Where the swing comes from."""
+    """Origin of the swing."""
 
-    source: str = Field(description="what made it: a table, a command")
-    scenario: str | None = Field(None, description="scenario it was made with")
-    seed: int | None = Field(None, description="seed of the solver's starts", ge=0)
-    settings: Annotated[tuple[str, ...], Field(strict=False)] = Field(
-        (), description="overrides of that scenario"
-    )
-    options: dict[str, float | int | str] = Field(
-        default_factory=dict, description="of the command that made it"
-    )
-    found: dict[str, float | int | str] = Field(
-        default_factory=dict,
-        description="what it found, such as peak_roll_rad; unit at the end of the name",
-    )
-    solver_log: str | None = Field(None, description="file of the solver's log")
-    versions: dict[str, str] = Field(
-        default_factory=dict, description="project, drake, python, numpy"
-    )
+    source: str
+    """Table or command that made it."""
+    scenario: str | None = None
+    """Scenario it was made with."""
+    seed: int | None = Field(None, ge=0)
+    """Seed of the solver's starts."""
+    settings: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    """Overrides of that scenario."""
+    options: dict[str, float | int | str] = Field(default_factory=dict)
+    """Options of the command that made it."""
+    found: dict[str, float | int | str] = Field(default_factory=dict)
+    """Results of that command, such as peak_roll_rad; names end in their unit."""
+    solver_log: str | None = None
+    """File of the solver's log."""
+    versions: dict[str, str] = Field(default_factory=dict)
+    """Versions of project, drake, python, numpy."""
 
 
 class SwingFile(_Strict):
@@ -188,7 +183,8 @@ class SwingFile(_Strict):
 
     schema_: Literal["aerodima/swing/1"] = Field("aerodima/swing/1", alias="schema")
     name: str = Field(min_length=1, max_length=80)
-    direction: Direction = Field(description="turn that the knots are written for")
+    direction: Direction
+    """Turn that the knots are written for."""
     trigger: Trigger
     knots: Knots
     gains: Gains
@@ -198,44 +194,34 @@ class SwingFile(_Strict):
 
     @model_validator(mode="after")
     def _within_limits(self) -> Self:
-        joints: tuple[Literal["roll", "pitch"], ...] = ("roll", "pitch")
-        for joint in joints:
-            allowed = getattr(self.limits, f"{joint}_position_rad")
-            self._refuse_beyond(
-                f"knots.{joint}_position_rad", allowed, f"limits.{joint}_position_rad"
-            )
-            self._refuse_beyond(
-                f"knots.{joint}_velocity_rad_per_s",
-                self.limits.velocity_rad_per_s,
-                "limits.velocity_rad_per_s",
-            )
-            self._refuse_beyond(
-                f"knots.{joint}_torque_n_m", self.limits.torque_n_m, "limits.torque_n_m"
-            )
-            self._refuse_overshoot(joint, allowed)
+        for joint in JOINTS:
+            self._refuse_beyond(f"{joint}_position_rad", f"{joint}_position_rad")
+            self._refuse_beyond(f"{joint}_velocity_rad_per_s", "velocity_rad_per_s")
+            self._refuse_beyond(f"{joint}_torque_n_m", "torque_n_m")
+            self._refuse_overshoot(joint)
         return self
 
-    def _refuse_beyond(self, key: str, allowed: float, limit: str) -> None:
-        for number, value in enumerate(getattr(self.knots, key.removeprefix("knots.")) or ()):
-            if abs(value) > allowed + _LIMIT_MARGIN:
+    def _refuse_beyond(self, knots: str, limit: str) -> None:
+        largest = getattr(self.limits, limit)
+        for number, value in enumerate(getattr(self.knots, knots) or ()):
+            if abs(value) > largest + _LIMIT_MARGIN:
                 raise ValueError(
-                    f"{key}.{number}: {value!r}; allowed: -{allowed:g} to {allowed:g} ({limit})"
+                    f"knots.{knots}.{number}: {value!r} must be within +-{largest:g} "
+                    f"(limits.{limit})"
                 )
 
-    def _refuse_overshoot(self, joint: Literal["roll", "pitch"], allowed: float) -> None:
+    def _refuse_overshoot(self, joint: Joint) -> None:
+        largest = getattr(self.limits, f"{joint}_position_rad")
         times = np.asarray(self.knots.time_s)
-        fine = np.interp(
-            np.arange((len(times) - 1) * _SAMPLES_PER_INTERVAL + 1) / _SAMPLES_PER_INTERVAL,
-            np.arange(len(times)),
-            times,
-        )
+        knots = np.arange(len(times))
+        fine_knots = np.arange(knots[-1] * _SAMPLES_PER_INTERVAL + 1) / _SAMPLES_PER_INTERVAL
+        fine = np.interp(fine_knots, knots, times)
         position, _ = hermite(fine, times, *self.knots.states(joint))
         worst = int(np.argmax(np.abs(position)))
-        if abs(position[worst]) > allowed + _LIMIT_MARGIN:
+        if abs(position[worst]) > largest + _LIMIT_MARGIN:
             raise ValueError(
                 f"knots.{joint}_position_rad: the curve reaches {position[worst]:g} at "
-                f"{fine[worst]:g} s; allowed: "
-                f"-{allowed:g} to {allowed:g} (limits.{joint}_position_rad)"
+                f"{fine[worst]:g} s; it must be within +-{largest:g} (limits.{joint}_position_rad)"
             )
 
 
@@ -250,14 +236,12 @@ def read_swing(path: Path | str) -> SwingFile:
 
 
 def swing_from_dict(data: Any, where: str = "swing") -> SwingFile:
-    """A swing from plain data; `where` is the file named in errors (SwingFileError)."""
+    """Make a swing of plain data; `where` is the file named in errors (SwingFileError)."""
     return checked(SwingFile, data, where, SwingFileError, schema=SCHEMA)
 
 
 def write_swing(swing: SwingFile, path: Path | str, force: bool = False) -> Path:
-    """Write a swing file, whole or not at all; SwingFileError when it exists (without `force`) or
-    cannot be written.
-    """
+    """Write a swing file whole or not at all; SwingFileError if it exists or cannot be written."""
     text = yaml.safe_dump(
         swing.model_dump(mode="json", by_alias=True, exclude_none=True), sort_keys=False, width=110
     )
@@ -267,8 +251,7 @@ def write_swing(swing: SwingFile, path: Path | str, force: bool = False) -> Path
 def car_mismatches(
     swing: SwingFile, scenario: Mapping[str, Any], tolerance: float = 1e-9
 ) -> list[str]:
-    """How the car of a resolved scenario differs from the one the swing was made for: one line per
-    parameter.
+    """List how the car of a resolved scenario differs from the one that the swing was made for.
 
     Args:
         swing: the file; a swing without `car` fits any car.
@@ -278,11 +261,9 @@ def car_mismatches(
     lines = []
     for name, made_for in swing.car.items():
         section, _, key = name.partition(".")
-        value = (scenario.get(section) or {}).get(key)
-        if value is None:
-            lines.append(f"{name}: made for {made_for:g}, the scenario has no such parameter")
-        elif not math.isclose(float(value), made_for, rel_tol=tolerance, abs_tol=1e-12):
-            lines.append(f"{name}: made for {made_for:g}, the scenario has {float(value):g}")
+        value = float((scenario.get(section) or {}).get(key, math.nan))
+        if not math.isclose(value, made_for, rel_tol=tolerance, abs_tol=1e-12):
+            lines.append(f"{name}: made for {made_for:g}, the scenario has {value:g}")
     return lines
 
 
@@ -301,7 +282,7 @@ class SwingPoint:
 
 
 def swing_at(swing: SwingFile, time: ArrayLike, direction: Direction | None = None) -> SwingPoint:
-    """Positions, rates and feed-forward torques at times since the release.
+    """Evaluate positions, rates and feed-forward torques at times since the release.
 
     Positions are cubic Hermite polynomials through the knots, rates their derivatives, torques
     linear between knots. Before 0 the tail rests at the first knot, after the last knot at the
@@ -329,7 +310,7 @@ def swing_at(swing: SwingFile, time: ArrayLike, direction: Direction | None = No
 
 
 def gains_at(swing: SwingFile, time: float) -> tuple[JointGains, JointGains]:
-    """Roll and pitch gains at a time since the release, s; before it the hold gains for both."""
+    """Look up roll and pitch gains at a time since the release, s; before it the hold gains."""
     begun = [phase for phase in swing.gains.phases if phase.start_s <= time]
     if begun:
         return (begun[-1].roll, begun[-1].pitch)
@@ -342,7 +323,7 @@ def hermite(
     position: FloatArray,
     velocity: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Value and derivative of the cubic Hermite interpolant; at rest outside the knots.
+    """Interpolate value and derivative by cubic Hermite polynomials; at rest outside the knots.
 
     Args:
         t: s, any shape.
@@ -363,7 +344,7 @@ def cubic(
     positions: tuple[NDArray, NDArray],
     velocities: tuple[NDArray, NDArray],
 ) -> Any:
-    """Value and derivative of the cubic between two knots; arrays of any shape.
+    """Evaluate a cubic between two knots and its derivative; arrays of any shape.
 
     Args:
         share: of the interval that has gone by, 0 to 1.

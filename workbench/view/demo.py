@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from aerodima.workbench.batch.dask_engine import check_workers, run_batch
+from aerodima.workbench.batch.dask_cluster import check_workers
+from aerodima.workbench.batch.dask_engine import run_batch
 from aerodima.workbench.batch.row_store import (
     WORKER_RECORD,
     ProgressBar,
@@ -130,7 +131,7 @@ def make_demo(
     bar = ProgressBar(progress, len(runs))
 
     def done(_place: int, summary: RunSummary) -> None:
-        bar.one_more(f"{summary.name}: {summary.metrics.outcome.result}")
+        bar.advance(f"{summary.name}: {summary.metrics.outcome.result}")
 
     def kept() -> str:
         logs = [run.log for run in runs if run.log.exists()]

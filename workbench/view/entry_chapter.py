@@ -9,8 +9,8 @@ from pydantic import Field
 from aerodima.workbench.car.tip_up import tip_up
 from aerodima.workbench.car.turn_signals import steered_windows
 from aerodima.workbench.car.verdict import EXIT_YAW_RATE, TWO_WHEELS
-from aerodima.workbench.core.checked_files import StrictModel, checked, read_yaml
 from aerodima.workbench.core.resources import model_path
+from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.turn_metrics import outcome_of
 from aerodima.workbench.scenario.ensemble import load_ensemble

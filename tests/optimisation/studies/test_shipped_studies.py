@@ -6,7 +6,7 @@ import pytest
 
 from aerodima.optimisation.studies.runs import load_any_scenario
 from aerodima.optimisation.studies.study import load_study, plan_runs
-from aerodima.workbench.core.checked_files import shipped_names
+from aerodima.workbench.core.yaml_files import shipped_names
 from aerodima.workbench.scenario.scenario import load_scenario
 
 RUNS = {

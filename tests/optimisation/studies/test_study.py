@@ -60,7 +60,7 @@ def test_ensemble_multiplies_the_runs_and_overrides_come_after_the_member(tmp_pa
     path = tmp_path / "s.yaml"
     path.write_text(text)
     runs = plan_runs(load_study(path))
-    members = load_ensemble("car").drawn(2)
+    members = load_ensemble("car").resample(2)
     assert [run.place["member"] for run in runs] == [member.name for member in members]
     assert sum(float(run.place["weight"]) for run in runs) == pytest.approx(1.0)
     cars = [load_scenario("straight", list(run.task.settings)).car for run in runs]

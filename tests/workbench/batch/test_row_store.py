@@ -71,7 +71,7 @@ def test_an_interruption_says_what_is_kept_and_how_to_go_on():
 
     def work():
         with print_resume_hint(said.append, lambda: f"{progress.done} of 4 runs"):
-            progress.one_more("survived")
+            progress.advance("survived")
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):

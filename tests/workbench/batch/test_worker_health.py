@@ -111,7 +111,7 @@ def test_quiet_work_says_nothing_and_leaves_no_record(opened, marks, tmp_path):
 def test_a_worker_killed_or_stopped_is_said_and_only_its_run_is_made_again(
     opened, marks, tmp_path, monkeypatch, number, kind
 ):
-    monkeypatch.setattr(dask_engine, "STOPPED_LOOKS", 2)
+    monkeypatch.setattr(dask_engine, "STOPPED_POLLS", 2)
     engine, said = opened()
     signals = once_running(marks, 4, lambda pid: os.kill(pid, number))
     assert engine.map(partial(leak, marks, 0, 0.3), range(12)) == [n * n for n in range(12)]
@@ -126,14 +126,14 @@ def test_a_worker_killed_or_stopped_is_said_and_only_its_run_is_made_again(
 def test_result_that_dies_with_its_worker_is_made_again(opened, marks, tmp_path, monkeypatch):
     """The worker is killed after it has ended a piece and before the result is fetched."""
     engine, said = opened(2)
-    ended = type(engine)._ended
+    ended = type(engine)._finished
     killed = list[int]()
 
     def kill_before_fetching(self):
         found = ended(self)
-        with_pieces = [future for future in found if self._under_way[future][1] is not None]
+        with_pieces = [future for future in found if self._pending[future][1] is not None]
         if with_pieces and not killed:
-            address, place = self._under_way[with_pieces[0]]
+            address, place = self._pending[with_pieces[0]]
             killed.extend(processes(marks)[place])
             os.kill(killed[0], signal.SIGKILL)
             until = time.monotonic() + 10.0
@@ -142,7 +142,7 @@ def test_result_that_dies_with_its_worker_is_made_again(opened, marks, tmp_path,
             assert not with_pieces[0].done(), f"the scheduler has not noticed that {address} died"
         return found
 
-    monkeypatch.setattr(type(engine), "_ended", kill_before_fetching)
+    monkeypatch.setattr(type(engine), "_finished", kill_before_fetching)
     assert engine.map(partial(leak, marks, 0, 0.05), range(6)) == [n * n for n in range(6)]
     assert len(killed) == 1
     assert [event["event"] for event in recorded(tmp_path)] == ["lost"]
@@ -164,8 +164,8 @@ def late_transfers(monkeypatch, delays):
 
 
 def test_result_that_does_not_arrive_is_made_again(opened, marks, monkeypatch):
-    monkeypatch.setattr(dask_engine, "RESULT_WITHIN", 0.4)
-    monkeypatch.setattr(dask_engine, "LOOK_EVERY", 0.2)
+    monkeypatch.setattr(dask_engine, "RESULT_TIMEOUT", 0.4)
+    monkeypatch.setattr(dask_engine, "POLL_PERIOD", 0.2)
     engine, said = opened(1)
     late_transfers(monkeypatch, [60.0])
     assert engine.map(partial(leak, marks, 0, 0.0), range(3)) == [0, 1, 4]
@@ -176,8 +176,8 @@ def test_result_that_does_not_arrive_is_made_again(opened, marks, monkeypatch):
 
 
 def test_result_that_never_arrives_is_given_up_after_two_runs(opened, marks, monkeypatch):
-    monkeypatch.setattr(dask_engine, "RESULT_WITHIN", 0.4)
-    monkeypatch.setattr(dask_engine, "LOOK_EVERY", 0.2)
+    monkeypatch.setattr(dask_engine, "RESULT_TIMEOUT", 0.4)
+    monkeypatch.setattr(dask_engine, "POLL_PERIOD", 0.2)
     engine, _ = opened(1)
     late_transfers(monkeypatch, [60.0, 60.0])
     work = partial(engine.map, partial(leak, marks, 0, 0.0), range(1))
@@ -187,13 +187,13 @@ def test_result_that_never_arrives_is_given_up_after_two_runs(opened, marks, mon
 
 
 def test_study_ends_when_no_worker_is_there_for_long(opened, marks, monkeypatch):
-    monkeypatch.setattr(dask_engine, "LOOK_EVERY", 0.1)
-    monkeypatch.setattr(dask_engine, "WORKER_WITHIN", 0.3)
+    monkeypatch.setattr(dask_engine, "POLL_PERIOD", 0.1)
+    monkeypatch.setattr(dask_engine, "WORKER_TIMEOUT", 0.3)
     engine, _ = opened(1)
-    asked = type(engine)._asked
+    asked = type(engine)._ask
     monkeypatch.setattr(
         type(engine),
-        "_asked",
+        "_ask",
         lambda self, *args, **options: asked(self, *args, **options) | {"workers": {}},
     )
     work = partial(engine.map, partial(leak, marks, 0, 0.0), range(3))
@@ -214,7 +214,7 @@ def test_timeout_that_a_piece_raises_is_its_own_error(opened):
 def test_workers_that_dask_pauses_are_said_and_replaced_and_the_study_ends(
     opened, marks, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(dask_engine, "PAUSED_LOOKS", 2)
+    monkeypatch.setattr(dask_engine, "PAUSED_POLLS", 2)
     with dask.config.set(
         {"distributed.worker.memory.pause": 0.45}
     ):  # before our own replacement at 0.7
@@ -242,7 +242,7 @@ def test_workers_without_room_for_a_single_run_are_an_error(opened):
 @pytest.mark.slow
 @pytest.mark.parametrize("serial", [True, False])
 def test_work_that_stands_still_says_so(opened, marks, monkeypatch, tmp_path, serial):
-    monkeypatch.setattr("aerodima.workbench.batch.engine.STILL_LEAST", 1.0)
+    monkeypatch.setattr("aerodima.workbench.batch.engine.MIN_STALL_TIME", 1.0)
     said = []
     if serial:
         engine = Engine(said.append, tmp_path / WORKER_RECORD)
@@ -269,7 +269,7 @@ class _Cycle:
 def test_worker_frees_what_a_piece_leaves_at_once_and_what_became_garbage_later_now_and_then(
     monkeypatch,
 ):
-    monkeypatch.setattr(dask_cluster, "ALL_GARBAGE", 3)
+    monkeypatch.setattr(dask_cluster, "FULL_COLLECTION_PERIOD", 3)
     monkeypatch.setattr(dask_cluster, "_pieces", itertools.count(1))
     held = []
     seen = []
@@ -280,12 +280,12 @@ def test_worker_frees_what_a_piece_leaves_at_once_and_what_became_garbage_later_
             seen.append(weakref.ref(kept[-1]))
 
     try:
-        dask_cluster.do_piece(work, 1)
+        dask_cluster.run_piece(work, 1)
         assert [one() is None for one in seen] == [False, True]
         held.clear()
         alive = []
         for number in (2, 3):
-            dask_cluster.do_piece(lambda _: None, number)
+            dask_cluster.run_piece(lambda _: None, number)
             alive.append(seen[0]() is not None)
         assert alive == [True, False]
     finally:

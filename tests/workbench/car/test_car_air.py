@@ -11,9 +11,9 @@ from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coeffi
 from aerodima.workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.car.car_air import free_sail, sail_law, sail_layout, wind_model
-from aerodima.workbench.core.checked_files import SAIL_LAWS
 from aerodima.workbench.core.errors import ModelError, ScenarioError
 from aerodima.workbench.scenario.scenario import scenario_from_dict
+from aerodima.workbench.scenario.tail_parameters import SAIL_LAWS
 from tests.refusals import assert_refused
 
 POLAR = "speed_m_per_s,angle_rad,cd,cl,source\n" + "".join(

@@ -6,14 +6,9 @@ from typing import Literal
 import pytest
 from pydantic import ValidationError
 
-from aerodima.workbench.core.checked_files import (
-    NO_UNIT,
-    QuantityModel,
-    checked,
-    quantity,
-    unit_of,
-)
 from aerodima.workbench.core.errors import ScenarioError
+from aerodima.workbench.core.quantity import NO_UNIT, QuantityModel, quantity, unit_of
+from aerodima.workbench.core.yaml_files import checked
 from tests.refusals import assert_refused
 
 

@@ -6,7 +6,8 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.core.sampled import SampledSensor, check_rate
+from aerodima.workbench.core.quantity import check_rate
+from aerodima.workbench.core.sampled import SampledSensor
 from tests.refusals import assert_refused
 
 

@@ -7,16 +7,17 @@ from importlib import import_module
 
 import pytest
 
-from aerodima.workbench.core.checked_files import read_yaml, unit_of
 from aerodima.workbench.core.errors import ScenarioError
+from aerodima.workbench.core.quantity import unit_of
 from aerodima.workbench.core.resources import models_dir
-from aerodima.workbench.scenario import scenario
+from aerodima.workbench.core.yaml_files import read_yaml
+from aerodima.workbench.scenario import scenario_file
 from aerodima.workbench.scenario.scenario import (
     SECTIONS,
-    ParameterEntry,
     load_parameter_entries,
     scenario_from_dict,
 )
+from aerodima.workbench.scenario.scenario_file import ParameterEntry
 from tests.refusals import assert_refused
 
 GOOD = {
@@ -59,7 +60,7 @@ def gps_file(tmp_path, monkeypatch):
     """A copy of the GPS parameters that a test may spoil."""
     path = tmp_path / "gps.yaml"
     path.write_text((models_dir() / "parameters" / "gps.yaml").read_text())
-    monkeypatch.setattr(scenario, "model_path", lambda relative: path)
+    monkeypatch.setattr(scenario_file, "model_path", lambda relative: path)
     return path
 
 

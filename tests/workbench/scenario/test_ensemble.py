@@ -3,8 +3,8 @@ from dataclasses import replace
 
 import pytest
 
-from aerodima.workbench.core.checked_files import shipped_names
 from aerodima.workbench.core.errors import EnsembleError
+from aerodima.workbench.core.yaml_files import shipped_names
 from aerodima.workbench.scenario.ensemble import Member, load_ensemble
 from aerodima.workbench.scenario.scenario import load_scenario
 from tests.refusals import assert_refused
@@ -56,13 +56,13 @@ def test_drawn_members_stand_for_all_of_the_weight(tmp_path):
         Member(str(place), weight, {}) for place, weight in enumerate((0.1, 0.55, 0.02, 0.33))
     )
     many = replace(ensemble, members=members)
-    assert [(m.name, m.weight) for m in many.drawn(3)] == [
+    assert [(m.name, m.weight) for m in many.resample(3)] == [
         ("1", pytest.approx(2 / 3)),
         ("3", pytest.approx(1 / 3)),
     ]
-    assert many.drawn(4) == many.members
-    assert sum(member.weight for member in ensemble.drawn(1)) == 1.0
-    assert_refused(lambda: ensemble.drawn(0), EnsembleError, "0 members")
+    assert many.resample(4) == many.members
+    assert sum(member.weight for member in ensemble.resample(1)) == 1.0
+    assert_refused(lambda: ensemble.resample(0), EnsembleError, "0 members")
 
 
 def test_another_tail_than_the_built_one_keeps_its_size_on_the_car_of_a_member():

@@ -1,7 +1,13 @@
 import numpy as np
 import pytest
 
-from aerodima.workbench.scenario.signal_table import IMU, STATUS, TAIL_COMMAND, TAIL_STATE
+from aerodima.workbench.scenario.signal_table import (
+    CAR_PORTS,
+    IMU,
+    STATUS,
+    TAIL_COMMAND,
+    TAIL_STATE,
+)
 from tests.refusals import assert_refused
 
 
@@ -14,6 +20,8 @@ def test_field_order_of_the_contract():
     assert STATUS.index("imu_age") == 6
     assert STATUS.index("imu_fault") == 7
     assert STATUS.index("armed") == 12
+    columns = [column.name.removesuffix("_s") for column in CAR_PORTS["status"]]
+    assert columns == [f"status_{name}" for name in STATUS.fields]
 
 
 def test_read_and_write_are_inverse():
