@@ -35,10 +35,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from aerodima.workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw, SectionLaw
 from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.core.elementwise import rotation_rows
 from aerodima.workbench.scenario.car_parameters import SHELL_DEPTH
 
 Vector = tuple[float, float, float]
@@ -101,19 +102,6 @@ class FreeSail:
             p_BoRo_B=(0.0, -behind, 0.0),
             normal_B=normal,
         )
-
-
-def rotation_rows(quaternion: Any) -> tuple[Any, Any, Any]:
-    """Rows (3) of the rotation matrix of a quaternion w, x, y, z of any length; of arrays (n) each
-    entry is one (n).
-    """
-    w, x, y, z = quaternion
-    scale = 2.0 / (w * w + x * x + y * y + z * z)
-    return (
-        (1.0 - scale * (y * y + z * z), scale * (x * y - w * z), scale * (x * z + w * y)),
-        (scale * (x * y + w * z), 1.0 - scale * (x * x + z * z), scale * (y * z - w * x)),
-        (scale * (x * z - w * y), scale * (y * z + w * x), 1.0 - scale * (x * x + y * y)),
-    )
 
 
 class SailMotion(NamedTuple):

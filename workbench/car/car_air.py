@@ -37,10 +37,10 @@ from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.port_wiring import add_and_connect, concatenate, vector_of
 from aerodima.workbench.core.system_lifetime import weak_callback
 from aerodima.workbench.scenario.car_parameters import SAIL_SHAPES, TailParameters
-from aerodima.workbench.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
     from aerodima.workbench.aero.wind import WindModel
+    from aerodima.workbench.scenario.scenario import Scenario
 
 
 def wind_model(scenario: Scenario) -> WindModel | None:

@@ -6,8 +6,11 @@ load of the car without its tail arm, and the wheel centres sit one static tyre 
 unloaded radius.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from aerodima.workbench.car.tail_plant import ground_partner_friction
 from aerodima.workbench.core.errors import ModelError
@@ -18,8 +21,10 @@ from aerodima.workbench.scenario.car_parameters import (
     DriveParameters,
     TailParameters,
 )
-from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import AXLES, SIDES
+
+if TYPE_CHECKING:
+    from aerodima.workbench.scenario.scenario import Scenario
 
 CAR_SDF = "car/car.sdf"
 

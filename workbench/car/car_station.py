@@ -5,9 +5,11 @@ Both export the same ports (design section 9); whatever drives the car is connec
 not know which it is. The simulated station adds ground-truth ports, whose names end in `_truth`.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatVisualizer
@@ -16,7 +18,6 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, Output
 from pydrake.systems.primitives import Adder, Multiplexer, PassThrough, SymbolicVectorSystem
 
 from aerodima.workbench.car.ak70 import TAIL_JOINTS, TailMotor, TailMotorFactory, add_tail_motor
-from aerodima.workbench.car.car_air import TailAerodynamics, add_sail_report, add_wind_source
 from aerodima.workbench.car.car_plant import CarPlant, add_car_plant
 from aerodima.workbench.car.car_sensors import (
     GpsSpeed,
@@ -35,13 +36,16 @@ from aerodima.workbench.core.port_contract import (
     require_ports,
 )
 from aerodima.workbench.core.port_wiring import add_and_connect, concatenate
-from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import (
     STATION_INPUTS,
     STATION_OUTPUTS,
     STATUS,
     TAIL_COMMAND,
 )
+
+if TYPE_CHECKING:
+    from aerodima.workbench.car.car_air import TailAerodynamics
+    from aerodima.workbench.scenario.scenario import Scenario
 
 NOT_FITTED = 1.0
 """Fault code on `status` of a part that this car does not have, such as the motors of a car without
@@ -51,7 +55,7 @@ TAIL_PARTS = ("tail_pitch", "tail_roll", "sail")
 HEALTHY = ("imu_fault", "speed_fault", "operator_age", "operator_fault")
 """Fields of `status` that are 0 in simulation."""
 
-InterfaceFactory = Callable[[Scenario], System]
+InterfaceFactory = Callable[["Scenario"], System]
 """Makes the system that talks to the real car, with exactly the ports of `STATION_INPUTS` and
 `STATION_OUTPUTS`."""
 
@@ -113,7 +117,11 @@ def _add_simulated_car(
 ) -> None:
     """Adds plant, drive train, servo, tail and sensors, and exports the ports of the station."""
     # The plant, and the wind that pushes its added mass.
-    wind = add_wind_source(builder, scenario)
+    wind = None
+    if scenario.tail.mode != "none":  # the air acts on a tail only
+        from aerodima.workbench.car.car_air import add_wind_source
+
+        wind = add_wind_source(builder, scenario)
     drawn = with_truth or meshcat is not None
     gust = None
     if wind is not None and scenario.wind.gust_amplitude > 0.0:
@@ -159,7 +167,7 @@ def _add_simulated_car(
     gps = GpsSpeed(scenario.gps, seed=scenario.seed, step=step, discrete=True)
     for sensor in (imu, gps):
         add_and_connect(builder, sensor, chassis_motion=ports.motion("chassis_motion"))
-    ages = {"imu_age": imu, "speed_age": gps}
+    ages: dict[str, System] = {"imu_age": imu, "speed_age": gps}
     if tail is None:
         tail_state = ports.motion("tail_state")
     else:
@@ -213,8 +221,10 @@ class TailDrives:
         ports: PlantPorts,
         wind: OutputPort | None,
         tail_motor: TailMotorFactory,
-    ) -> "TailDrives":
+    ) -> TailDrives:
         """Adds two motors, the friction of their joints, and the air on the sail."""
+        from aerodima.workbench.car.car_air import TailAerodynamics
+
         commands = {}
         torques = []
         for joint in TAIL_JOINTS:
@@ -237,11 +247,11 @@ class TailDrives:
         rates = [Variable(joint) for joint in TAIL_JOINTS]
         law = scenario.friction
         with np.errstate(invalid="ignore"):  # NumPy sees a NaN in every expression
-            friction = [
+            friction: Any = [
                 joint_friction(Expression(rate), law.coulomb, law.viscous, law.tanh_gain)
                 for rate in rates
             ]
-        system = SymbolicVectorSystem(input=rates, output=friction)
+        system = SymbolicVectorSystem(input=np.array(rates), output=np.array(friction))
         add_and_connect(builder, system, "joint_friction", u0=ports.motion("tail_rates"))
         joint_torques = add_and_connect(
             builder,
@@ -323,6 +333,8 @@ def _add_truth(
     }
     names = ["body_truth", "contact_truth"]
     if tail is not None:
+        from aerodima.workbench.car.car_air import add_sail_report
+
         report = add_sail_report(builder, plant, scenario, wind)
         force = tail.air.GetOutputPort("force")
         sources["tail_torque"] = tail.motor_torques

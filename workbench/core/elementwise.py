@@ -36,3 +36,16 @@ def tanh(value: Any) -> Any:
     if isinstance(value, float):
         return math.tanh(value)
     return np.tanh(value)
+
+
+def rotation_rows(quaternion: Any) -> tuple[Any, Any, Any]:
+    """Returns the rows (3) of the rotation matrix of a quaternion w, x, y, z of any length; each
+    entry is an array (n) for a quaternion of arrays (n).
+    """
+    w, x, y, z = quaternion
+    scale = 2.0 / (w * w + x * x + y * y + z * z)
+    return (
+        (1.0 - scale * (y * y + z * z), scale * (x * y - w * z), scale * (x * z + w * y)),
+        (scale * (x * y + w * z), 1.0 - scale * (x * x + z * z), scale * (y * z - w * x)),
+        (scale * (x * z - w * y), scale * (y * z + w * x), 1.0 - scale * (x * x + y * y)),
+    )
