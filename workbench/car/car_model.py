@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from aerodima.workbench.car.tail_plant import ground_partner_friction
+from aerodima.workbench.car.tail_plant import ground_partner_friction, solid_sphere
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.sdf_model import Inertial, SdfModel
@@ -31,6 +31,12 @@ CAR_SDF = "car/car.sdf"
 SHAFT_MASS = 0.02
 """Mass (kg) of the motor shaft link; the drive's inertia is the rotor inertia of its actuator."""
 
+SHAFT_RADIUS = 0.01
+"""Radius (m) of the ball that has the inertia of the motor shaft link."""
+UPRIGHT_RADIUS = 0.03
+"""Radius (m) of the ball that has the inertia of an upright."""
+KNUCKLE_RADIUS = 0.02
+"""Radius (m) of the ball that has the inertia of a steering knuckle."""
 CAGE_STIFFNESS = 1.0e5
 """Contact stiffness (N/m) of cage and board: stiff against the tyres; acts in a crash only."""
 
@@ -229,8 +235,7 @@ def _box(mass: float, length: float, width: float, height: float) -> Inertial:
 
 def _set_drive_shaft(model: SdfModel, drive: DriveParameters, height: float) -> None:
     model.set_link_position("drive_shaft", (0, 0, height))
-    solid = 0.4 * SHAFT_MASS * 0.01**2
-    model.set_inertial("drive_shaft", Inertial(SHAFT_MASS, (0, 0, 0), (solid, solid, solid)))
+    model.set_inertial("drive_shaft", solid_sphere(SHAFT_MASS, SHAFT_RADIUS))
     model.set_rotor("drive_shaft_spin", drive.rotor_inertia, 1.0)
     model.set_joint("drive_shaft_spin", effort=drive.torque_limit)
 
@@ -242,15 +247,14 @@ def _set_axle(model: SdfModel, car: CarParameters, axle: str, statics: AxleStati
     radius = car.tyre_radius
     width = car.tyre_width
     diametral = car.wheel_mass * (3 * radius**2 + width**2) / 12
-    upright = 0.4 * car.upright_mass * 0.03**2
-    knuckle = 0.4 * car.knuckle_mass * 0.02**2
+    axial = 0.5 * car.wheel_mass * radius**2
+    upright = solid_sphere(car.upright_mass, UPRIGHT_RADIUS)
+    knuckle = solid_sphere(car.knuckle_mass, KNUCKLE_RADIUS)
     for side, sign in (("left", 1), ("right", -1)):
         wheel = f"{axle}_{side}"
         position = (car.wheelbase if front else 0.0, sign * car.track / 2, statics.wheel_height)
         model.set_link_position(f"{wheel}_upright", position)
-        model.set_inertial(
-            f"{wheel}_upright", Inertial(car.upright_mass, (0, 0, 0), (upright, upright, upright))
-        )
+        model.set_inertial(f"{wheel}_upright", upright)
         model.set_joint(
             f"{wheel}_suspension",
             lower=-car.suspension_travel,
@@ -261,16 +265,10 @@ def _set_axle(model: SdfModel, car: CarParameters, axle: str, statics: AxleStati
         )
         if front:
             model.set_link_position(f"{wheel}_knuckle", position)
-            model.set_inertial(
-                f"{wheel}_knuckle",
-                Inertial(car.knuckle_mass, (0, 0, 0), (knuckle, knuckle, knuckle)),
-            )
+            model.set_inertial(f"{wheel}_knuckle", knuckle)
         model.set_link_position(f"{wheel}_wheel", position)
         model.set_inertial(
-            f"{wheel}_wheel",
-            Inertial(
-                car.wheel_mass, (0, 0, 0), (diametral, 0.5 * car.wheel_mass * radius**2, diametral)
-            ),
+            f"{wheel}_wheel", Inertial(car.wheel_mass, (0, 0, 0), (diametral, axial, diametral))
         )
         model.set_shape(
             f"{wheel}_wheel", "rim", radius=f"{0.6 * radius:.9g}", length=f"{width + 0.002:.9g}"

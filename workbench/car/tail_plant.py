@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 TAIL_SDF = "tail/tail.sdf"
 ROD_RADIUS = 0.006
 """Radius of the tail rod (m), as drawn in the SDF; used for its inertia about its own axis only."""
+HUB_RADIUS = 0.03
+"""Radius (m) of the ball that has the inertia of the tail's hub."""
 BOARD_THICKNESS = 0.002
 """Thickness of the backing board as drawn, m."""
 SAIL_TIP_MARGIN = 0.01
@@ -90,22 +92,19 @@ def arm_inertia(tail: TailParameters, motor: TailMotorParameters, car: CarParame
     and moves no air.
     """
     model = tail_sdf(tail, motor, car)
-    hub = model.inertial("tail_hub")
-    about_root = [0.0, 0.0, 0.0]
-    product = 0.0
-    for link in ("tail_rod", "tail_sail"):
-        part = model.inertial(link)
-        x, y, z = part.com
-        levers = (y**2 + z**2, x**2 + z**2, x**2 + y**2)
-        for axis, (moment, lever) in enumerate(zip(part.moments, levers, strict=True)):
-            about_root[axis] += moment + part.mass * lever
-        product += part.products[2] - part.mass * y * z
+    arm = model.inertial("tail_rod").about_origin()
+    arm += model.inertial("tail_sail").about_origin()
+    about_joints = arm.CalcRotationalInertia().CopyToFullMatrix3()
+    hub = model.inertial("tail_hub").moments[1]
     air = 0.0
     if tail.added_mass != 0.0:
         air = tail.added_mass * sum(distance**2 for distance in added_mass_layout(tail).distances)
-    upright = hub.moments[1] + about_root[1] + air
-    sideways = hub.moments[1] + about_root[2]
-    return ArmInertia(about_root[0] + air, upright, sideways, product)
+    return ArmInertia(
+        roll=float(about_joints[0, 0]) + air,
+        pitch_upright=hub + float(about_joints[1, 1]) + air,
+        pitch_sideways=hub + float(about_joints[2, 2]),
+        pitch_product=float(about_joints[1, 2]),
+    )
 
 
 def added_mass_layout(tail: TailParameters) -> SectionLayout:
@@ -170,8 +169,7 @@ def tail_sdf(
     """
     model = SdfModel(model_path(TAIL_SDF))
     geometry = geometry or tail_geometry(tail)
-    hub = 0.4 * tail.hub_mass * 0.03**2
-    model.set_inertial("tail_hub", Inertial(tail.hub_mass, (0, 0, 0), (hub, hub, hub)))
+    model.set_inertial("tail_hub", solid_sphere(tail.hub_mass, HUB_RADIUS))
     model.set_inertial("tail_rod", geometry.arm_mass)
     model.set_inertial("tail_sail", geometry.sail_mass)
     if tail.has_own_geometry:
@@ -189,6 +187,12 @@ def tail_sdf(
         model.set_rotor(joint, motor.rotor_inertia, motor.gear_ratio)
     model.set_joint("tail_sail_turn", damping=tail.sail_bearing_damping)
     return model
+
+
+def solid_sphere(mass: float, radius: float) -> Inertial:
+    """Returns the inertia of a ball (kg, m) about its middle, which is the origin of its link."""
+    moment = 0.4 * mass * radius**2
+    return Inertial(mass, (0, 0, 0), (moment, moment, moment))
 
 
 def sail_inertial(tail: TailParameters) -> Inertial:

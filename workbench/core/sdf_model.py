@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from pydrake.multibody.tree import RotationalInertia, SpatialInertia
 
 from aerodima.workbench.core.errors import ModelError
 
@@ -39,6 +40,11 @@ class Inertial:
         """Inertia about the centre of mass (3 x 3), kg m2."""
         xy, xz, yz = self.products
         return np.diag(self.moments) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
+
+    def about_origin(self) -> SpatialInertia:
+        """Returns the inertia about the origin of the link, in its axes."""
+        central = RotationalInertia(*self.moments, *self.products)
+        return SpatialInertia.MakeFromCentralInertia(self.mass, np.array(self.com), central)
 
 
 class SdfModel:
