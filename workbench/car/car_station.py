@@ -142,10 +142,7 @@ def _add_simulated_car(
     if car.tail is None:
         tail = None
         ports.drive(torques, steering)
-        ignored = Multiplexer([TAIL_COMMAND.size] * len(TAIL_JOINTS))
-        builder.AddNamedSystem("ignored_commands", ignored)
-        for index, joint in enumerate(TAIL_JOINTS):
-            inputs[f"{joint}_command"] = ignored.get_input_port(index)
+        inputs |= _ignored_commands(builder)
         motor_torques = ports.motion("tail_torque")
     else:
         tail = TailDrives.add_to_builder(builder, scenario, car, ports, air, tail_motor)
@@ -154,37 +151,12 @@ def _add_simulated_car(
         force = tail.air.GetOutputPort("force")
         ports.drive(torques, steering, motor_torques, tail.joint_torques, force)
 
-    # Sensors.
-    step = scenario.simulation.step
-    imu = Imu(
-        scenario.imu,
-        p_BoImu_B=(scenario.imu.x, 0.0, scenario.imu.z),
-        seed=scenario.seed,
-        step=step,
-        discrete=True,
-        gravity=scenario.environment.gravity,
-    )
-    gps = GpsSpeed(scenario.gps, seed=scenario.seed, step=step, discrete=True)
-    for sensor in (imu, gps):
-        add_and_connect(builder, sensor, chassis_motion=ports.motion("chassis_motion"))
-    ages: dict[str, System] = {"imu_age": imu, "speed_age": gps}
-    if tail is None:
-        tail_state = ports.motion("tail_state")
-    else:
-        tail_state, encoders = _add_encoders(builder, scenario, ports, tail.air)
-        ages |= encoders
-
-    # Ports of the station.
+    # Sensors, and the ports of the station.
+    outputs = _add_sensors(builder, scenario, ports, tail)
     for name in STATION_INPUTS:
         builder.ExportInput(inputs[name], name)
-    outputs = {
-        "tail_state": tail_state,
-        "tail_torque": motor_torques,
-        "imu": imu.GetOutputPort("imu"),
-        "speed": gps.GetOutputPort("speed"),
-        "status": _add_status(builder, ages),
-        "plant_state_truth": car.plant.get_state_output_port(),
-    }
+    outputs["tail_torque"] = motor_torques
+    outputs["plant_state_truth"] = car.plant.get_state_output_port()
     if with_truth:
         outputs |= _add_truth(builder, scenario, car, ports, torques, tail, air)
     elif tail is not None:
@@ -194,6 +166,15 @@ def _add_simulated_car(
     export_outputs(builder, outputs)
     if meshcat is not None:
         MeshcatVisualizer.AddToBuilder(builder, car.scene_graph, meshcat)
+
+
+def _ignored_commands(builder: DiagramBuilder) -> dict[str, InputPort]:
+    """Adds a system that takes the commands of a tail that is not there; returns its ports."""
+    ignored = Multiplexer([TAIL_COMMAND.size] * len(TAIL_JOINTS))
+    builder.AddNamedSystem("ignored_commands", ignored)
+    return {
+        f"{joint}_command": ignored.get_input_port(index) for index, joint in enumerate(TAIL_JOINTS)
+    }
 
 
 @dataclass(frozen=True)
@@ -264,6 +245,36 @@ class TailDrives:
             builder, scenario, car.plant, tail_motion=ports.motion("tail_motion"), wind=wind
         )
         return cls(commands, motor_torques, joint_torques.get_output_port(), air)
+
+
+def _add_sensors(
+    builder: DiagramBuilder, scenario: Scenario, ports: PlantPorts, tail: TailDrives | None
+) -> dict[str, OutputPort]:
+    """Adds what the car measures; returns the station's ports of sensors and status."""
+    step = scenario.simulation.step
+    imu = Imu(
+        scenario.imu,
+        p_BoImu_B=(scenario.imu.x, 0.0, scenario.imu.z),
+        seed=scenario.seed,
+        step=step,
+        discrete=True,
+        gravity=scenario.environment.gravity,
+    )
+    gps = GpsSpeed(scenario.gps, seed=scenario.seed, step=step, discrete=True)
+    for sensor in (imu, gps):
+        add_and_connect(builder, sensor, chassis_motion=ports.motion("chassis_motion"))
+    ages: dict[str, System] = {"imu_age": imu, "speed_age": gps}
+    if tail is None:
+        tail_state = ports.motion("tail_state")
+    else:
+        tail_state, encoders = _add_encoders(builder, scenario, ports, tail.air)
+        ages |= encoders
+    return {
+        "tail_state": tail_state,
+        "imu": imu.GetOutputPort("imu"),
+        "speed": gps.GetOutputPort("speed"),
+        "status": _add_status(builder, ages),
+    }
 
 
 def _add_encoders(

@@ -14,6 +14,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
+from pydrake.multibody.tree import UnitInertia
+
 from aerodima.workbench.car.laws import joint_friction
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.resources import model_path
@@ -169,7 +171,9 @@ def tail_sdf(
     """
     model = SdfModel(model_path(TAIL_SDF))
     geometry = geometry or tail_geometry(tail)
-    model.set_inertial("tail_hub", solid_sphere(tail.hub_mass, HUB_RADIUS))
+    model.set_inertial(
+        "tail_hub", Inertial.solid(tail.hub_mass, UnitInertia.SolidSphere(HUB_RADIUS))
+    )
     model.set_inertial("tail_rod", geometry.arm_mass)
     model.set_inertial("tail_sail", geometry.sail_mass)
     if tail.has_own_geometry:
@@ -189,25 +193,13 @@ def tail_sdf(
     return model
 
 
-def solid_sphere(mass: float, radius: float) -> Inertial:
-    """Returns the inertia of a ball (kg, m) about its middle, which is the origin of its link."""
-    moment = 0.4 * mass * radius**2
-    return Inertial(mass, (0, 0, 0), (moment, moment, moment))
-
-
 def sail_inertial(tail: TailParameters) -> Inertial:
     """Shell and board: a uniform box as long and wide as the sail and as deep as both, balanced on
     its axis.
     """
+    box = UnitInertia.SolidBox(tail.sail_width, tail.sail_depth, tail.sail_length)
     mass = tail.mass * tail.sail_mass_fraction
-    length = mass * tail.sail_length**2 / 12
-    width = mass * tail.sail_width**2 / 12
-    deep = mass * tail.sail_depth**2 / 12
-    return Inertial(
-        mass,
-        (0, 0, tail.length - tail.sail_length / 2),
-        (length + deep, length + width, width + deep),
-    )
+    return Inertial.solid(mass, box, (0, 0, tail.length - tail.sail_length / 2))
 
 
 def _set_sail_shapes(model: SdfModel, tail: TailParameters) -> list[str]:
