@@ -18,9 +18,9 @@ from .car.car_diagram import assemble as assemble
 from .car.car_station import make_car_station as make_car_station
 from .car.clearance import make_range_of_motion as make_range_of_motion
 from .car.roll_estimator import RollEstimator as RollEstimator
-from .car.tail_plant import read_tail as read_tail
+from .car.tail_file import read_tail as read_tail
+from .car.tail_file import write_tail as write_tail
 from .car.tail_plant import tail_geometry as tail_geometry
-from .car.tail_plant import write_tail as write_tail
 from .car.turn_course import turn_course as turn_course
 from .control.controller_systems import TailController as TailController
 from .control.controller_systems import TurnDriver as TurnDriver

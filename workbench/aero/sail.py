@@ -35,10 +35,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from aerodima.workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw, SectionLaw
 from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.core.elementwise import rotation_rows
 from aerodima.workbench.scenario.tail_parameters import SHELL_DEPTH
 
 Vector = tuple[float, float, float]
@@ -101,27 +102,6 @@ class FreeSail:
             p_BoRo_B=(0.0, -behind, 0.0),
             normal_B=normal,
         )
-
-
-def rotation_rows(quaternion: Any) -> tuple[Any, Any, Any]:
-    """Rows (3) of the rotation matrix of a quaternion w, x, y, z of any length; of arrays (n) each
-    entry is one (n).
-    """
-    w, x, y, z = quaternion
-    xx = x * x
-    yy = y * y
-    zz = z * z
-    xy = x * y
-    xz = x * z
-    yz = y * z
-    wx = w * x
-    wy = w * y
-    wz = w * z
-    scale = 2.0 / (w * w + xx + yy + zz)
-    first = (1.0 - scale * (yy + zz), scale * (xy - wz), scale * (xz + wy))
-    second = (scale * (xy + wz), 1.0 - scale * (xx + zz), scale * (yz - wx))
-    third = (scale * (xz - wy), scale * (yz + wx), 1.0 - scale * (xx + yy))
-    return first, second, third
 
 
 class SailMotion(NamedTuple):

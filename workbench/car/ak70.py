@@ -2,7 +2,10 @@
 the robot on the rig.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
 
@@ -15,6 +18,9 @@ from aerodima.workbench.core.system_lifetime import weak_callback
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import TAIL_COMMAND
 from aerodima.workbench.scenario.tail_parameters import TailMotorParameters
+
+if TYPE_CHECKING:
+    from aerodima.workbench.scenario.scenario import Scenario
 
 TAIL_JOINTS = ("tail_pitch", "tail_roll")
 """Joints that a motor drives, in the order of all vectors of two."""
@@ -127,7 +133,7 @@ class TailMotor(LeafSystem):
         output[0] = torque if torque == torque else 0.0
 
 
-TailMotorFactory = Callable[[Scenario, str], LeafSystem]
+TailMotorFactory = Callable[["Scenario", str], LeafSystem]
 """Makes the motor of one of `TAIL_JOINTS`. Its output port `torque` (1) drives the joint, N m. It
 has those input ports that it needs: `joint_state` (2), angle, rad, and rate, rad/s, of the joint,
 or one of those of `TailMotor`."""

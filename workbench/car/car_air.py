@@ -45,6 +45,7 @@ from aerodima.workbench.scenario.tail_parameters import (
 
 if TYPE_CHECKING:
     from aerodima.workbench.aero.wind import WindModel
+    from aerodima.workbench.scenario.scenario import Scenario
 
 
 def wind_model(scenario: Scenario) -> WindModel | None:

@@ -6,8 +6,14 @@ load of the car without its tail arm, and the wheel centres sit one static tyre 
 unloaded radius.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from pydrake.multibody.tree import UnitInertia
 
 from aerodima.workbench.car.tail_plant import ground_partner_friction
 from aerodima.workbench.core.errors import ModelError
@@ -18,11 +24,20 @@ from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import AXLES, SIDES
 from aerodima.workbench.scenario.tail_parameters import TailParameters
 
+if TYPE_CHECKING:
+    from aerodima.workbench.scenario.scenario import Scenario
+
 CAR_SDF = "car/car.sdf"
 
 SHAFT_MASS = 0.02
 """Mass (kg) of the motor shaft link; the drive's inertia is the rotor inertia of its actuator."""
 
+SHAFT_RADIUS = 0.01
+"""Radius (m) of the ball that has the inertia of the motor shaft link."""
+UPRIGHT_RADIUS = 0.03
+"""Radius (m) of the ball that has the inertia of an upright."""
+KNUCKLE_RADIUS = 0.02
+"""Radius (m) of the ball that has the inertia of a steering knuckle."""
 CAGE_STIFFNESS = 1.0e5
 """Contact stiffness (N/m) of cage and board: stiff against the tyres; acts in a crash only."""
 
@@ -180,7 +195,9 @@ def _set_gearbox(model: SdfModel, car: CarParameters, tail: TailParameters) -> N
     width = car.gearbox_width
     height = car.gearbox_height
     model.set_link_position("gearbox", (car.gearbox_x, 0, gearbox_height(car, tail)))
-    model.set_inertial("gearbox", _box(car.gearbox_mass, length, width, height))
+    model.set_inertial(
+        "gearbox", Inertial.solid(car.gearbox_mass, UnitInertia.SolidBox(length, width, height))
+    )
     model.set_shape("gearbox", "gearbox", size=f"{length:.9g} {width:.9g} {height:.9g}")
     reach = tail.mount_x - car.gearbox_x
     model.set_shape(
@@ -200,7 +217,9 @@ def _set_board(model: SdfModel, car: CarParameters) -> None:
     thickness = car.board_thickness
     x, z = board_centre(car)
     model.set_link_position("board", (x, 0, z))
-    model.set_inertial("board", _box(car.board_mass, length, width, thickness))
+    model.set_inertial(
+        "board", Inertial.solid(car.board_mass, UnitInertia.SolidBox(length, width, thickness))
+    )
     model.set_shape("board", "board", size=f"{length:.9g} {width:.9g} {thickness:.9g}")
     radius = thickness / 2
     for side, sign in (("left", 1), ("right", -1)):
@@ -208,21 +227,11 @@ def _set_board(model: SdfModel, car: CarParameters) -> None:
         model.set_shape("board", f"board_{side}", corner, radius=f"{radius:.9g}")
 
 
-def _box(mass: float, length: float, width: float, height: float) -> Inertial:
-    """Solid box about its centre."""
-    twelfth = mass / 12
-    moments = (
-        twelfth * (width**2 + height**2),
-        twelfth * (length**2 + height**2),
-        twelfth * (length**2 + width**2),
-    )
-    return Inertial(mass, (0, 0, 0), moments)
-
-
 def _set_drive_shaft(model: SdfModel, drive: DriveParameters, height: float) -> None:
     model.set_link_position("drive_shaft", (0, 0, height))
-    solid = 0.4 * SHAFT_MASS * 0.01**2
-    model.set_inertial("drive_shaft", Inertial(SHAFT_MASS, (0, 0, 0), (solid, solid, solid)))
+    model.set_inertial(
+        "drive_shaft", Inertial.solid(SHAFT_MASS, UnitInertia.SolidSphere(SHAFT_RADIUS))
+    )
     model.set_rotor("drive_shaft_spin", drive.rotor_inertia, 1.0)
     model.set_joint("drive_shaft_spin", effort=drive.torque_limit)
 
@@ -233,16 +242,15 @@ def _set_axle(model: SdfModel, car: CarParameters, axle: str, statics: AxleStati
     tyre = car.tyre_stiffness_front if front else car.tyre_stiffness_rear
     radius = car.tyre_radius
     width = car.tyre_width
-    diametral = car.wheel_mass * (3 * radius**2 + width**2) / 12
-    upright = 0.4 * car.upright_mass * 0.03**2
-    knuckle = 0.4 * car.knuckle_mass * 0.02**2
+    cylinder = UnitInertia.SolidCylinder(radius, width, np.array([0.0, 1.0, 0.0]))
+    wheel_inertial = Inertial.solid(car.wheel_mass, cylinder)
+    upright = Inertial.solid(car.upright_mass, UnitInertia.SolidSphere(UPRIGHT_RADIUS))
+    knuckle = Inertial.solid(car.knuckle_mass, UnitInertia.SolidSphere(KNUCKLE_RADIUS))
     for side, sign in (("left", 1), ("right", -1)):
         wheel = f"{axle}_{side}"
         position = (car.wheelbase if front else 0.0, sign * car.track / 2, statics.wheel_height)
         model.set_link_position(f"{wheel}_upright", position)
-        model.set_inertial(
-            f"{wheel}_upright", Inertial(car.upright_mass, (0, 0, 0), (upright, upright, upright))
-        )
+        model.set_inertial(f"{wheel}_upright", upright)
         model.set_joint(
             f"{wheel}_suspension",
             lower=-car.suspension_travel,
@@ -253,17 +261,9 @@ def _set_axle(model: SdfModel, car: CarParameters, axle: str, statics: AxleStati
         )
         if front:
             model.set_link_position(f"{wheel}_knuckle", position)
-            model.set_inertial(
-                f"{wheel}_knuckle",
-                Inertial(car.knuckle_mass, (0, 0, 0), (knuckle, knuckle, knuckle)),
-            )
+            model.set_inertial(f"{wheel}_knuckle", knuckle)
         model.set_link_position(f"{wheel}_wheel", position)
-        model.set_inertial(
-            f"{wheel}_wheel",
-            Inertial(
-                car.wheel_mass, (0, 0, 0), (diametral, 0.5 * car.wheel_mass * radius**2, diametral)
-            ),
-        )
+        model.set_inertial(f"{wheel}_wheel", wheel_inertial)
         model.set_shape(
             f"{wheel}_wheel", "rim", radius=f"{0.6 * radius:.9g}", length=f"{width + 0.002:.9g}"
         )

@@ -37,10 +37,10 @@ from aerodima.workbench.car.tail_plant import LEAST_INERTIA_LEFT, added_mass_lay
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.resources import models_dir
 from aerodima.workbench.core.sdf_model import SdfModel
-from aerodima.workbench.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
     from aerodima.workbench.aero.added_mass import AddedMass
+    from aerodima.workbench.scenario.scenario import Scenario
 
 GROUND_STIFFNESS = 1.0e10
 """Contact stiffness (N/m) of the ground: rigid against any tyre, so that the pair has the tyre's

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.systems.framework import Context
 
-from aerodima.workbench.aero.sail import rotation_rows
+from aerodima.workbench.core.elementwise import rotation_rows
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_wiring import vector_of
 from aerodima.workbench.core.quantity import STANDARD_GRAVITY

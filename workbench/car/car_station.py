@@ -5,9 +5,11 @@ Both export the same ports (design section 9); whatever drives the car is connec
 not know which it is. The simulated station adds ground-truth ports, whose names end in `_truth`.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatVisualizer
@@ -16,7 +18,6 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, Output
 from pydrake.systems.primitives import Adder, Multiplexer, PassThrough, SymbolicVectorSystem
 
 from aerodima.workbench.car.ak70 import TAIL_JOINTS, TailMotor, TailMotorFactory, add_tail_motor
-from aerodima.workbench.car.car_air import TailAerodynamics, add_sail_report, add_wind_source
 from aerodima.workbench.car.car_plant import CarPlant, add_car_plant
 from aerodima.workbench.car.car_sensors import (
     GpsSpeed,
@@ -35,13 +36,16 @@ from aerodima.workbench.core.port_contract import (
     require_ports,
 )
 from aerodima.workbench.core.port_wiring import add_and_connect, concatenate
-from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import (
     STATION_INPUTS,
     STATION_OUTPUTS,
     STATUS,
     TAIL_COMMAND,
 )
+
+if TYPE_CHECKING:
+    from aerodima.workbench.car.car_air import TailAerodynamics
+    from aerodima.workbench.scenario.scenario import Scenario
 
 NOT_FITTED = 1.0
 """Fault code on `status` of a part that this car does not have, such as the motors of a car without
@@ -51,7 +55,7 @@ TAIL_PARTS = ("tail_pitch", "tail_roll", "sail")
 HEALTHY = ("imu_fault", "speed_fault", "operator_age", "operator_fault")
 """Fields of `status` that are 0 in simulation."""
 
-InterfaceFactory = Callable[[Scenario], System]
+InterfaceFactory = Callable[["Scenario"], System]
 """Makes the system that talks to the real car, with exactly the ports of `STATION_INPUTS` and
 `STATION_OUTPUTS`."""
 
@@ -113,7 +117,11 @@ def _add_simulated_car(
 ) -> None:
     """Adds plant, drive train, servo, tail and sensors, and exports the ports of the station."""
     # The plant, and the wind that pushes its added mass.
-    wind = add_wind_source(builder, scenario)
+    wind = None
+    if scenario.tail.mode != "none":  # the air acts on a tail only
+        from aerodima.workbench.car.car_air import add_wind_source
+
+        wind = add_wind_source(builder, scenario)
     drawn = with_truth or meshcat is not None
     gust = None
     if wind is not None and scenario.wind.gust_amplitude > 0.0:
@@ -134,10 +142,7 @@ def _add_simulated_car(
     if car.tail is None:
         tail = None
         ports.drive(torques, steering)
-        ignored = Multiplexer([TAIL_COMMAND.size] * len(TAIL_JOINTS))
-        builder.AddNamedSystem("ignored_commands", ignored)
-        for index, joint in enumerate(TAIL_JOINTS):
-            inputs[f"{joint}_command"] = ignored.get_input_port(index)
+        inputs |= _ignored_commands(builder)
         motor_torques = ports.motion("tail_torque")
     else:
         tail = TailDrives.add_to_builder(builder, scenario, car, ports, air, tail_motor)
@@ -146,37 +151,12 @@ def _add_simulated_car(
         force = tail.air.GetOutputPort("force")
         ports.drive(torques, steering, motor_torques, tail.joint_torques, force)
 
-    # Sensors.
-    step = scenario.simulation.step
-    imu = Imu(
-        scenario.imu,
-        p_BoImu_B=(scenario.imu.x, 0.0, scenario.imu.z),
-        seed=scenario.seed,
-        step=step,
-        discrete=True,
-        gravity=scenario.environment.gravity,
-    )
-    gps = GpsSpeed(scenario.gps, seed=scenario.seed, step=step, discrete=True)
-    for sensor in (imu, gps):
-        add_and_connect(builder, sensor, chassis_motion=ports.motion("chassis_motion"))
-    ages = {"imu_age": imu, "speed_age": gps}
-    if tail is None:
-        tail_state = ports.motion("tail_state")
-    else:
-        tail_state, encoders = _add_encoders(builder, scenario, ports, tail.air)
-        ages |= encoders
-
-    # Ports of the station.
+    # Sensors, and the ports of the station.
+    outputs = _add_sensors(builder, scenario, ports, tail)
     for name in STATION_INPUTS:
         builder.ExportInput(inputs[name], name)
-    outputs = {
-        "tail_state": tail_state,
-        "tail_torque": motor_torques,
-        "imu": imu.GetOutputPort("imu"),
-        "speed": gps.GetOutputPort("speed"),
-        "status": _add_status(builder, ages),
-        "plant_state_truth": car.plant.get_state_output_port(),
-    }
+    outputs["tail_torque"] = motor_torques
+    outputs["plant_state_truth"] = car.plant.get_state_output_port()
     if with_truth:
         outputs |= _add_truth(builder, scenario, car, ports, torques, tail, air)
     elif tail is not None:
@@ -186,6 +166,15 @@ def _add_simulated_car(
     export_outputs(builder, outputs)
     if meshcat is not None:
         MeshcatVisualizer.AddToBuilder(builder, car.scene_graph, meshcat)
+
+
+def _ignored_commands(builder: DiagramBuilder) -> dict[str, InputPort]:
+    """Adds a system that takes the commands of a tail that is not there; returns its ports."""
+    ignored = Multiplexer([TAIL_COMMAND.size] * len(TAIL_JOINTS))
+    builder.AddNamedSystem("ignored_commands", ignored)
+    return {
+        f"{joint}_command": ignored.get_input_port(index) for index, joint in enumerate(TAIL_JOINTS)
+    }
 
 
 @dataclass(frozen=True)
@@ -213,8 +202,10 @@ class TailDrives:
         ports: PlantPorts,
         wind: OutputPort | None,
         tail_motor: TailMotorFactory,
-    ) -> "TailDrives":
+    ) -> TailDrives:
         """Adds two motors, the friction of their joints, and the air on the sail."""
+        from aerodima.workbench.car.car_air import TailAerodynamics
+
         commands = {}
         torques = []
         for joint in TAIL_JOINTS:
@@ -237,11 +228,11 @@ class TailDrives:
         rates = [Variable(joint) for joint in TAIL_JOINTS]
         law = scenario.friction
         with np.errstate(invalid="ignore"):  # NumPy sees a NaN in every expression
-            friction = [
+            friction: Any = [
                 joint_friction(Expression(rate), law.coulomb, law.viscous, law.tanh_gain)
                 for rate in rates
             ]
-        system = SymbolicVectorSystem(input=rates, output=friction)
+        system = SymbolicVectorSystem(input=np.array(rates), output=np.array(friction))
         add_and_connect(builder, system, "joint_friction", u0=ports.motion("tail_rates"))
         joint_torques = add_and_connect(
             builder,
@@ -254,6 +245,36 @@ class TailDrives:
             builder, scenario, car.plant, tail_motion=ports.motion("tail_motion"), wind=wind
         )
         return cls(commands, motor_torques, joint_torques.get_output_port(), air)
+
+
+def _add_sensors(
+    builder: DiagramBuilder, scenario: Scenario, ports: PlantPorts, tail: TailDrives | None
+) -> dict[str, OutputPort]:
+    """Adds what the car measures; returns the station's ports of sensors and status."""
+    step = scenario.simulation.step
+    imu = Imu(
+        scenario.imu,
+        p_BoImu_B=(scenario.imu.x, 0.0, scenario.imu.z),
+        seed=scenario.seed,
+        step=step,
+        discrete=True,
+        gravity=scenario.environment.gravity,
+    )
+    gps = GpsSpeed(scenario.gps, seed=scenario.seed, step=step, discrete=True)
+    for sensor in (imu, gps):
+        add_and_connect(builder, sensor, chassis_motion=ports.motion("chassis_motion"))
+    ages: dict[str, System] = {"imu_age": imu, "speed_age": gps}
+    if tail is None:
+        tail_state = ports.motion("tail_state")
+    else:
+        tail_state, encoders = _add_encoders(builder, scenario, ports, tail.air)
+        ages |= encoders
+    return {
+        "tail_state": tail_state,
+        "imu": imu.GetOutputPort("imu"),
+        "speed": gps.GetOutputPort("speed"),
+        "status": _add_status(builder, ages),
+    }
 
 
 def _add_encoders(
@@ -323,6 +344,8 @@ def _add_truth(
     }
     names = ["body_truth", "contact_truth"]
     if tail is not None:
+        from aerodima.workbench.car.car_air import add_sail_report
+
         report = add_sail_report(builder, plant, scenario, wind)
         force = tail.air.GetOutputPort("force")
         sources["tail_torque"] = tail.motor_torques

@@ -1,7 +1,10 @@
 """Brushless drive on the rear differential; steering servo with its linkage (design section 6)."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
@@ -16,8 +19,10 @@ from aerodima.workbench.scenario.car_parameters import (
     DriveParameters,
     ServoParameters,
 )
-from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import WHEELS
+
+if TYPE_CHECKING:
+    from aerodima.workbench.scenario.scenario import Scenario
 
 FRAME_TOLERANCE = 1e-4
 """Of a frame of the servo; a step that falls on its begin up to rounding has it begun."""
@@ -188,7 +193,7 @@ class DriveTrain(LeafSystem):
     @classmethod
     def add_to_builder(
         cls, builder: DiagramBuilder, scenario: Scenario, *, spins: OutputPort
-    ) -> "DriveTrain":
+    ) -> DriveTrain:
         """Adds a drive train to the plant with these spins."""
         return add_and_connect(builder, cls(scenario), spins=spins)
 
@@ -231,7 +236,7 @@ class SteeringServo(LeafSystem):
     @classmethod
     def add_to_builder(
         cls, builder: DiagramBuilder, scenario: Scenario, *, last_frame: OutputPort
-    ) -> "SteeringServo":
+    ) -> SteeringServo:
         """Adds a servo that goes on from its frame in the plant's last step."""
         return add_and_connect(builder, cls(scenario), last_frame=last_frame)
 

@@ -166,7 +166,6 @@ def _make_obstacles(built: Any, turning: TailParameters | None) -> dict[Any, str
     the pairs of rod or sail with an obstacle.
     """
     from pydrake.geometry import (
-        Box,
         CollisionFilterDeclaration,
         Cylinder,
         GeometryInstance,
@@ -210,14 +209,7 @@ def _make_obstacles(built: Any, turning: TailParameters | None) -> dict[Any, str
                     rest.append(geometry)
                 else:
                     parts[geometry] = part
-    slab = GeometryInstance(
-        RigidTransform(np.array([0.0, 0.0, -0.5])),
-        Box(_GROUND_SIZE, _GROUND_SIZE, 1.0),
-        "range_of_motion_ground",
-    )
-    slab.set_proximity_properties(ProximityProperties())
-    ground = graph.RegisterAnchoredGeometry(source, slab)
-    parts[ground] = "ground"
+    parts[_register_ground(graph, source)] = "ground"
     everything = GeometrySet([*parts, *arm, *rest])
     filters = CollisionFilterDeclaration()
     filters.ExcludeWithin(before).ExcludeBetween(before, everything)
@@ -225,6 +217,20 @@ def _make_obstacles(built: Any, turning: TailParameters | None) -> dict[Any, str
     filters.ExcludeBetween(GeometrySet(arm), GeometrySet(rest))
     graph.collision_filter_manager().Apply(filters)
     return parts
+
+
+def _register_ground(graph: Any, source: Any) -> Any:
+    """Gives the ground a body with a proximity role; returns its geometry."""
+    from pydrake.geometry import Box, GeometryInstance, ProximityProperties
+    from pydrake.math import RigidTransform
+
+    slab = GeometryInstance(
+        RigidTransform(np.array([0.0, 0.0, -0.5])),
+        Box(_GROUND_SIZE, _GROUND_SIZE, 1.0),
+        "range_of_motion_ground",
+    )
+    slab.set_proximity_properties(ProximityProperties())
+    return graph.RegisterAnchoredGeometry(source, slab)
 
 
 def _part(body: str, geometry: str) -> str | None:

@@ -19,10 +19,10 @@ import numpy as np
 from pydrake.geometry import Ellipsoid, Sphere
 from pydrake.multibody.tree import BodyIndex, Joint, PrismaticJoint, RevoluteJoint, WeldJoint
 
-from aerodima.workbench.aero.sail import rotation_rows
 from aerodima.workbench.car.car_plant import GROUND_STIFFNESS, CarPlant
 from aerodima.workbench.car.ground_truth import contact_slots
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.elementwise import rotation_rows
 from aerodima.workbench.scenario.signal_table import GROUND_CONTACTS, WHEELS
 
 _NUDGE = 1e-3

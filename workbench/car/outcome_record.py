@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import VectorLogSink
 
-from aerodima.workbench.aero.sail import rotation_rows
 from aerodima.workbench.car.car_sensors import ChassisMotion, felt_at, in_body
 from aerodima.workbench.car.car_station import simulated_car
 from aerodima.workbench.car.ground_loads import GroundLoads
@@ -25,6 +24,7 @@ from aerodima.workbench.car.turn_signals import settled_row
 from aerodima.workbench.car.verdict import CALM_FOR, CALM_SPIN
 from aerodima.workbench.control.manoeuvre import run_time
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.elementwise import rotation_rows
 from aerodima.workbench.core.event_order import row_period
 from aerodima.workbench.core.port_wiring import add_and_connect, add_selector, vector_of
 from aerodima.workbench.scenario.scenario import Scenario

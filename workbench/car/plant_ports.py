@@ -8,6 +8,7 @@ forces together. A third system holds what the drives need of the last step.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import (
@@ -82,7 +83,7 @@ class PlantPorts:
         self._car = car
         plant = car.plant
         if plant.has_sampled_output_ports():
-            hold: type[LeafSystem] = SampledHold
+            hold: Any = SampledHold
         else:
             hold = ZeroOrderHold
         self._hold = builder.AddNamedSystem("last_step", hold(plant.time_step(), LAST_FRAME.stop))

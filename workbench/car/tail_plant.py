@@ -11,21 +11,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from itertools import pairwise
-from pathlib import Path
-from typing import NamedTuple
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-import yaml
+from pydrake.multibody.tree import UnitInertia
 
 from aerodima.workbench.aero.sections import SectionLayout
-from aerodima.workbench.aero.tail_geometry import SCHEMA, Plate, TailArm, TailGeometry
-from aerodima.workbench.aero.tail_pieces import Piece
-from aerodima.workbench.core.atomic_write import write_atomically
+from aerodima.workbench.aero.tail_geometry import Plate, TailArm, TailGeometry
+from aerodima.workbench.car.laws import joint_friction
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.sdf_model import Inertial, SdfModel
-from aerodima.workbench.core.yaml_files import checked, read_yaml
 from aerodima.workbench.scenario.car_parameters import CarParameters
 from aerodima.workbench.scenario.tail_parameters import (
     SHELL_DEPTH,
@@ -33,9 +29,15 @@ from aerodima.workbench.scenario.tail_parameters import (
     TailParameters,
 )
 
+if TYPE_CHECKING:
+    from aerodima.workbench.aero.sections import SectionLayout
+    from aerodima.workbench.aero.tail_geometry import TailGeometry
+
 TAIL_SDF = "tail/tail.sdf"
 ROD_RADIUS = 0.006
 """Radius of the tail rod (m), as drawn in the SDF; used for its inertia about its own axis only."""
+HUB_RADIUS = 0.03
+"""Radius (m) of the ball that has the inertia of the tail's hub."""
 BOARD_THICKNESS = 0.002
 """Thickness of the backing board as drawn, m."""
 SAIL_TIP_MARGIN = 0.01
@@ -50,51 +52,11 @@ LEAST_INERTIA_LEFT = 0.03
 with 3 % is the same at steps of 2 ms and 0.5 ms, with less than 1 % Drake's solver gives up."""
 FrictionLaw = Callable[[float], float]
 """Joint rate (rad/s) to friction torque (N m), which opposes it."""
-_ARM_COLOUR = "0.16 0.17 0.20 1"
-"""Red, green, blue and opacity of the rod, from 0 to 1."""
-_PLATE_COLOUR = "0.93 0.74 0.18 1"
-"""Red, green, blue and opacity of the plates, from 0 to 1."""
-_THIN = 0.002
-"""Least drawn thickness of a plate, m."""
-_HALF_CYLINDER = "package://aerodima_models/tail/half_cylinder.obj"
-"""Diameter and length 1, hollow towards +y, its opening in the plane y = 0."""
-
-
-def read_tail(path: str | Path) -> TailGeometry:
-    """Reads a tail file.
-
-    Raises:
-        ModelError: no such file, a wrong key, value or unit, or a tail that cannot be; names the
-            file.
-    """
-    place = Path(path)
-    return checked(
-        TailGeometry, read_yaml(place, ModelError), str(place), ModelError, schema=SCHEMA
-    )
-
-
-def write_tail(geometry: TailGeometry, path: str | Path, *, force: bool = False) -> Path:
-    """Writes a tail file; what is read again is the same tail, to the last bit.
-
-    Raises:
-        ModelError: the file exists and `force` is not given.
-    """
-    content = geometry.model_dump(mode="json", by_alias=True, exclude_none=True)
-    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
-    return write_atomically(Path(path), text, force, ModelError)
 
 
 def smooth_friction(coulomb: float, viscous: float, tanh_gain: float) -> FrictionLaw:
-    """tau = -(Cf tanh(k w) + Vf w): thesis eq. 4.12 with the sign of ERRATA E14 and E15; k = 10
-    s/rad there.
-
-    Drake's joints have no Coulomb friction (design section 6).
-
-    Args:
-        coulomb, viscous: Cf (N m) and Vf (N m s/rad).
-        tanh_gain: k, s/rad.
-    """
-    return lambda rate: -(coulomb * math.tanh(tanh_gain * rate) + viscous * rate)
+    """Returns `laws.joint_friction` with these numbers as a function of the rate alone."""
+    return partial(joint_friction, coulomb=coulomb, viscous=viscous, tanh_gain=tanh_gain)
 
 
 class ArmInertia(NamedTuple):
@@ -134,22 +96,19 @@ def arm_inertia(tail: TailParameters, motor: TailMotorParameters, car: CarParame
     and moves no air.
     """
     model = tail_sdf(tail, motor, car)
-    hub = model.inertial("tail_hub")
-    about_root = [0.0, 0.0, 0.0]
-    product = 0.0
-    for link in ("tail_rod", "tail_sail"):
-        part = model.inertial(link)
-        x, y, z = part.com
-        levers = (y**2 + z**2, x**2 + z**2, x**2 + y**2)
-        for axis, (moment, lever) in enumerate(zip(part.moments, levers, strict=True)):
-            about_root[axis] += moment + part.mass * lever
-        product += part.products[2] - part.mass * y * z
+    arm = model.inertial("tail_rod").about_origin()
+    arm += model.inertial("tail_sail").about_origin()
+    about_joints = arm.CalcRotationalInertia().CopyToFullMatrix3()
+    hub = model.inertial("tail_hub").moments[1]
     air = 0.0
     if tail.added_mass != 0.0:
         air = tail.added_mass * sum(distance**2 for distance in added_mass_layout(tail).distances)
-    upright = hub.moments[1] + about_root[1] + air
-    sideways = hub.moments[1] + about_root[2]
-    return ArmInertia(about_root[0] + air, upright, sideways, product)
+    return ArmInertia(
+        roll=float(about_joints[0, 0]) + air,
+        pitch_upright=hub + float(about_joints[1, 1]) + air,
+        pitch_sideways=hub + float(about_joints[2, 2]),
+        pitch_product=float(about_joints[1, 2]),
+    )
 
 
 def added_mass_layout(tail: TailParameters) -> SectionLayout:
@@ -167,7 +126,11 @@ def tail_geometry(tail: TailParameters) -> TailGeometry:
     Raises:
         ModelError: the tail file is missing or wrong.
     """
+    from aerodima.workbench.aero.tail_geometry import TailGeometry
+
     if tail.has_own_geometry:
+        from aerodima.workbench.car.tail_file import read_tail
+
         try:
             return read_tail(tail.geometry)
         except ModelError as error:
@@ -210,11 +173,14 @@ def tail_sdf(
     """
     model = SdfModel(model_path(TAIL_SDF))
     geometry = geometry or tail_geometry(tail)
-    hub = 0.4 * tail.hub_mass * 0.03**2
-    model.set_inertial("tail_hub", Inertial(tail.hub_mass, (0, 0, 0), (hub, hub, hub)))
+    model.set_inertial(
+        "tail_hub", Inertial.solid(tail.hub_mass, UnitInertia.SolidSphere(HUB_RADIUS))
+    )
     model.set_inertial("tail_rod", geometry.arm_mass)
     model.set_inertial("tail_sail", geometry.sail_mass)
     if tail.has_own_geometry:
+        from aerodima.workbench.car.tail_file import set_tail_shapes
+
         corners = set_tail_shapes(model, geometry, SAIL_TIP_MARGIN)
     else:
         corners = _set_sail_shapes(model, tail)
@@ -233,15 +199,9 @@ def sail_inertial(tail: TailParameters) -> Inertial:
     """Shell and board: a uniform box as long and wide as the sail and as deep as both, balanced on
     its axis.
     """
+    box = UnitInertia.SolidBox(tail.sail_width, tail.sail_depth, tail.sail_length)
     mass = tail.mass * tail.sail_mass_fraction
-    length = mass * tail.sail_length**2 / 12
-    width = mass * tail.sail_width**2 / 12
-    deep = mass * tail.sail_depth**2 / 12
-    return Inertial(
-        mass,
-        (0, 0, tail.length - tail.sail_length / 2),
-        (length + deep, length + width, width + deep),
-    )
+    return Inertial.solid(mass, box, (0, 0, tail.length - tail.sail_length / 2))
 
 
 def _set_sail_shapes(model: SdfModel, tail: TailParameters) -> list[str]:
@@ -275,108 +235,3 @@ def ground_partner_friction(car: CarParameters) -> float:
     tyres' own pair gives exactly that. A scenario's cage friction is below twice its tyre friction.
     """
     return car.cage_friction * car.tyre_friction / (2 * car.tyre_friction - car.cage_friction)
-
-
-def set_tail_shapes(model: SdfModel, geometry: TailGeometry, margin: float) -> list[str]:
-    """Draws rod and plates, section by section, in place of what the model draws.
-
-    Args:
-        model: models/tail/tail.sdf; its links `tail_rod` and `tail_sail` have the frame T of the
-            geometry.
-        margin: radius of the spheres that feel the ground, m; they lie that far inside the outline.
-
-    Returns:
-        Names of these spheres, shapes of `tail_sail`: at the corners of plates, and at the tip of
-        an arm without one.
-    """
-    for link in ("tail_rod", "tail_sail"):
-        model.remove_shapes(link)
-    points = geometry.arm.points
-    for number, (near, far) in enumerate(pairwise(points)):
-        length = float(np.linalg.norm(far - near))
-        axis = (far - near) / length
-        across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-        across /= np.linalg.norm(across)
-        pose = _pose((near + far) / 2, np.column_stack([across, np.cross(axis, across), axis]))
-        radius = f"{geometry.arm.radius:.9g}"
-        model.add_shape(
-            "tail_rod",
-            f"rod_{number}",
-            pose,
-            "cylinder",
-            colour=_ARM_COLOUR,
-            radius=radius,
-            length=f"{length:.9g}",
-        )
-    for plate in geometry.plates:
-        for number, piece in enumerate(plate.pieces):
-            _draw(model, plate, piece, f"{plate.name.replace(' ', '_')}_{number}")
-    pieces = [piece for plate in geometry.plates for piece in plate.pieces]
-    corners = [corner for plate in geometry.plates for corner in _corners(plate, margin)]
-    if not any(_covers(piece, points[-1]) for piece in pieces):
-        corners.append(points[-1])
-    names = [f"tail_corner_{number}" for number in range(len(corners))]
-    for name, corner in zip(names, corners, strict=True):
-        model.add_shape(
-            "tail_sail", name, [*corner, 0.0, 0.0, 0.0], "sphere", radius=f"{margin:.9g}"
-        )
-    return names
-
-
-def _draw(model: SdfModel, plate: Plate, piece: Piece, name: str) -> None:
-    """A box, or half a cylinder, of the middle width of each section."""
-    part = piece.length / plate.sections
-    frame = np.column_stack([piece.across, piece.normal, piece.axis])
-    if plate.kind == "half_shell":
-        frame = np.column_stack([-piece.across, -piece.normal, piece.axis])
-    for number in range(plate.sections):
-        share = (number + 0.5) / plate.sections
-        width = piece.chords[0] + share * (piece.chords[1] - piece.chords[0])
-        pose = _pose(piece.start + share * piece.length * piece.axis, frame)
-        if plate.kind == "half_shell":
-            size = {"uri": _HALF_CYLINDER, "scale": f"{width:.9g} {width:.9g} {part:.9g}"}
-            model.add_shape(
-                "tail_sail", f"{name}_{number}", pose, "mesh", colour=_PLATE_COLOUR, **size
-            )
-        else:
-            box = f"{width:.9g} {max(plate.depth, _THIN):.9g} {part:.9g}"
-            model.add_shape(
-                "tail_sail", f"{name}_{number}", pose, "box", colour=_PLATE_COLOUR, size=box
-            )
-
-
-def _corners(plate: Plate, margin: float) -> list[np.ndarray]:
-    """Far corners of each piece in T, m, and near ones of a first piece that narrows; all lie
-    inside the outline.
-    """
-    found = []
-    for number, piece in enumerate(plate.pieces):
-        near, far = piece.chords
-        inset = min(margin, piece.length / 2)
-        ends = [(far, piece.length - inset)]
-        if number == 0 and near > far:
-            ends.append((near, inset))
-        for chord, along in ends:
-            side = max(chord / 2 - margin, 0.0)
-            found += [
-                piece.start + along * piece.axis + sign * side * piece.across
-                for sign in (-1.0, 1.0)
-            ]
-    return found
-
-
-def _covers(piece: Piece, point: np.ndarray) -> bool:
-    """Whether a point in T lies on a piece, to a millimetre."""
-    from_start = point - piece.start
-    along = float(from_start @ piece.axis)
-    across = float(from_start @ piece.across)
-    off = float(from_start @ piece.normal)
-    near, far = piece.chords
-    width = near + (far - near) * min(max(along / piece.length, 0.0), 1.0)
-    return -1e-3 < along < piece.length + 1e-3 and abs(across) < width / 2 and abs(off) < 1e-3
-
-
-def _pose(position: np.ndarray, frame: np.ndarray) -> list[float]:
-    from pydrake.math import RollPitchYaw, RotationMatrix
-
-    return [*position.tolist(), *RollPitchYaw(RotationMatrix(frame)).vector().tolist()]

@@ -43,3 +43,24 @@ def where(condition: Any, chosen: Any, other: Any) -> Any:
     if isinstance(condition, (bool, np.bool_)):
         return chosen if condition else other
     return np.where(condition, chosen, other)
+
+
+def rotation_rows(quaternion: Any) -> tuple[Any, Any, Any]:
+    """Rows (3) of the rotation matrix of a quaternion w, x, y, z of any length; of arrays (n) each
+    entry is one (n).
+    """
+    w, x, y, z = quaternion
+    xx = x * x
+    yy = y * y
+    zz = z * z
+    xy = x * y
+    xz = x * z
+    yz = y * z
+    wx = w * x
+    wy = w * y
+    wz = w * z
+    scale = 2.0 / (w * w + xx + yy + zz)
+    first = (1.0 - scale * (yy + zz), scale * (xy - wz), scale * (xz + wy))
+    second = (scale * (xy + wz), 1.0 - scale * (xx + zz), scale * (yz - wx))
+    third = (scale * (xz - wy), scale * (yz + wx), 1.0 - scale * (xx + yy))
+    return first, second, third

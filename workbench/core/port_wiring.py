@@ -52,8 +52,9 @@ def declare_spatial_forces(
 
 def vector_of(port: InputPort | OutputPort, context: Context) -> FloatArray:
     """Value (n,) of a vector port; of an input port an array that is not to be changed."""
-    value: FloatArray = port.Eval(context)
-    return value
+    value: Any = port.Eval(context)
+    vector: FloatArray = value
+    return vector
 
 
 class DiscreteVector:

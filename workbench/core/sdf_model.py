@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from pydrake.multibody.tree import RotationalInertia, SpatialInertia, UnitInertia
 
 from aerodima.workbench.core.errors import ModelError
 
@@ -39,6 +40,21 @@ class Inertial:
         """Build the inertia about the centre of mass (3 x 3), kg m2."""
         xy, xz, yz = self.products
         return np.diag(self.moments) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
+
+    @classmethod
+    def solid(
+        cls, mass: float, shape: UnitInertia, com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ) -> "Inertial":
+        """Returns the inertia of a solid (kg) of a shape, such as `UnitInertia.SolidBox`, with its
+        middle at `com`, m.
+        """
+        xx, yy, zz = (mass * shape.get_moments()).tolist()
+        return cls(mass, com, (xx, yy, zz))
+
+    def about_origin(self) -> SpatialInertia:
+        """Returns the inertia about the origin of the link, in its axes."""
+        central = RotationalInertia(*self.moments, *self.products)
+        return SpatialInertia.MakeFromCentralInertia(self.mass, np.array(self.com), central)
 
 
 class SdfModel:

@@ -11,7 +11,8 @@ from pydrake.math import RollPitchYaw
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.aero.tail_geometry import Plate, TailArm, TailGeometry
 from aerodima.workbench.aero.tail_mass import inertia_of_inertial, inertial_of_inertia
-from aerodima.workbench.car.tail_plant import read_tail, tail_geometry, tail_sdf, write_tail
+from aerodima.workbench.car.tail_file import read_tail, write_tail
+from aerodima.workbench.car.tail_plant import tail_geometry, tail_sdf
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.sdf_model import Inertial
 from aerodima.workbench.scenario.scenario import load_scenario, scenario_from_dict

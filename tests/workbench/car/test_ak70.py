@@ -144,3 +144,14 @@ def test_held_load_is_met_exactly_whatever_the_step():
     hold = [0.05, 0.0, 20.0, 5.0, 0.0]
     output = motor_torques((hold, hold), [0.0] * 4, torque=1.0, step=0.01)
     np.testing.assert_allclose(output, [1.0, 1.0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("error", [0.1, -0.2])
+def test_gains_and_feedforward_are_wrong_alike_and_the_peak_stays(error):
+    wrong = MOTOR.model_copy(update={"torque_error": error})
+    for command in ((0.3, 0.0, 20.0, 0.0, 0.0), (0.0, -0.6, 0.0, 2.0, 0.0), (0.0,) * 4 + (0.5,)):
+        torque = mit_torque(0.1, 0.4, command, MOTOR, UNLIMITED)
+        found = mit_torque(0.1, 0.4, command, wrong, UNLIMITED)
+        assert found == pytest.approx((1.0 + error) * torque)
+    strong = (0.0,) * 4 + (100.0,)
+    assert mit_torque(0.0, 0.0, strong, wrong, UNLIMITED) == MOTOR.torque_limit

@@ -11,8 +11,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from aerodima.workbench.aero.added_mass import add_added_mass
-from aerodima.workbench.car.ak70 import TailJoints
+from aerodima.workbench.car.ak70 import TAIL_JOINTS, TailMotor
 from aerodima.workbench.car.car_plant import parse_model
+from aerodima.workbench.car.laws import joint_friction
 from aerodima.workbench.car.tail_plant import (
     added_mass_layout,
     arm_inertia,
@@ -31,8 +32,12 @@ class ArmDrive(LeafSystem):
 
     def __init__(self, scenario, plant, arm, commands):
         super().__init__()
-        self.joints = TailJoints.of_scenario(scenario)
-        self.commands = commands
+        self.motors = [TailMotor(scenario, joint) for joint in TAIL_JOINTS]
+        self.contexts = [motor.CreateDefaultContext() for motor in self.motors]
+        for motor, context, command in zip(self.motors, self.contexts, commands, strict=True):
+            motor.GetInputPort("tail_command").FixValue(context, command)
+        self.friction = scenario.friction
+        self.step = scenario.simulation.step
         self.nq = plant.num_positions()
         joints = [plant.GetJointByName(name, arm) for name in ("tail_pitch", "tail_roll")]
         self.places = [(joint.position_start(), joint.velocity_start()) for joint in joints]
@@ -51,11 +56,19 @@ class ArmDrive(LeafSystem):
         state, acceleration, last = (
             port.Eval(context).tolist() for port, _ in self.sources.values()
         )
-        angles = [state[q] for q, _ in self.places]
-        rates = [state[self.nq + v] for _, v in self.places]
-        past = [acceleration[v] for _, v in self.places]
-        torques = self.joints.torques(angles, rates, past, last, self.commands)
-        output.SetFromVector([motor + friction for motor, friction in torques])
+        roll = state[self.places[1][0]]
+        torques = []
+        for index, (q, v) in enumerate(self.places):
+            rate = state[self.nq + v]
+            before = rate - acceleration[v] * self.step
+            motion = [state[q], rate, 1.0, before, last[index], roll]
+            motor = self.motors[index]
+            context = self.contexts[index]
+            motor.GetInputPort("joint_motion").FixValue(context, motion)
+            (torque,) = motor.GetOutputPort("torque").Eval(context)
+            law = self.friction
+            torques.append(torque + joint_friction(rate, law.coulomb, law.viscous, law.tanh_gain))
+        output.SetFromVector(torques)
 
     def wire(self, builder, plant, arm):
         builder.AddSystem(self)

@@ -10,13 +10,8 @@ from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.car.car_air import sail_layout, sail_strips
 from aerodima.workbench.car.car_plant import add_car_plant
 from aerodima.workbench.car.ground_truth import TAIL_TRUTH
-from aerodima.workbench.car.tail_plant import (
-    arm_inertia,
-    read_tail,
-    tail_geometry,
-    tail_sdf,
-    write_tail,
-)
+from aerodima.workbench.car.tail_file import read_tail, write_tail
+from aerodima.workbench.car.tail_plant import arm_inertia, tail_geometry, tail_sdf
 from aerodima.workbench.core.errors import ModelError, ScenarioError
 from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 from aerodima.workbench.scenario.scenario import load_scenario
