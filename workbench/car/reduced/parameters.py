@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -142,7 +142,7 @@ class VehicleParams:
             ModelError: the full car does not load.
         """
         bodies: dict[str, dict[str, Any]] = {}
-        numbers = []
+        cars = []
         for scenario in scenarios:
             _refuse_unknown(scenario)
             key = scenario.model_dump_json(
@@ -150,12 +150,11 @@ class VehicleParams:
             )
             if key not in bodies:
                 bodies[key] = _bodies(scenario)
-            values = _car(scenario) | _tail(scenario) | bodies[key]
-            numbers.append({name: np.array(value, float) for name, value in values.items()})
+            cars.append(_car(scenario) | _tail(scenario) | bodies[key])
         return cls(
             **{
-                field.name: np.stack([n[field.name] for n in numbers], axis=-1)
-                for field in fields(cls)
+                name: np.stack([np.array(car[name], float) for car in cars], axis=-1)
+                for name in cars[0]
             }
         )
 

@@ -14,8 +14,9 @@ from numpy.testing import assert_allclose
 from aerodima.optimisation.judge.reduced_entries import gains_of
 from aerodima.workbench import load_scenario
 from aerodima.workbench.car.reduced.compiled import steps
+from aerodima.workbench.car.reduced.compiled.batch_arrays import attributes
 from aerodima.workbench.car.reduced.compiled.machine_code import LANES
-from aerodima.workbench.car.reduced.compiled.steps import attributes, run, run_in_numpy
+from aerodima.workbench.car.reduced.compiled.steps import run, run_in_numpy
 from aerodima.workbench.car.reduced.entry_runs import EntryRollout
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.states import STATES

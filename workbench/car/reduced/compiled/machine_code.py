@@ -14,7 +14,7 @@ from typing import Any
 import llvmlite.binding as llvm
 import numpy as np
 
-from aerodima.workbench.car.reduced.compiled.steps import attributes
+from aerodima.workbench.car.reduced.compiled.batch_arrays import attributes
 from aerodima.workbench.car.reduced.compiled.trace import Node, Trace, TracedArray
 from aerodima.workbench.core.array_types import FloatArray
 

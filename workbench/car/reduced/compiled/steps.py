@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
 import numpy as np
 
+from aerodima.workbench.car.reduced.compiled.batch_arrays import attributes
 from aerodima.workbench.core.array_types import FloatArray
 
 _COMPILED: dict[tuple[Any, ...], Any] = {}
@@ -68,21 +68,6 @@ def run_in_numpy(
         if keep:
             kept.append(results)
     return [np.array(values) for values in zip(*kept, strict=True)]
-
-
-def attributes(batch: Any, known: set[int] | None = None) -> Iterator[tuple[dict[str, Any], str]]:
-    """Yields where the arrays and constants of an object are, and those of its parts, each part
-    once.
-    """
-    known = set() if known is None else known
-    if id(batch) in known:
-        return
-    known.add(id(batch))
-    for name, value in vars(batch).items():
-        if hasattr(value, "__dict__") and not isinstance(value, np.ndarray) and not callable(value):
-            yield from attributes(value, known)
-        else:
-            yield vars(batch), name
 
 
 @cache
