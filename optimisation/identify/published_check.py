@@ -327,7 +327,8 @@ def fit_rig_constants(rows: pd.DataFrame | None = None) -> RigConstants:
     table["relative_error"] = predicted / published - 1.0
     ordered = table.sort_values("published_a")
     labels = "published current, A", "current from the published coefficients, A"
-    curve = make_curve(ordered.published_a, ordered.predicted_a, ordered.published_a, *labels)
+    currents = ordered.published_a.to_numpy(), ordered.predicted_a.to_numpy()
+    curve = make_curve(*currents, currents[0], *labels)
     return RigConstants(replace(result, curves={"holding current": curve}), table)
 
 
