@@ -177,11 +177,8 @@ def make_result(
     rms = {}
     for name, (rows, weight) in channels.items():
         rms[name] = float(np.sqrt(np.mean(np.square(solution.residual[rows])))) * weight
-    unidentifiable = tuple(
-        direction
-        for direction in intervals.unidentifiable
-        if direction.split(" ")[0] not in constants
-    )
+    directions = intervals.unidentifiable
+    unidentifiable = tuple(text for text in directions if text.split(" ")[0] not in constants)
     beyond = dict(zip(parameters.names, intervals.beyond.tolist(), strict=True))
     best = solution.best
     found = [*warnings, *(f"the data do not determine {text}" for text in unidentifiable)]

@@ -62,10 +62,10 @@ class SolverOptions:
         jacobian: `differences` takes it anew in every step; `secant` carries it on by Broyden's
             update, for residuals that cost seconds.
         settled: a next step that predicts to lower the cost by less ends the fit.
-        reweigh: called with the unknowns (p) before every step; the factors (m) by which the
-            divisors of the residual grow there and from there on.
         roughness: by which a step may raise the cost. Both are in units of half a squared standard
             deviation, or of the mean square of the residual where that is above 1.
+        reweigh: called with the unknowns (p) before every step; returns the factors (m) by which
+            the divisors of the residual grow there and from there on.
     """
 
     max_steps: int = 100

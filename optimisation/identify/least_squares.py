@@ -39,7 +39,8 @@ class Parameter:
         scale: typical size, in `unit`: the solver works on value / scale. By default a quarter of
             the range between finite bounds, else the size of the initial value, else 1.
         prior_std: standard deviation with which the initial value is known beforehand; infinite
-            when nothing is known.
+            when nothing is known. Fits with constants of a rig and of a car use it; a problem of
+            your own has a row (value - initial) / prior_std in its weighted residual.
         seed: deprecated keyword for `initial`.
 
     Raises:

@@ -21,7 +21,7 @@ from aerodima.optimisation.identify.coefficient_averages import averages
 from aerodima.optimisation.identify.fit_pipeline import fit
 from aerodima.optimisation.identify.fit_result import FitResult, make_curve
 from aerodima.optimisation.identify.huber import Loss, huber
-from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem
+from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution
 from aerodima.optimisation.identify.noise import Noise, independent_noise
 from aerodima.optimisation.identify.rig_constants import with_values
 from aerodima.workbench.core.array_types import FloatArray
@@ -57,14 +57,16 @@ def check_published() -> tuple[list[FitResult], dict[str, pd.DataFrame]]:
         "weighted averages": len(table),
         "robot tail: mean C_N": float(robot_tail_rows().cd.mean()),
     }
-    cells = currents.assign(absolute=np.abs(currents.relative_error)).groupby(_CELL[:3])["absolute"]
-    return [constants.fit, line], {
+    errors = currents.assign(absolute=np.abs(currents.relative_error))
+    cells = errors.groupby(_CELL[:3])["absolute"]
+    tables = {
         "summary": pd.DataFrame(summary.items(), columns=["quantity", "value"]),
         "currents_by_cell": cells.agg(["median", "max", "size"]).reset_index(),
         "current_outliers": constants.outliers,
         "weighted_averages": table,
         "static_cells": static_cells(),
     }
+    return [constants.fit, line], tables
 
 
 def static_rows() -> pd.DataFrame:
@@ -168,17 +170,20 @@ def fit_line(
     """
     height = float(np.std(y)) or float(np.max(np.abs(y))) or 1.0
     steepness = height / (float(np.std(x)) or 1.0)
-    parameters = Parameters.of(
-        [Parameter(*slope, 0.0, scale=steepness), Parameter(*offset, 0.0, scale=height)]
-    )
+    unknowns = [Parameter(*slope, 0.0, scale=steepness), Parameter(*offset, 0.0, scale=height)]
     design = np.column_stack([x, np.ones_like(x)]) / height
-    return fit(
-        Problem(parameters, lambda p: design @ p - y / height, lambda p: design, name=name),
-        lambda solution: independent_noise(solution.residual, len(parameters.free)),
-        channels={channel: (slice(None), height)},
-        facts={"points": len(x)},
-        loss=loss,
-    )
+
+    def residual(p: FloatArray) -> FloatArray:
+        return design @ p - y / height
+
+    problem = Problem(Parameters.of(unknowns), residual, lambda _: design, name=name)
+    channels = {channel: (slice(None), height)}
+    facts = {"points": len(x)}
+    return fit(problem, _independent, channels=channels, facts=facts, loss=loss)
+
+
+def _independent(solution: Solution) -> Noise:
+    return independent_noise(solution.residual, len(solution.x))
 
 
 def robot_tail_line() -> FitResult:
@@ -306,8 +311,11 @@ def fit_rig_constants(rows: pd.DataFrame | None = None) -> RigConstants:
         trial = {tail: with_constants(rig, tail, values) for tail, rig in rigs.items()}
         return (predicted_currents(trial, rows) - published) / size
 
+    def residual(x: FloatArray) -> FloatArray:
+        return huber(errors(x) / _TOLERANCE, 1.0)
+
     result = fit(
-        Problem(parameters, lambda x: huber(errors(x) / _TOLERANCE, 1.0), name="rig constants"),
+        Problem(parameters, residual, name="rig constants"),
         lambda solution: _cell_noise(solution.residual, rows, len(parameters.free)),
         channels={"current": (slice(None), _TOLERANCE)},
         facts={"rows": len(rows)},
@@ -319,7 +327,8 @@ def fit_rig_constants(rows: pd.DataFrame | None = None) -> RigConstants:
     table["relative_error"] = predicted / published - 1.0
     ordered = table.sort_values("published_a")
     labels = "published current, A", "current from the published coefficients, A"
-    curve = make_curve(ordered.published_a, ordered.predicted_a, ordered.published_a, *labels)
+    currents = ordered.published_a.to_numpy(), ordered.predicted_a.to_numpy()
+    curve = make_curve(*currents, currents[0], *labels)
     return RigConstants(replace(result, curves={"holding current": curve}), table)
 
 

@@ -171,22 +171,16 @@ def test_costs_and_constraints_of_a_user_are_met_and_snopt_agrees_on_the_whole_p
 
 def test_a_kept_jacobian_asks_for_fewer_residuals_and_finds_the_same_minimum():
     calls = []
-
-    def counted(x):
-        calls.append(x)
-        return problem.residual(x)
-
     problem = decay()
-    costs = {}
-    for jacobian in ("differences", "secant"):
-        calls.clear()
-        options = SolverOptions(jacobian=jacobian, settled=1e-9)
-        found = solve_from(
-            FitProgram(replace(problem, residual=counted)), problem.parameters.initial, options
-        )
-        costs[jacobian] = len(calls)
-        assert found.x == pytest.approx(solve(problem).x, rel=1e-3)
-    assert costs["secant"] < costs["differences"]
+    program = FitProgram(
+        replace(problem, residual=lambda x: calls.append(x) or decay().residual(x))
+    )
+    start = problem.parameters.initial
+    solve_from(program, start, SolverOptions(settled=1e-9))
+    fresh = len(calls)
+    kept = solve_from(program, start, SolverOptions(jacobian="secant", settled=1e-9))
+    assert len(calls) - fresh < fresh
+    assert kept.x == pytest.approx(solve(problem).x, rel=1e-3)
 
 
 SLOPE, OFFSET = ("slope", "1"), ("offset", "1")
