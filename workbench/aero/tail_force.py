@@ -130,7 +130,8 @@ class TailForceParts(SystemParts):
 
     def reporter(self) -> Any:
         """The same system again, to be watched beside a diagram that hides its ports."""
-        return type(self)(self._plant, self.body, *self._settings)
+        make: Any = type(self)
+        return make(self._plant, self.body, *self._settings)
 
     @property
     def law(self) -> SectionLaw:

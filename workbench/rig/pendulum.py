@@ -119,10 +119,18 @@ class PendulumModel:
     pivot: tuple[float, float, float]
 
     @classmethod
-    def from_scenario(cls, scenario: RigScenario, sections: int | None = None) -> PendulumModel:
-        """Makes the pendulum of a rig, with `aero.sections` sections a strip by default."""
+    def from_scenario(
+        cls, scenario: RigScenario, law: SectionLaw | None = None, sections: int | None = None
+    ) -> PendulumModel:
+        """Makes the pendulum of a rig.
+
+        Args:
+            scenario: of the rig.
+            law: of the tail; that of the scenario by default.
+            sections: of the tail; `aero.sections` by default.
+        """
         bodies = _bodies(scenario)
-        strips = _strips(scenario, sections)
+        strips = _strips(scenario, law, sections)
         motor = scenario.robot_motor
         rotor = scenario.maxon.reflected_inertia
         if scenario.is_robot:
@@ -195,11 +203,14 @@ def _bodies(scenario: RigScenario) -> list[PendulumBody]:
     return bodies
 
 
-def _strips(scenario: RigScenario, sections: int | None) -> tuple[AeroStrip, ...]:
+def _strips(
+    scenario: RigScenario, law: SectionLaw | None, sections: int | None
+) -> tuple[AeroStrip, ...]:
     """Strips that the wind meets, the tail last; none on the bare bar."""
     if scenario.experiment.kind == "bar_swing":
         return ()
-    law, _ = rig_law(scenario)
+    if law is None:
+        law, _ = rig_law(scenario)
     layout = tail_layout(scenario, sections)
     if scenario.is_robot:
         return (AeroStrip(law, layout),)
@@ -257,13 +268,10 @@ def air_torque(scenario: RigScenario, law: SectionLaw | None = None) -> Torque |
     Args:
         law: of the tail; that of the scenario by default.
     """
-    pendulum = PendulumModel.from_scenario(scenario)
-    strips = list(pendulum.strips)
+    pendulum = PendulumModel.from_scenario(scenario, law)
+    strips = pendulum.strips
     if not strips:
         return None
-    if law is not None:
-        strips[-1] = replace(strips[-1], law=law)
-
     density = pendulum.density
 
     def torque(angle: float, rate: float) -> float:
@@ -337,10 +345,10 @@ class StaticBalance:
                 f"static fit: experiment {scenario.experiment.kind!r} has no cheetah tail on the "
                 "rig"
             )
-        pendulum = PendulumModel.from_scenario(scenario, sections=1)
-        bar, tail = pendulum.strips
-        strips = (bar, replace(tail, law=_UNIT_DRAG), replace(tail, law=_UNIT_LIFT))
-        return cls(scenario, replace(pendulum, strips=strips))
+        pendulum = PendulumModel.from_scenario(scenario, _UNIT_DRAG, sections=1)
+        bar, drag = pendulum.strips
+        lift = replace(drag, law=_UNIT_LIFT)
+        return cls(scenario, replace(pendulum, strips=(bar, drag, lift)))
 
     @property
     def torque_constant(self) -> float:
