@@ -189,8 +189,8 @@ def robot_tables(results: list[FitResult], out: Path) -> Extra:
     """Writes a coefficient file of the bins, and all averages."""
     from aerodima.optimisation.identify.coefficient_averages import robot_tail_set, write_sets
 
-    found = robot_tail_set(results)
-    for path in write_sets(out, {"robot_tail_bins": found} if found else {}):
+    bins = robot_tail_set(results)
+    for path in write_sets(out, {"robot_tail_bins": bins} if bins else {}):
         typer.echo(f"wrote {path}")
     return averages(results, out)
 
@@ -198,13 +198,13 @@ def robot_tables(results: list[FitResult], out: Path) -> Extra:
 def choice(flag: str, given: str, allowed: tuple[Any, ...]) -> Any:
     """Returns `given`, when it is one of the allowed words; FitError otherwise."""
     if given not in allowed:
-        raise FitError(f"{flag} {given}: allowed: {', '.join(allowed)}")
+        raise FitError(f"{flag} {given}: must be one of {', '.join(allowed)}")
     return given
 
 
 def bounds_of(given: list[str] | None) -> tuple[tuple[str, float, float], ...]:
     """Reads `name=low,high` as name and two numbers; FitError where that cannot be read."""
-    found = []
+    bounds = []
     for text in given or []:
         name, _, numbers = text.partition("=")
         try:
@@ -213,8 +213,8 @@ def bounds_of(given: list[str] | None) -> tuple[tuple[str, float, float], ...]:
             raise FitError(f"--bound {text}: write it as name=lowest,highest") from None
         if not low < high:
             raise FitError(f"--bound {text}: the lowest must be below the highest")
-        found.append((name, low, high))
-    return tuple(found)
+        bounds.append((name, low, high))
+    return tuple(bounds)
 
 
 def register(app: typer.Typer) -> None:

@@ -52,7 +52,7 @@ def engine_for(
 
 @contextmanager
 def runs_in(out: Path, work: cli.WorkOptions) -> Iterator[CachedRunner]:
-    """Runs that are kept in a folder; its engine and who computes them are what the options say."""
+    """Runs that are kept in a folder; its engine and its workers are those of the options."""
     from aerodima.optimisation.studies.runs import cached_runs
 
     with (

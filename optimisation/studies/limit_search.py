@@ -88,11 +88,13 @@ def run_rounds(
         record: receives each result.
     """
     while True:
-        wanted = [(who, value) for who in candidates for value in next_values(who)]
+        wanted = [
+            (candidate, value) for candidate in candidates for value in next_values(candidate)
+        ]
         if not wanted:
             return
-        for (who, value), result in zip(wanted, run(wanted), strict=True):
-            record(who, value, result)
+        for (candidate, value), result in zip(wanted, run(wanted), strict=True):
+            record(candidate, value, result)
 
 
 @dataclass(frozen=True)

@@ -59,14 +59,14 @@ class BoundStart:
     Attributes:
         manoeuvre, tail: of the suite.
         car: settings.
-        who: of `CANDIDATE_NAMES`.
+        candidate: of `CANDIDATE_NAMES`.
         seed: of all draws; `generations` beside the first one.
     """
 
     manoeuvre: str
     tail: str
     car: tuple[str, ...]
-    who: str
+    candidate: str
     seed: int
     generations: int
 
@@ -107,16 +107,16 @@ def search_bound(
         content = scenario_content(manoeuvre.scenario)
         for car, surface in cases:
             settings = (*car.settings_on(manoeuvre.scenario), *surface.settings)
-            for who in CANDIDATE_NAMES:
+            for candidate in CANDIDATE_NAMES:
                 row = {"manoeuvre": manoeuvre.name, "car": car.name, "floor": surface.name}
-                for seed in range(starts if who == BOUND else RESTARTS):
-                    item = BoundStart(name, tail, settings, who, seed, generations)
+                for seed in range(starts if candidate == BOUND else RESTARTS):
+                    item = BoundStart(name, tail, settings, candidate, seed, generations)
                     items.append(item)
-                    rows.append(row | {"who": who})
+                    rows.append(row | {"candidate": candidate})
                     keys.append(content_key("bound", vars(item), *content))
     table = make_frame(rows)
     table["speed"] = runs.map(best_speed, items, keys)
-    by_candidate = table.groupby([*CASE, "who"], sort=False)["speed"]
+    by_candidate = table.groupby([*CASE, "candidate"], sort=False)["speed"]
     best = by_candidate.max().unstack(sort=False)
     best[BOUND] = best[[BOUND, "feedback"]].max(axis=1)
     return best.reset_index()
@@ -130,13 +130,13 @@ def best_speed(start: BoundStart) -> float:
     on.
     """
     (chosen,) = select_manoeuvres([start.manoeuvre], start.tail)
-    car = reduced_cars(chosen, [start.car], CANDIDATES.get(start.who, FEEDBACK))
+    car = reduced_cars(chosen, [start.car], CANDIDATES.get(start.candidate, FEEDBACK))
     scenario = load_scenario(chosen.scenario, (*chosen.settings, *FEEDBACK.settings))
     ranges = list(DRIVER_RANGES)
-    if start.who == BOUND:
+    if start.candidate == BOUND:
         ranges += MOTION_RANGES
     low, high = np.array(ranges).T[..., None]
-    follows = float(start.who in FOLLOWING)
+    follows = float(start.candidate in FOLLOWING)
     drivers = len(DRIVER_RANGES)
     best = 0.0
 

@@ -129,7 +129,7 @@ def search_motion(
         progress(_line(number, solution))
     best = best_of(solutions)
     if best.violation > FEASIBILITY_TOL:
-        raise SwingError(f"no start came to a turn that keeps its limits; nearest: {best.worst}")
+        raise SwingError(f"no start reached a turn that keeps its limits; nearest: {best.worst}")
     return swing_of(name, task, list(zip(surfaces, turns, strict=True)), program, solutions, search)
 
 
@@ -151,7 +151,7 @@ def make_turn_nlp(
     search = search or MotionSearch()
     task = task or Task()
     if any(turn.tail.mode == "none" for turn in turns):
-        raise SwingError("tail.mode: none; allowed: a tail that can swing")
+        raise SwingError("tail.mode: none; must be a tail that can swing")
     rate = turns[0].controller.rate
     steps = math.ceil(1.0 / (rate * MAX_STEP) - 1e-9)
     length = 1.0 / (rate * steps)

@@ -107,12 +107,12 @@ class Task(StrictModel):
             )
         return there[: self.training]
 
-    def settings(self, who: Candidate, car: Member, speed: float) -> tuple[str, ...]:
+    def settings(self, candidate: Candidate, car: Member, speed: float) -> tuple[str, ...]:
         """Returns the settings of a candidate's turns with a car and a speed (m/s), but for the
         surface.
         """
         own = car.settings_on(self.scenario)
-        return (*own, *step_settings(self.step), *who.at(speed), f"{SPEED}={speed!r}")
+        return (*own, *step_settings(self.step), *candidate.at(speed), f"{SPEED}={speed!r}")
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ def test_starts_differ_by_their_seed_and_the_bound_is_no_lower_than_the_law(monk
     """A bound that was searched worse than the law counts as the law's; every start is run once."""
 
     def speed(start):
-        return {"bound": 1.0 + start.seed, "feedback": 2.5}.get(start.who, 2.0)
+        return {"bound": 1.0 + start.seed, "feedback": 2.5}.get(start.candidate, 2.0)
 
     monkeypatch.setattr(bound, "best_speed", speed)
     runs = CachedRunner()
