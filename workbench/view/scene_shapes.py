@@ -164,7 +164,7 @@ def point_paths(
     paths = np.zeros((len(positions), *p_BP.shape))
     for row, values in enumerate(positions):
         plant.SetPositions(context, values)
-        X_WB = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(body))
+        X_WB: Any = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(body))
         paths[row] = X_WB.multiply(p_BP.T).T
     return paths
 
