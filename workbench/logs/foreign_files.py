@@ -86,7 +86,7 @@ class ForeignLog:
         except (ValueError, TypeError):
             return self.numbers(name)
         seconds = (dates - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1)
-        return seconds.to_numpy(float)
+        return np.asarray(seconds, float)
 
     def _series(self, name: str) -> pd.Series:
         if name in self.unreadable:
@@ -303,7 +303,8 @@ def _numbers(table: pd.DataFrame) -> Iterator[tuple[str, pd.Series]]:
             lists = pd.DataFrame(
                 values.where(is_list, None).map(lambda value: value or []).tolist()
             )
-            lists.columns = [f"{name}({number + 1})" for number in lists.columns]
+            numbers = range(1, lists.shape[1] + 1)
+            lists.columns = [f"{name}({number})" for number in numbers]
             if lists.shape[1] <= MAX_COLUMNS:
                 yield from _numbers(lists)
 

@@ -202,7 +202,7 @@ def _times(foreign: ForeignLog, name: str, unit: str) -> FloatArray:
 
 def _unused(foreign: ForeignLog, mapping: Mapping) -> list[LogFinding]:
     """Lists the columns of the files that cannot be read, or are not in the mapping."""
-    used = {mapping.time.from_, *foreign.time_of.values()}
+    used: set[str | None] = {mapping.time.from_, *foreign.time_of.values()}
     for source in mapping.columns.values():
         used |= {source.from_, source.time}
     names = [name for name in foreign.columns if not name.endswith("@publish_time")]

@@ -94,11 +94,14 @@ def _panel(axes: Axes, shown: Sequence[Axes]) -> Json:
     siblings = axes.get_shared_x_axes().get_siblings(axes)
     linked = [other for other in shown if other in siblings]
     x_labels = [other.get_xlabel() for other in linked if other.get_xlabel()]
+    x_name = x_labels[-1] if x_labels else ""
+    title = axes.get_title(loc="left") or axes.get_title()
+    words = [text.get_text() for text in axes.texts]
     height = axes.get_position(original=True).height * figure.get_figheight() * _PIXELS_PER_INCH
     return {
-        "title": axes.get_title(loc="left") or axes.get_title(),
+        "title": title,
         "x_label": axes.get_xlabel(),
-        "x_name": (x_labels or [""])[-1].partition("   ")[0],
+        "x_name": x_name.partition("   ")[0],
         "y_label": axes.get_ylabel(),
         "x_range": _numbers(axes.get_xlim()),
         "y_range": _numbers(axes.get_ylim()),
@@ -106,7 +109,7 @@ def _panel(axes: Axes, shown: Sequence[Axes]) -> Json:
         "y_log": _is_log(axes.get_yscale()),
         "x_ticks": _ticks(axes.xaxis),
         "y_ticks": _ticks(axes.yaxis),
-        "note": " ".join(text.get_text() for text in axes.texts),
+        "note": " ".join(words),
         "linked": shown.index(linked[0]),
         "height": max(_MIN_HEIGHT, round(height)),
         "series": [_series(line, axes) for line in named],

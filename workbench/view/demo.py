@@ -54,6 +54,10 @@ FINISHED = "finished"
 """Key in that file."""
 
 
+Turns = tuple[tuple[str, float], ...]
+"""Tail mode and commanded speed, m/s, of several turns."""
+
+
 @dataclass(frozen=True)
 class DemoPlan:
     """Which turns are run and which of them are shown in full.
@@ -67,10 +71,10 @@ class DemoPlan:
             more.
     """
 
-    turns: tuple[tuple[str, float], ...] = (
+    turns: Turns = (
         ("none", 12 / 3.6), ("none", 13 / 3.6), ("swing", 16 / 3.6), ("swing", 17 / 3.6),
     )  # fmt: skip
-    shown: tuple[tuple[str, float], ...] = (("none", 13 / 3.6), ("swing", 16 / 3.6))
+    shown: Turns = (("none", 13 / 3.6), ("swing", 16 / 3.6))
     seed: int = 1
     opening: bool = True
 

@@ -3,6 +3,7 @@
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import matplotlib
@@ -23,26 +24,7 @@ TURN_SHADE = "#e9e4d4"
 
 _DPI = 130
 """Pixels per inch of a PNG."""
-RC: Any = {  # matplotlib's stubs name every key
-    "font.family": "DejaVu Sans",
-    "font.size": 9.5,
-    "axes.titlesize": 10.5,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "grid.color": "#dcdcdc",
-    "grid.linewidth": 0.6,
-    "legend.frameon": False,
-    "legend.fontsize": 8.5,
-    "lines.linewidth": 1.5,
-    "lines.markersize": 7.0,
-    "figure.constrained_layout.use": True,
-    "savefig.facecolor": "white",
-    "hatch.linewidth": 0.7,
-}
+STYLE = Path(__file__).with_name("figures.mplstyle")
 
 
 @contextmanager
@@ -50,7 +32,7 @@ def styled() -> Iterator[None]:
     """Applies the settings of all figures, also as a decorator; settings of a notebook outside are
     left as they are.
     """
-    with matplotlib.rc_context(RC):
+    with matplotlib.rc_context(fname=STYLE):
         yield
 
 

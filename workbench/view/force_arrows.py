@@ -12,9 +12,8 @@ from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.scenario.signal_table import WHEELS
-from aerodima.workbench.view.dead_reckoning import DEAD_RECKONING
-from aerodima.workbench.view.logged_run import LoggedRun
 from aerodima.workbench.view.viewer import WORLD
 
 Colour = tuple[float, float, float]
@@ -57,24 +56,34 @@ class ForceArrow:
         return np.linalg.norm(self.lengths, axis=1) > SHOWN_LENGTH
 
 
-def force_arrows(logged: LoggedRun) -> list[ForceArrow]:
-    """Makes the arrows of a run, a row per row of the log; none for a real car, which logs no
-    forces.
-    """
-    run_log = logged.run_log
-    if DEAD_RECKONING in run_log.extra:
-        return []
-    wheels = [wheel for wheel in WHEELS if f"wheel_contact_{wheel}_x_truth_m" in run_log.table]
+def wheel_arrows(run_log: RunLog) -> list[ForceArrow]:
+    """Makes an arrow per wheel whose contact is in the log, a row per row of the log."""
     arrows = []
-    for wheel in wheels:
-        lengths = WHEEL_SCALE * run_log.vector(f"wheel_force_{wheel}", "truth_n")
-        points = run_log.vector(f"wheel_contact_{wheel}", "truth_m")
-        arrows.append(ForceArrow(f"ground_on_{wheel}", WHEEL_COLOUR, points, lengths))
-    for air in logged.air:
-        lengths = logged.air_scale * air.force
-        points = point_on_axis(air.force, air.moment, air.root, air.tip)
-        arrows.append(ForceArrow(f"air_on_{air.name}", AIR_COLOUR, points, lengths))
+    for wheel in WHEELS:
+        if f"wheel_contact_{wheel}_x_truth_m" in run_log.table:
+            lengths = WHEEL_SCALE * run_log.vector(f"wheel_force_{wheel}", "truth_n")
+            points = run_log.vector(f"wheel_contact_{wheel}", "truth_m")
+            arrows.append(ForceArrow(f"ground_on_{wheel}", WHEEL_COLOUR, points, lengths))
     return arrows
+
+
+def air_arrow(
+    tail: str,
+    scale: float,
+    force: FloatArray,
+    moment: FloatArray,
+    root: FloatArray,
+    tip: FloatArray,
+) -> ForceArrow:
+    """Makes the arrow of the air on a tail, a row per row of the log.
+
+    Args:
+        tail: its name.
+        scale: length of the arrow, m per N.
+        force, moment, root, tip: see `point_on_axis`.
+    """
+    points = point_on_axis(force, moment, root, tip)
+    return ForceArrow(f"air_on_{tail}", AIR_COLOUR, points, scale * force)
 
 
 def point_on_axis(

@@ -17,7 +17,7 @@ from scipy.spatial import ConvexHull
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.exporters import SceneMessage, stamp_of
 from aerodima.workbench.logs.schema import Json, RunLog
-from aerodima.workbench.view.force_arrows import ForceArrow, force_arrows, shortest_turn
+from aerodima.workbench.view.force_arrows import ForceArrow, shortest_turn
 from aerodima.workbench.view.logged_run import LoggedRun, add_logged_run
 from aerodima.workbench.view.recording import frame_rows
 from aerodima.workbench.view.scene_shapes import plant_shapes, scene_bodies, shape_pose
@@ -65,7 +65,7 @@ def foxglove_scene(run_log: RunLog) -> Iterator[SceneMessage]:
 def _messages(logged: LoggedRun, context: Context) -> Iterator[SceneMessage]:
     time = logged.run_log.time
     rows, _ = frame_rows(time, 1.0)
-    arrows = force_arrows(logged)
+    arrows = logged.arrows
     scene = plant_shapes(logged.plant, logged.scene_graph)
     plant_context = logged.plant.GetMyMutableContextFromRoot(context)
     bodies = scene_bodies(logged.plant, scene)

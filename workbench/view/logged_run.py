@@ -25,7 +25,12 @@ from aerodima.workbench.logs.signals import check_signals, check_time
 from aerodima.workbench.metrics.run_summary import tails_of
 from aerodima.workbench.scenario.scenario import scenario_from_dict
 from aerodima.workbench.scenario.signal_table import PLANT_POSITION_PREFIX
-from aerodima.workbench.view.dead_reckoning import replayable, with_turning_sail
+from aerodima.workbench.view.dead_reckoning import (
+    DEAD_RECKONING,
+    replayable,
+    with_turning_sail,
+)
+from aerodima.workbench.view.force_arrows import ForceArrow, air_arrow, wheel_arrows
 from aerodima.workbench.view.scene_shapes import (
     WORLD_BODY,
     add_shapes,
@@ -59,24 +64,6 @@ Place = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class AirOnTail:
-    """The force of the air on one tail over a run, W axes, shape (n, 3) each.
-
-    Attributes:
-        name: of the tail.
-        force: N.
-        moment: about Wo, N m.
-        root, tip: ends of its sections in W, m.
-    """
-
-    name: str
-    force: FloatArray
-    moment: FloatArray
-    root: FloatArray
-    tip: FloatArray
-
-
-@dataclass(frozen=True)
 class LoggedRun:
     """A run whose plant can be put where it was.
 
@@ -87,7 +74,7 @@ class LoggedRun:
         positions: of the plant, shape (n, nq), one row per row of the log.
         path: where it went, W, m, shape (n, 3); the floor is drawn about it.
         tips: name -> path of the tip of a tail in W, m, shape (n, 3).
-        air: the air on each tail; none where the log holds no forces.
+        arrows: forces of ground and air; none for a real car, which logs no forces.
         air_scale: length of an arrow of the air, m per N.
         camera_place: distance and height of the camera, and height of the point that it looks at,
             over the floor, m.
@@ -100,7 +87,7 @@ class LoggedRun:
     positions: FloatArray
     path: FloatArray
     tips: dict[str, FloatArray]
-    air: list[AirOnTail]
+    arrows: list[ForceArrow]
     air_scale: float
     camera_place: Place
     floor: float = 0.0
@@ -167,7 +154,7 @@ def _add_car(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
         # Its simulation has no such joint.
         table = table.assign(**{_SAIL_POSITION: run_log.signal("sail_angle_rad")})
     columns = [PLANT_POSITION_PREFIX + position for position in plant.GetPositionNames()]
-    logged = {column for column in table if column.startswith(PLANT_POSITION_PREFIX)}
+    logged = {column for column in table.columns if column.startswith(PLANT_POSITION_PREFIX)}
     if set(columns) != logged:
         missing = ", ".join(sorted(set(columns) - logged))
         unknown = ", ".join(sorted(logged - set(columns)))
@@ -182,17 +169,20 @@ def _add_car(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
     path = run_log.vector("position", "truth_m")
     place = (2.0, 0.9, 0.25)
     tips = {}
-    air = []
+    reckoned = DEAD_RECKONING in run_log.extra
+    arrows = [] if reckoned else wheel_arrows(run_log)
     if car.tail is not None:
         tip = run_log.vector("tail_tip", "truth_m")
         place = (3.0, 1.3, 0.5)  # a tail needs room
         tips = {"tail_tip": tip}
-        if "tail_force_x_truth_n" in table:
+        if "tail_force_x_truth_n" in table and not reckoned:
             force = run_log.vector("tail_force", "truth_n")
             moment = run_log.vector("tail_force_moment", "truth_n_m")
             root = point_paths(plant, "tail_rod", np.zeros((1, 3)), positions)[:, 0]
-            air = [AirOnTail("tail", force, moment, root, tip)]
-    return LoggedRun(run_log, plant, car.scene_graph, positions, path, tips, air, AIR_SCALE, place)
+            arrows.append(air_arrow("tail", AIR_SCALE, force, moment, root, tip))
+    return LoggedRun(
+        run_log, plant, car.scene_graph, positions, path, tips, arrows, AIR_SCALE, place
+    )
 
 
 def _add_plant(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
@@ -206,34 +196,33 @@ def _add_plant(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
     plant, scene_graph = add_plant(builder, 0.0)
     bodies = add_shapes(plant, extra[SCENE], run_log.name)
     plant.Finalize()
-    path = run_log.vector("com", "truth_m")
-    com = {f"com_{axis}_truth_m": path[:, index] for index, axis in enumerate("xyz")}
-    check_signals(run_log.time, com)
+    path = _numbers(run_log, [f"com_{axis}_truth_m" for axis in "xyz"])
     positions = np.zeros((len(path), plant.num_positions()))
     for body in bodies:
         start = plant.GetBodyByName(body).floating_positions_start()
         positions[:, start : start + 7] = _numbers(run_log, pose_columns(body))
-    air = []
+    scale = float(extra.get(AIR_SCALE_KEY, AIR_SCALE))
+    arrows = wheel_arrows(run_log)
+    tips = {}
     for tail, _ in tails_of(run_log):
         parts = np.split(_numbers(run_log, air_columns(tail)), 4, axis=1)
-        air.append(AirOnTail(tail, *parts))
-    tips = {tail.name: tail.tip for tail in air}
-    scale = float(extra.get(AIR_SCALE_KEY, AIR_SCALE))
+        arrows.append(air_arrow(tail, scale, *parts))
+        tips[tail] = parts[3]
     rows = np.unique(np.linspace(0, len(path) - 1, _SAMPLED_ROWS).astype(int))
-    points = [tip[rows, None] for tip in tips.values()]
+    com = path[rows, None]
+    paths = [com, *(tip[rows, None] for tip in tips.values())]
     for shape in extra[SCENE]:
         if shape["body"] != WORLD_BODY:
-            points.append(point_paths(plant, shape["body"], shape_points(shape), positions[rows]))
-    all_points = np.concatenate([path[rows, None], *points], axis=1)
-    distances = np.linalg.norm(all_points - path[rows, None], axis=2)
-    size = max(_MIN_SIZE, float(np.max(distances)))
-    floor = 0.0
-    lowest = min((float(np.min(points[..., 2])) for points in points), default=0.0)
-    if lowest < -_FLOOR_TOLERANCE:
-        floor = lowest
+            paths.append(point_paths(plant, shape["body"], shape_points(shape), positions[rows]))
+    points = np.concatenate(paths, axis=1)
+    size = max(_MIN_SIZE, float(np.max(np.linalg.norm(points - com, axis=2))))
+    lowest = float(np.min(points[:, 1:, 2], initial=0.0))
+    floor = lowest if lowest < -_FLOOR_TOLERANCE else 0.0
     target = float(np.median(path[:, 2])) - floor
     place = (3.6 * size, target + 0.9 * size, target)
-    return LoggedRun(run_log, plant, scene_graph, positions, path, tips, air, scale, place, floor)
+    return LoggedRun(
+        run_log, plant, scene_graph, positions, path, tips, arrows, scale, place, floor
+    )
 
 
 def _numbers(run_log: RunLog, columns: list[str]) -> FloatArray:

@@ -33,7 +33,6 @@ from scipy.ndimage import map_coordinates
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.view.force_arrows import force_arrows
 from aerodima.workbench.view.logged_run import Place, add_logged_run
 from aerodima.workbench.view.recording import camera_pose, traces
 
@@ -214,7 +213,7 @@ class OffscreenRun:
         self._plant_context = logged.plant.GetMyMutableContextFromRoot(self._context)
         self._scene_context = logged.scene_graph.GetMyContextFromRoot(self._context)
         self._path = logged.camera_path
-        self._arrows = force_arrows(logged)
+        self._arrows = logged.arrows
         self._traces = traces(logged)
 
     def camera(self, row: int, azimuth: float, place: Place, size: tuple[int, int]) -> Camera:

@@ -17,7 +17,7 @@ from pydrake.systems.framework import DiagramBuilder
 from aerodima.workbench.core.array_types import FloatArray, IntArray
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.view.force_arrows import Colour, DrawnArrow, ForceArrow, force_arrows
+from aerodima.workbench.view.force_arrows import Colour, DrawnArrow, ForceArrow
 from aerodima.workbench.view.logged_run import LoggedRun, Place, add_logged_run
 from aerodima.workbench.view.viewer import WORLD, area_around, draw_ground
 
@@ -72,7 +72,7 @@ def record_run(run_log: RunLog, meshcat: Meshcat, rate: float = 1.0) -> LoggedRu
     meshcat.StopRecording()
     animation = meshcat.get_mutable_recording()
     _draw_traces(meshcat, animation, logged, rows)
-    for arrow in force_arrows(logged):
+    for arrow in logged.arrows:
         _draw_arrow(meshcat, animation, arrow, rows)
     _follow(meshcat, animation, logged, rows)
     animation.set_loop_mode(MeshcatAnimation.LoopMode.kLoopRepeat)
@@ -112,10 +112,10 @@ def _follow(
     """Moves the world so that the car stays at the origin, and looks at it from ahead, where roll
     is seen best.
     """
-    path = logged.camera_path
-    for frame, row in enumerate(rows):
-        animation.SetTransform(frame, WORLD, RigidTransform(-path[row]))
-    meshcat.SetTransform(WORLD, RigidTransform(-path[rows[0]]))
+    offsets = -logged.camera_path[rows]
+    for frame, offset in enumerate(offsets):
+        animation.SetTransform(frame, WORLD, RigidTransform(offset))
+    meshcat.SetTransform(WORLD, RigidTransform(offsets[0]))
     distance, height, target = logged.camera_place
     place = (NEARER * distance, NEARER * height, target)
     meshcat.SetCameraPose(*camera_pose(logged.camera_azimuth, place))
@@ -183,7 +183,8 @@ def tube(points: FloatArray, radius: float) -> tuple[FloatArray, NDArray[np.int3
     first = 4 * np.arange(len(points) - 1)[:, None]
     a = first + corner
     b = first + (corner + 1) % 4
-    faces = np.stack([a, a + 4, b + 4, a, b + 4, b], axis=-1).reshape(-1, 3)
+    next_b = b + 4
+    faces = np.stack([a, a + 4, next_b, a, next_b, b], axis=-1).reshape(-1, 3)
     vertices = rings.reshape(-1, 3)
     return np.asfortranarray(vertices.T), np.asfortranarray(faces.T.astype(np.int32))
 

@@ -53,13 +53,14 @@ RUN_STYLES: list[tuple[str, Any]] = [
 """Colour and line of the first, second, ... run. Of the first five both differ, so that neither
 alone must be told apart; of twenty the pair does."""
 _Panel = tuple[str, Callable[[RunLog], FloatArray | None]]
+"""Label, and the signal; None where a run has none."""
 _PLANT_PANELS: tuple[_Panel, ...] = (
     ("speed of the centre of mass [m/s]", plant_speed),
     ("height of the centre of mass [m]", lambda run_log: run_log.signal("com_z_truth_m")),
     ("tilt of the base [deg]", plant_tilt),
     ("air on the tails [N]", plant_air),
 )
-"""Label, and the signal of a car, or of a plant that is no car; None where it has none."""
+"""Panels of plants that are no cars."""
 
 
 @dataclass(frozen=True)
@@ -83,42 +84,36 @@ def _as_logged(column: str, design: LowPass) -> tuple[_Line, _Line]:
     )
 
 
-_TURN_PANELS: tuple[tuple[str, str, tuple[_Line, ...]], ...] = (
-    ("Yaw rate of the IMU", "yaw rate [rad/s]", _as_logged("imu_gyro_z_rad_per_s", IMU_FILTER)),
+_YAW_RATE = _as_logged("imu_gyro_z_rad_per_s", IMU_FILTER)
+_ACCELERATION = _as_logged("imu_acceleration_y_m_per_s2", IMU_FILTER)
+_SPEED = (
+    *_as_logged("speed_m_per_s", GPS_FILTER),
+    _Line("truth", _SPEED_TRUTH, GREEN, _DASHED),
+)
+_ROLL = (
+    _Line("on-board estimate", "roll_estimate_rad", GREY),
+    _Line("truth", "roll_truth_rad", BLACK, _DASHED),
+)
+_TAIL_ROLL = (_Line("angle", "tail_roll_angle_rad", BLACK),)
+_WHEEL_LOADS = (
+    _Line("front left", "wheel_force_front_left_z_truth_n", BLUE),
+    _Line("front right", "wheel_force_front_right_z_truth_n", VERMILION),
+    _Line("rear left", "wheel_force_rear_left_z_truth_n", SKY, _SHORT),
+    _Line("rear right", "wheel_force_rear_right_z_truth_n", ORANGE, _SHORT),
+)
+_TURN_PANELS: Sequence[tuple[str, str, Sequence[_Line]]] = (
+    ("Yaw rate of the IMU", "yaw rate [rad/s]", _YAW_RATE),
     (
         "Lateral acceleration of the IMU (to the left)",
         "lateral acceleration [m/s²]",
-        _as_logged("imu_acceleration_y_m_per_s2", IMU_FILTER),
+        _ACCELERATION,
     ),
-    (
-        "Speed of the GPS",
-        "speed [m/s]",
-        (*_as_logged("speed_m_per_s", GPS_FILTER), _Line("truth", _SPEED_TRUTH, GREEN, _DASHED)),
-    ),
-    (
-        "Roll of the body (to the right)",
-        "roll [deg]",
-        (
-            _Line("on-board estimate", "roll_estimate_rad", GREY),
-            _Line("truth", "roll_truth_rad", BLACK, _DASHED),
-        ),
-    ),
-    (
-        "Tail roll (0 up, + to the right)",
-        "tail roll [deg]",
-        (_Line("angle", "tail_roll_angle_rad", BLACK),),
-    ),
-    (
-        "Wheel loads",
-        "vertical force [N]",
-        (
-            _Line("front left", "wheel_force_front_left_z_truth_n", BLUE),
-            _Line("front right", "wheel_force_front_right_z_truth_n", VERMILION),
-            _Line("rear left", "wheel_force_rear_left_z_truth_n", SKY, _SHORT),
-            _Line("rear right", "wheel_force_rear_right_z_truth_n", ORANGE, _SHORT),
-        ),
-    ),
+    ("Speed of the GPS", "speed [m/s]", _SPEED),
+    ("Roll of the body (to the right)", "roll [deg]", _ROLL),
+    ("Tail roll (0 up, + to the right)", "tail roll [deg]", _TAIL_ROLL),
+    ("Wheel loads", "vertical force [N]", _WHEEL_LOADS),
 )
+"""Title, label and lines of each panel."""
 
 
 def plot_turn(run_log: RunLog, title: str = "", after: float = 1.4) -> Figure:
@@ -166,10 +161,8 @@ def plot_turn(run_log: RunLog, title: str = "", after: float = 1.4) -> Figure:
 
 def _values(run_log: RunLog, column: str, design: LowPass | None = None) -> FloatArray | None:
     """Reads a column as it is drawn, (n,), angles in degrees; None where this run has none."""
-    if column == _SPEED_TRUTH:
-        if run_log.has_truth:
-            return np.linalg.norm(run_log.vector("velocity", "truth_m_per_s")[:, :2], axis=1)
-        return None
+    if column == _SPEED_TRUTH and run_log.has_truth:
+        return np.linalg.norm(run_log.vector("velocity", "truth_m_per_s")[:, :2], axis=1)
     if column not in run_log.table or (column.startswith("tail_") and not run_log.has_tail):
         return None
     values = run_log.signal(column)

@@ -81,7 +81,8 @@ def plant_shapes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Json]:
         }
         for kind, size, X_GS in _parts(inspector.GetShape(geometry)):
             X_BS = inspector.GetPoseInFrame(geometry) @ X_GS
-            pose = [*X_BS.rotation().ToQuaternion().wxyz(), *X_BS.translation()]
+            quaternion = X_BS.rotation().ToQuaternion()
+            pose = [*quaternion.wxyz(), *X_BS.translation()]
             scene.append({**look, "kind": kind, "size": size, "pose": list(map(float, pose))})
     return scene
 
@@ -113,7 +114,9 @@ def _directions() -> FloatArray:
     height = 1.0 - 2.0 * place / MAX_POINTS
     turn = np.pi * (1.0 + np.sqrt(5.0)) * place
     radius = np.sqrt(1.0 - height**2)
-    return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), height])
+    x = radius * np.cos(turn)
+    y = radius * np.sin(turn)
+    return np.column_stack([x, y, height])
 
 
 def _outermost(points: FloatArray) -> FloatArray:
@@ -122,7 +125,8 @@ def _outermost(points: FloatArray) -> FloatArray:
     """
     if len(points) <= MAX_POINTS:
         return points
-    return np.asarray(points[np.unique(np.argmax(_directions() @ points.T, axis=1))])
+    farthest = np.argmax(_directions() @ points.T, axis=1)
+    return np.asarray(points[np.unique(farthest)])
 
 
 def shape_points(entry: Facts) -> FloatArray:
@@ -160,7 +164,7 @@ def point_paths(
     paths = np.zeros((len(positions), *p_BP.shape))
     for row, values in enumerate(positions):
         plant.SetPositions(context, values)
-        X_WB: RigidTransform = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(body))
+        X_WB: Any = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(body))
         paths[row] = X_WB.multiply(p_BP.T).T
     return paths
 

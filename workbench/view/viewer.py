@@ -61,7 +61,8 @@ def open_meshcat(port: int | None = None) -> Meshcat:
     meshcat.SetProperty("/Background", "bottom_color", [0.93, 0.94, 0.95])
     _set_lights(meshcat)
     draw_ground(meshcat, _LIVE_AREA)
-    meshcat.SetCamera(Meshcat.PerspectiveCamera(fov=40.0, aspect=16 / 9, near=0.05, far=100.0))
+    lens = Meshcat.PerspectiveCamera(fov=40.0, aspect=16 / 9, near=0.05, far=100.0)
+    meshcat.SetCamera(lens)
     meshcat.SetCameraPose(np.array([4.5, -8.5, 4.5]), np.array([5.0, 1.0, 0.0]))
     return meshcat
 
@@ -200,4 +201,5 @@ class ChaseCamera:
             self._meshcat.SetTransform(WORLD, turned @ RigidTransform(-place))
             # The ground moves by whole metres: its lines stay in place.
             self._meshcat.SetTransform(GROUND, RigidTransform(np.round(place)))
-        return float(np.hypot(velocity[0], velocity[1])), heading
+        speed = float(np.hypot(velocity[0], velocity[1]))
+        return speed, heading

@@ -13,7 +13,6 @@ from aerodima.workbench.logs.schema import run_log_from_metadata, run_metadata
 from aerodima.workbench.scenario.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.view.dead_reckoning import replayable
 from aerodima.workbench.view.filmstrip import key_frames
-from aerodima.workbench.view.force_arrows import force_arrows
 from aerodima.workbench.view.logged_run import add_logged_run
 from tests.refusals import assert_refused
 
@@ -83,7 +82,7 @@ def test_the_plant_takes_the_reckoned_pose_and_joints():
 def test_a_reckoned_run_has_five_moments_and_no_arrows():
     for scenario in ("turn_none", "turn_held"):
         run_log = replayable(circle(scenario))
-        assert force_arrows(add_logged_run(DiagramBuilder(), run_log)) == []
+        assert add_logged_run(DiagramBuilder(), run_log).arrows == []
         assert len(key_frames(run_log)) == 5
 
 

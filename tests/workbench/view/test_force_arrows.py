@@ -5,8 +5,9 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.scenario.signal_table import WHEELS
-from aerodima.workbench.view.force_arrows import WHEEL_SCALE, force_arrows, point_on_axis
+from aerodima.workbench.view.force_arrows import WHEEL_SCALE, point_on_axis
 from aerodima.workbench.view.logged_run import AIR_SCALE, add_logged_run
+from aerodima.workbench.view.scene_shapes import point_paths
 
 ROOT, TIP = np.array([[1.0, 2.0, 0.3]]), np.array([[1.2, 1.6, 1.1]])
 
@@ -43,10 +44,9 @@ def test_middle_stands_for_a_point_that_is_not_determined(force):
 def test_air_of_a_run_acts_on_the_sail(tailed):
     logged = add_logged_run(DiagramBuilder(), tailed)
     tail = tailed.scenario["tail"]
-    (arrow,) = [arrow for arrow in force_arrows(logged) if arrow.name == "air_on_tail"]
-    (air,) = logged.air
-    root = air.root
-    tip = air.tip
+    (arrow,) = [arrow for arrow in logged.arrows if arrow.name == "air_on_tail"]
+    tip = logged.tips["tail_tip"]
+    root = point_paths(logged.plant, "tail_rod", np.zeros((1, 3)), logged.positions)[:, 0]
     assert np.linalg.norm(tip - root, axis=1) == pytest.approx(tail["length"])
     force = tailed.vector("tail_force", "truth_n")
     assert arrow.lengths == pytest.approx(AIR_SCALE * force)
@@ -66,7 +66,7 @@ def test_ground_acts_below_the_wheel_of_its_name(tailless):
     context = plant.CreateDefaultContext()
     row = len(tailless.time) - 1
     logged.move(context, row)
-    arrows = {arrow.name: arrow for arrow in force_arrows(logged)}
+    arrows = {arrow.name: arrow for arrow in logged.arrows}
     assert set(arrows) == {f"ground_on_{wheel}" for wheel in WHEELS}
     for wheel in WHEELS:
         centre = plant.EvalBodyPoseInWorld(

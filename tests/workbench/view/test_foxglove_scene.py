@@ -13,7 +13,6 @@ from pydrake.math import RotationMatrix
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.logs.exporters import export_log
-from aerodima.workbench.view.force_arrows import force_arrows
 from aerodima.workbench.view.foxglove_scene import (
     BODIES,
     FORCES,
@@ -95,7 +94,7 @@ def test_a_hull_comes_as_triangles_about_its_middle():
 
 
 def test_arrows_are_those_of_the_replay_and_go_when_the_force_does(tailed, exported):
-    arrows = {arrow.name: arrow for arrow in force_arrows(add_logged_run(DiagramBuilder(), tailed))}
+    arrows = {arrow.name: arrow for arrow in add_logged_run(DiagramBuilder(), tailed).arrows}
     seen = 0
     for time, update in messages(exported, FORCES):
         row = row_at(tailed, time)
