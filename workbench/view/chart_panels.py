@@ -247,7 +247,9 @@ def _outline(vertices: Any) -> Json:
 
 def _segments(lines: LineCollection) -> Json:
     """Joins lines of one colour, such as error bars, with a gap after each."""
-    rows = [row for segment in lines.get_segments() for row in (*segment, (math.nan, math.nan))]
+    rows: list[Any] = []
+    for segment in lines.get_segments():
+        rows += [*segment, (math.nan, math.nan)]
     width = float(np.ravel(lines.get_linewidth())[0])
     return {**_outline(rows), "stroke": _colour(lines.get_color()[0]), "width": width}
 

@@ -119,7 +119,8 @@ class ObservedRun:
     ) -> None:
         """Adds the recorder of these ports; LogError when two columns have one name."""
         # What cannot be read is not written.
-        decode_metadata({METADATA_KEY: encode_metadata(metadata)}, "observe")
+        encoded = encode_metadata(metadata)
+        decode_metadata({METADATA_KEY: encoded}, "observe")
         self._columns = recorded_columns(signals)
         self._metadata = metadata
         twice = sorted({name for name in self._columns if self._columns.count(name) > 1})
@@ -164,8 +165,7 @@ def observe(
         rate: rows per second, Hz.
         name: of the run, for titles; by default that of the plant.
         settings: numbers and texts, nested; `aerodima log compare` names those that differ.
-        signals: further vector ports by the name of their columns (`<name>_0`, ... of several
-            elements).
+        signals: further vector ports by column name (`<name>_0`, ... of several elements).
         air_scale: length of the arrows, m per N.
         force: replace an existing log.
 

@@ -92,7 +92,8 @@ def frame_rows(time: FloatArray, rate: float) -> tuple[IntArray, float]:
     second of the replay.
     """
     length = float(time[-1] - time[0]) / rate
-    count = max(2, min(round(length * FRAMES_PER_SECOND), MAX_FRAMES) + 1)
+    steps = min(round(length * FRAMES_PER_SECOND), MAX_FRAMES)
+    count = max(2, steps + 1)
     frames = np.linspace(time[0], time[-1], count)
     return nearest_rows(time, frames), (count - 1) / length
 
