@@ -1,4 +1,4 @@
-"""When computer and firmware stop the car: numbers with their reasons in parameter files."""
+"""Limits at which computer and firmware stop the car; the parameter files have their reasons."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the computer sends to the car and receives from it once per cycle, in every wiring (design
+"""Commands to the car and readings of it, one of each per cycle, in every wiring (design
 section 14).
 
 In `teensy_bridge` everything goes through the text frames of the Teensy. `watched_can` has the

@@ -34,7 +34,7 @@ Arm = Annotated[bool, typer.Option("--arm", help="Arm without asking on the term
 
 @dataclass(frozen=True)
 class CarOptions:
-    """Which car it is: its devices, its wiring, changes of its scenario."""
+    """Options of a car: its devices, its wiring, changes of its scenario."""
 
     ports: Ports
     wiring: Wiring = "teensy_bridge"

@@ -1,5 +1,5 @@
-"""What the console does with what pages say, which page controls the car, and the record; no
-network in here.
+"""Reaction of the console to its pages: what they ask for, which one controls the car, and the
+record; no network in here.
 
 Times in s, monotonic.
 """

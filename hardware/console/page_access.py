@@ -1,4 +1,4 @@
-"""Who may open the page, and for how long a connection may ask for nothing.
+"""Access to the page: who may open it, and for how long a connection may ask for nothing.
 
 A token works once, a session cookie afterwards, and only for pages of our own address. Without a
 limit some thousand connections without a request take every file that the console may open, and the

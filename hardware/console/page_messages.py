@@ -1,4 +1,4 @@
-"""What a page may say, checked, one JSON object per message; and the state of car and console as it
+"""Messages of a page, checked, one JSON object each; and the state of car and console as it
 shows it.
 """
 

@@ -26,7 +26,7 @@ from aerodima.workbench.core.quantity import STANDARD_GRAVITY
 RATE = 100.0
 """Hz of the fusion (data sheet table 3-14)."""
 CHIP_ID = 0xA0
-"""What register 0 holds (data sheet section 4.3.1)."""
+"""Content of register 0 (data sheet section 4.3.1)."""
 _START = 0xAA
 """First byte of a request."""
 _DATA = 0xBB
@@ -44,7 +44,7 @@ RADIANS = 0x06
 WRITE_DONE = 0x01
 """Status code of a write that was carried out."""
 _STATUS_CODES = range(0x01, 0x0B)
-"""What may stand behind `EE`: write done, then nine kinds of failure (data sheet table 4-2, UART
+"""Codes behind `EE`: write done, then nine kinds of failure (data sheet table 4-2, UART
 protocol)."""
 _SAMPLE = struct.Struct("<3h3h4h3h3hbB")
 _GYRO = 900.0
@@ -54,9 +54,9 @@ _QUATERNION = 16384.0
 _ACCELERATION = 100.0
 """Counts of linear acceleration and gravity per m/s2."""
 _NORM_TOLERANCE = 0.01
-"""How far the length of a quaternion may be from 1."""
+"""Largest distance of the length of a quaternion from 1."""
 _GRAVITY_TOLERANCE = 0.5
-"""How far the reported gravity may be from the standard one, m/s2."""
+"""Largest distance of the reported gravity from the standard one, m/s2."""
 
 
 class Register(IntEnum):

@@ -1,4 +1,5 @@
-"""Which way a joint goes under a little torque, found before its motor gets a position to hold.
+"""Direction in which a joint goes under a little torque, found before its motor gets a position to
+hold.
 
 A joint that rests is held by friction, by a stop or by the balance of its weight, so torque can
 move it only its own way. Feedback with the wrong sign, or a motor that turns the other way, shows

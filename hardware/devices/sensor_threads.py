@@ -48,8 +48,8 @@ _ANSWER_TIME = 0.05
 _MODE_CHANGE = 0.03
 """Between operation modes, s (data sheet table 3-6: 19 ms to CONFIG, 7 ms from it)."""
 _LEAD = 0.006
-"""From the request of a sample to the instant at which it is wanted, s: 40 bytes last 3.5 ms, the
-chip adds to it."""
+"""Time from the request of a sample to the instant at which it is wanted, s: 40 bytes last 3.5 ms,
+the chip adds to it."""
 _STATUS_EVERY = 100
 """Requests between two looks at the chip's own status."""
 _MAX_EQUAL = 10

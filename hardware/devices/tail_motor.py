@@ -202,10 +202,9 @@ class Motor:
         """Returns whether it was switched off a while ago and has not answered: the exit frames may
         not have arrived.
         """
-        waited = (
-            self.state not in ENERGISED and now - self._off_time > self._safety.exit_cycles * 0.01
-        )
-        return waited and not self.off_confirmed
+        if self.state in ENERGISED or self.off_confirmed:
+            return False
+        return now - self._off_time > self._safety.exit_cycles * 0.01
 
     def age(self, now: float) -> float:
         """Seconds since the last valid reply; infinite before the first."""

@@ -1,4 +1,4 @@
-"""What a u-blox receiver sends: UBX NAV-PVT, out of a stream with other messages and noise.
+"""Messages of a u-blox receiver: UBX NAV-PVT, out of a stream with other messages and noise.
 
 Frames are cut out and their checksums verified here; their fields are read and written by pyubx2
 (NAV-PVT: u-blox 8 / M8 protocol specification, UBX-13003221). `make_nav_pvt` is for emulators.

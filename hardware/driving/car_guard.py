@@ -324,8 +324,9 @@ class CarGuard:
         if spent <= self._safety.slow_tick:
             return
         self.slow_ticks.append(now)
-        slow = sum(time > now - 1.0 for time in self.slow_ticks[-self._safety.most_slow_ticks :])
-        if slow == self._safety.most_slow_ticks and self.stage in _LIVE:
+        limit = self._safety.most_slow_ticks
+        slow = sum(time > now - 1.0 for time in self.slow_ticks[-limit:])
+        if slow == limit and self.stage in _LIVE:
             count = f"{slow} ticks within a second beyond {self._safety.slow_tick * 1000:g} ms"
             self.stop(
                 f"the controller is too slow: {count}, the last {spent * 1000:.0f} ms",

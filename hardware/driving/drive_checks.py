@@ -49,7 +49,7 @@ _WATCHES = {
     "watched_can": "the Teensy, by the heartbeat on the motors' bus",
 }
 _RATIO_TOLERANCE = 0.2
-"""How far the ratio of `_speed_ratio` may be from 1 with the right profile."""
+"""Largest distance of `_speed_ratio` from 1 with the right profile."""
 _MAX_TEMPERATURE = 120.0
 """Highest temperature of a motor that can be, degrees Celsius."""
 _MIN_TEMPERATURE = -30.0

@@ -1,4 +1,4 @@
-"""What drives the car as a Drake diagram, a tick at a time: the sequence of a scenario, or systems
+"""Drake diagrams that drive the car, a tick at a time: the sequence of a scenario, or systems
 of the user.
 """
 

@@ -31,7 +31,7 @@ _CUTS = {
     "teensy_bridge": ("strings stopped", TeensyStatus.WATCHDOG_ACTED),
     "watched_can": ("heartbeat stopped", TeensyStatus.HEARTBEAT_STOPPED),
 }
-"""What is cut, and what the Teensy reports then."""
+"""Cut of each wiring, and the status that the Teensy reports then."""
 
 
 def run_watchdog_test(

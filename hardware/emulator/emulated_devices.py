@@ -32,7 +32,7 @@ OPERATOR_RATE = 20.0
 _DAY = 86_400.0
 """Length of a day, s."""
 _STOP_FRAMES = 3
-"""How often an operator sends an emergency stop."""
+"""Number of emergency stops that an operator sends."""
 _ON_ITS_SIDE = 1.57
 """Roll that the fault `tipped_over` reports, rad."""
 _TOO_FAST = 9.0
@@ -42,7 +42,7 @@ OPERATOR = 0x0013_A200_4000_0001
 CAR = 0x0013_A200_4000_0002
 """64-bit serial number of the car's emulated module."""
 _FOREIGN = CAR + 1
-"""From whom the reports come while the fault `foreign_module` is on."""
+"""Sender of the reports while the fault `foreign_module` is on."""
 
 
 class EmulatedTeensy:
@@ -95,7 +95,8 @@ class EmulatedTeensy:
     def set_sail(self, angle: float) -> None:
         """Sets the angle of the sail, rad."""
         words = 1 << self._settings.sail_bits
-        self._core.set_sail_word(round(angle / (2.0 * math.pi) * words) % words)
+        word = round(angle / (2.0 * math.pi) * words)
+        self._core.set_sail_word(word % words)
 
     def update(self, now: float) -> bytes:
         """Runs the firmware's loop once; returns bytes for the computer."""

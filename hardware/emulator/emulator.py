@@ -300,9 +300,9 @@ class Emulator:
             joints = car.joints()
             torques = car.output("tail_torque")
             for index, motor in enumerate(self._motors):
-                motor.set_joint(
-                    float(joints[index]), float(joints[2 + index]), float(torques[index])
-                )
+                angle = float(joints[index])
+                speed = float(joints[2 + index])
+                motor.set_joint(angle, speed, float(torques[index]))
         if time_s >= self._sample_due:
             self._sample_due += _SAMPLE_PERIOD
             self._sample(time_s)

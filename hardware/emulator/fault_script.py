@@ -1,5 +1,5 @@
-"""What happens to the emulated car and when: faults of its devices, the operator at the radio, and
-the events of a run.
+"""Scripts of what happens to the emulated car: faults of its devices, the operator at the radio,
+and the events of a run.
 
 ```yaml
 schema: aerodima/emulation/1
@@ -194,7 +194,8 @@ class FaultBoard:
         self.time = now - self._begin
         for index, entry in enumerate(self._script.faults):
             spent = entry.count is not None and self._met[index] >= entry.count
-            on = entry.time <= self.time < entry.time + (entry.duration or math.inf) and not spent
+            end = entry.time + (entry.duration or math.inf)
+            on = entry.time <= self.time < end and not spent
             if on and index not in self._on:
                 self._on.add(index)
                 self._note("fault_on", entry)

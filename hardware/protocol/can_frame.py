@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from aerodima.workbench.core.errors import HardwareError
 
 STANDARD_IDS = 1 << 11
-"""How many identifiers 11 bits make (ISO 11898-1)."""
+"""Number of identifiers of 11 bits (ISO 11898-1)."""
 EXTENDED_IDS = 1 << 29
-"""How many identifiers 29 bits make (ISO 11898-1)."""
+"""Number of identifiers of 29 bits (ISO 11898-1)."""
 MAX_BYTES = 8
 """Most data bytes of a classic frame."""
 

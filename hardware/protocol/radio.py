@@ -30,7 +30,7 @@ REPORT_CLASS = 4
 """First byte, and version of the layout: another layout has another, or a console of before would
 read wrong values."""
 FAULT_CODES = 6
-"""In a report, one per source of `aerodima.workbench.scenario.signal_table.STATUS_SOURCES`."""
+"""Fault codes of a report, one per source of `signal_table.STATUS_SOURCES`."""
 REPORT_PERIOD = 0.05
 """s between two reports."""
 _HEAD = struct.Struct(f"<BBBBB{FAULT_CODES}B8f")

@@ -92,7 +92,7 @@ SWITCHED_OFF = {
     TeensyStatus.HEARTBEAT_STOPPED: "the Teensy has switched the motors off: no heartbeat on the "
     "bus",
 }
-"""What the Teensy has done and why, in words, by its status."""
+"""Action of the Teensy and its reason in words, by its status."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,11 +181,8 @@ def make_command(command: TeensyCommand) -> bytes:
     _check_pulse("servo", command.servo, SERVO_PULSES)
     _check_pulse("throttle", command.throttle, THROTTLE_PULSES)
     orders = "|;".join(_write_order(order) for order in command.motors)
-    data = (
-        f"{orders}|;{command.servo};{command.throttle}{_write_attitude(command.attitude)}".encode(
-            "ascii"
-        )
-    )
+    attitude = _write_attitude(command.attitude)
+    data = f"{orders}|;{command.servo};{command.throttle}{attitude}".encode("ascii")
     return data + f";*{crc8(data):02X}".encode("ascii") + END
 
 

@@ -64,14 +64,9 @@ def make_transmit(data: bytes, receiver: int) -> bytes:
 
 def make_received(packet: ReceivedPacket) -> bytes:
     """Makes the frame that a module hands over for data that arrived; for emulators."""
-    content = (
-        bytes([_RECEIVED])
-        + packet.sender.to_bytes(8, "big")
-        + _UNKNOWN_NETWORK_ADDRESS
-        + b"\x01"
-        + packet.data
-    )
-    return _frame(content)
+    sender = packet.sender.to_bytes(8, "big")
+    head = bytes([_RECEIVED]) + sender + _UNKNOWN_NETWORK_ADDRESS
+    return _frame(head + b"\x01" + packet.data)
 
 
 @dataclass(frozen=True, slots=True)
