@@ -67,7 +67,7 @@ def _seed_table() -> dict[Any, dict[str, float]]:
 
 
 class StaticResidual:
-    """The weighted residual of one hold, with its exact Jacobian.
+    """The weighted residual of one hold.
 
     Rows: the present reactions over the accuracy of Table 4.8, then the speed over its own.
     """
@@ -115,16 +115,6 @@ class StaticResidual:
         bar, drag, lift = self._effect(psi)
         return self._constant + bar + cd * drag + cl * lift + current * self._motor
 
-    def jacobian(self, x: FloatArray) -> FloatArray:
-        """d residual / d unknowns: exact in C_D, C_L and current, central difference over psi3."""
-        cd, cl, psi, _ = x.tolist()
-        here = self._effect(psi)
-        change = self._effect(psi + _TURN) - self._effect(psi - _TURN)
-        turn = np.array([1.0, cd, cl]) @ change / (2.0 * _TURN)
-        self._last = (psi, here)
-        _, drag, lift = here
-        return np.array([drag, lift, turn, self._motor]).T
-
     def noise(self, solution: Solution) -> Noise:
         """Noise from the errors of the force sensor and the encoder."""
         data = self._data
@@ -168,8 +158,7 @@ class StaticResidual:
 
 def static_problem(data: StaticData, options: FitOptions = FREE) -> Problem:
     """The least-squares problem of one hold on a rig that is known exactly."""
-    residual = StaticResidual(data)
-    return Problem(static_parameters(data, options), residual, residual.jacobian, name=data.name)
+    return Problem(static_parameters(data, options), StaticResidual(data), name=data.name)
 
 
 def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:

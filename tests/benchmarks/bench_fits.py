@@ -40,17 +40,15 @@ LOGS = 108
 """Static logs in the batch: three tails, two axes, six angles, three speeds."""
 
 
-def _scipy(problem: Problem, jacobian: bool = False) -> Any:
+def _scipy(problem: Problem) -> Any:
     """scipy with the same residual, bounds and seeds, at its default tolerances.
 
     `dogbox`, because `trf` takes 40 times longer on the static fits and stops far from the minimum.
     """
     parameters = problem.parameters
-    derivative: Any = problem.jacobian if jacobian and problem.jacobian is not None else "2-point"
     return least_squares(
         problem.residual,
         parameters.initial,
-        jac=derivative,
         bounds=(parameters.lower, parameters.upper),
         method="dogbox",
         x_scale="jac",
@@ -63,18 +61,16 @@ def _seconds(act: Callable[[], object]) -> float:
     return time.process_time() - start
 
 
-def _in_turns(problems: Sequence[Problem], jacobian: bool = False) -> tuple[float, float, float]:
+def _in_turns(problems: Sequence[Problem]) -> tuple[float, float, float]:
     """Median CPU seconds of us and of scipy over the same problems, and the largest cost of ours
     over scipy's.
     """
-    worst = max(
-        (solve(p).best.cost + 1e-9) / (float(_scipy(p, jacobian).cost) + 1e-9) for p in problems
-    )
+    worst = max((solve(p).best.cost + 1e-9) / (float(_scipy(p).cost) + 1e-9) for p in problems)
     ours = []
     peer = []
     for _ in range(REPEATS):
         ours.append(_seconds(lambda: [solve(p) for p in problems]))
-        peer.append(_seconds(lambda: [_scipy(p, jacobian) for p in problems]))
+        peer.append(_seconds(lambda: [_scipy(p) for p in problems]))
     return statistics.median(ours), statistics.median(peer), worst
 
 
@@ -105,13 +101,10 @@ def _holds() -> list[StaticData]:
 
 
 def bench_static_fits() -> list[BenchRow]:
-    """Solves alone, one core; scipy with its finite differences and with our Jacobian."""
+    """Solves alone, one core; scipy with its finite differences."""
     holds = _holds()
     problems = [static_problem(data) for data in holds]
     ours, peer, worst = _in_turns(problems)
-    with_jacobian = statistics.median(
-        [_seconds(lambda: [_scipy(p, True) for p in problems]) for _ in range(REPEATS)]
-    )
     whole = statistics.median(
         [_seconds(lambda: [fit_static(data) for data in holds]) for _ in range(3)]
     )
@@ -119,13 +112,6 @@ def bench_static_fits() -> list[BenchRow]:
     return [
         BenchRow(
             "static_fit", ours / len(problems) * 1e3, "ms", "<= 1.0", peer / len(problems) * 1e3
-        ),
-        BenchRow(
-            "static_fit_scipy_with_jacobian",
-            ours / len(problems) * 1e3,
-            "ms",
-            "",
-            with_jacobian / len(problems) * 1e3,
         ),
         BenchRow("static_fit_worst_cost", worst, "1", "<= 1.001"),
         BenchRow("static_540_solves", ours * per, "s", "<= 3.0"),

@@ -70,17 +70,6 @@ def test_hanging_rig_weighs_its_mass_and_turns_it_about_the_sensor():
     assert torque == 0.0
 
 
-def test_jacobian_of_the_residual_is_that_of_differences(windy):
-    problem = static_problem(static_data(windy))
-    x = np.array([0.9, 0.3, 0.07, 5.0])
-    step = 1e-6
-    ends = [
-        [problem.residual(x + sign * step * unit) for unit in np.eye(4)] for sign in (1.0, -1.0)
-    ]
-    numeric = (np.array(ends[0]) - np.array(ends[1])).T / (2.0 * step)
-    np.testing.assert_allclose(problem.jacobian(x), numeric, rtol=1e-6, atol=1e-6)
-
-
 def test_truth_lies_within_narrow_intervals_and_scipy_agrees(windy):
     data = static_data(windy)
     result = fit_static(data)
