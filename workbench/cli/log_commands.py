@@ -126,7 +126,7 @@ def export(
         raise LogError(f"--to: {to!r} must be one of {', '.join(FORMATS)}")
     path = out or log.with_suffix(f".{form}")
     if path.suffix.lower() != f".{form}":
-        raise LogError(f"--out {path}: must end in .{form} with --to {form}")
+        raise LogError(f"--out {path}: ending {path.suffix!r} must be .{form} with --to {form}")
     _refuse_raw(path, log)
     refuse_existing(path, force, LogError)
     run_log = workbench.read_run_log(log)

@@ -82,7 +82,7 @@ def refuse_ignored_attributes(path: Path) -> None:
     """Raise ModelError for joint friction, or a URDF joint spring, that Drake drops silently."""
     kind = path.suffix.lower().lstrip(".")
     if kind not in IGNORED_BY_DRAKE:
-        raise ModelError(f"{path}: must end in .sdf or .urdf")
+        raise ModelError(f"{path}: ending {path.suffix!r} must be .sdf or .urdf")
     try:
         root = ElementTree.parse(path).getroot()
     except (ElementTree.ParseError, OSError) as error:

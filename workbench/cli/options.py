@@ -76,7 +76,8 @@ def endings(*allowed: str) -> Callable[[typer.CallbackParam, Any], Any]:
     def check(param: typer.CallbackParam, value: Any) -> Any:
         for path in value if isinstance(value, list | tuple) else [value]:
             if path is not None and path.suffix.lower() not in allowed:
-                raise UserError(f"{param.opts[0]} {path}: must end in {', '.join(allowed)}")
+                wrong = f"{path.suffix!r} must be one of {', '.join(allowed)}"
+                raise UserError(f"{param.opts[0]} {path}: ending {wrong}")
         return value
 
     return check
