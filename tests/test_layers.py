@@ -132,7 +132,7 @@ def test_a_circle_of_files_is_seen(tmp_path: Path) -> None:
             "sail",
             "def later():\n    from aerodima.workbench.car import tail_plant",
         ),
-        ("car", "tail_plant", "from aerodima.workbench.aero.laws import NormalForceLaw"),
+        ("car", "tail_plant", "from aerodima.workbench.aero.section_laws import NormalForceLaw"),
     ):
         (tmp_path / "workbench" / folder).mkdir(parents=True, exist_ok=True)
         (tmp_path / "workbench" / folder / f"{name}.py").write_text(text, encoding="utf-8")
@@ -144,5 +144,7 @@ def test_an_arrow_upwards_is_seen() -> None:
         "workbench", "aero", "from aerodima.workbench.car.car_plant import make_car_plant"
     )
     assert upward("hardware", "devices", "def later():\n    from aerodima.hardware import car")
-    assert not upward("workbench", "car", "from aerodima.workbench.aero.laws import NormalForceLaw")
+    assert not upward(
+        "workbench", "car", "from aerodima.workbench.aero.section_laws import NormalForceLaw"
+    )
     assert not upward("optimisation", "swing", "from aerodima.workbench.cli import program")

@@ -19,7 +19,7 @@ PROJECT, GROUPS = PYPROJECT["project"], PYPROJECT["dependency-groups"]
 WHEEL = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
 PACKAGES = {"workbench", "optimisation", "hardware"}
 CORE = {
-    "dask", "drake", "jinja2", "lazy-loader", "llvmlite", "matplotlib", "numpy", "pandas",
+    "dask", "drake", "jinja2", "lazy-loader", "matplotlib", "numpy", "pandas",
     "pillow", "psutil",
     "pyarrow", "pydantic", "pyyaml", "scipy", "typer",
 }  # fmt: skip

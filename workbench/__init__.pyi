@@ -3,8 +3,8 @@
 from .aero.added_mass import add_added_mass as add_added_mass
 from .aero.coefficient_files import embedded_sets as embedded_sets
 from .aero.coefficient_files import load_coefficients as load_coefficients
-from .aero.laws import NormalForceLaw as NormalForceLaw
-from .aero.laws import SectionLaw as SectionLaw
+from .aero.section_laws import NormalForceLaw as NormalForceLaw
+from .aero.section_laws import SectionLaw as SectionLaw
 from .aero.sections import SectionLayout as SectionLayout
 from .aero.tail_force import add_tail_force as add_tail_force
 from .aero.tail_geometry import Plate as Plate

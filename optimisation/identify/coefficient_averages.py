@@ -20,7 +20,7 @@ import yaml
 from aerodima.optimisation.identify.fit_result import FitResult
 from aerodima.optimisation.identify.huber import LIMIT, spread
 from aerodima.workbench.aero.coefficient_files import SCHEMA, coefficients_from_dict
-from aerodima.workbench.aero.laws import CHEETAH_LIMIT, ROBOT_LIMIT
+from aerodima.workbench.aero.section_laws import CHEETAH_LIMIT, ROBOT_LIMIT
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import FitError

@@ -21,7 +21,7 @@ from aerodima.optimisation.identify.fit_result import FitResult
 from aerodima.optimisation.identify.least_squares import Parameter
 from aerodima.optimisation.identify.swing_fit import SwingModel, TorqueLaw, Values
 from aerodima.optimisation.identify.swing_log import SwingData, swing_data
-from aerodima.workbench.aero.laws import NormalForceLaw, SpeedLine, SpeedTable
+from aerodima.workbench.aero.section_laws import NormalForceLaw, SpeedLine, SpeedTable
 from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS, LEAST_INERTIA_LEFT
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.core.resources import published_table

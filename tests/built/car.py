@@ -11,7 +11,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.optimisation.studies.study import load_study, plan_runs
-from aerodima.workbench.aero.laws import LineMotion, NormalForceLaw
+from aerodima.workbench.aero.section_laws import LineMotion, NormalForceLaw
 from aerodima.workbench.car.car_air import free_sail, sail_law
 from aerodima.workbench.car.car_model import wheel_rates
 from aerodima.workbench.car.car_plant import add_car_plant

@@ -14,14 +14,14 @@ import numpy as np
 import pandas as pd
 from pydantic import AfterValidator, ConfigDict, Field, PrivateAttr, Strict, model_validator
 
-from aerodima.workbench.aero.laws import (
+from aerodima.workbench.aero.polar_law import MIN_DRAG, PolarLaw, RegularTable
+from aerodima.workbench.aero.section_laws import (
     NormalForceLaw,
     SectionLaw,
     SpeedLine,
     SpeedTable,
     TwoSidedLaw,
 )
-from aerodima.workbench.aero.polar_law import MIN_DRAG, PolarLaw, RegularTable
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.yaml_files import (
     StrictModel,

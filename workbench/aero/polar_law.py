@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pydrake.math import arctan2
 
-from aerodima.workbench.aero.laws import (
+from aerodima.workbench.aero.section_laws import (
     STILL,
     LineMotion,
     Scalar,

@@ -37,7 +37,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from aerodima.workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw, SectionLaw
+from aerodima.workbench.aero.section_laws import CrossedPlatesLaw, NormalForceLaw, SectionLaw
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.core.elementwise import rotation_rows
 from aerodima.workbench.scenario.tail_parameters import SHELL_DEPTH

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.workbench.aero.laws import LineMotion, check_above_zero
+from aerodima.workbench.aero.section_laws import LineMotion, check_above_zero
 from aerodima.workbench.core.errors import ModelError
 
 Vector = tuple[float, float, float]

@@ -9,7 +9,7 @@ from pydrake.multibody.math import SpatialForce_
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce_
 from pydrake.multibody.tree import JacobianWrtVariable
 
-from aerodima.workbench.aero.laws import dot
+from aerodima.workbench.aero.section_laws import dot
 from aerodima.workbench.core.port_wiring import declare_spatial_forces
 from aerodima.workbench.core.system_lifetime import SystemParts, scalar_template
 

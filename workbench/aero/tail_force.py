@@ -16,7 +16,7 @@ from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
 from aerodima.workbench.aero.idle_normal import idle_normal
-from aerodima.workbench.aero.laws import (
+from aerodima.workbench.aero.section_laws import (
     LineMotion,
     NormalForceLaw,
     SectionLaw,

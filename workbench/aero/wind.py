@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.math import cos, sin
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from aerodima.workbench.aero.laws import check_above_zero, check_from_zero, float_of
+from aerodima.workbench.aero.section_laws import check_above_zero, check_from_zero, float_of
 from aerodima.workbench.aero.sections import Jet
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.event_order import EventPriority, period_of

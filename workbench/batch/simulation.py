@@ -75,7 +75,5 @@ def simulate(
     if record == "all":
         return run_car(scenario, log, bool(stop_when_certain), law, force, view, build)
     if log is not None:
-        raise UserError(
-            f"{log}: record='outcome' leaves out columns of a log file; must be record='all'"
-        )
+        raise UserError(f"{log}: must be None with record='outcome', which leaves out columns")
     return run_outcome(scenario, stop_when_certain is not False, law, view, build=build)

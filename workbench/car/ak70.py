@@ -133,6 +133,37 @@ class TailMotor(LeafSystem):
         output[0] = torque if torque == torque else 0.0
 
 
+class JointFriction(LeafSystem):
+    """Friction of the tail's joints, added to the torques of their motors.
+
+    Input ports:
+        rates (2): of `TAIL_JOINTS`, rad/s.
+        motor_torques (2): N m.
+    Output ports:
+        joint_torques (2): motor and friction together, N m.
+
+    Args:
+        scenario: with the friction.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__()
+        self.set_name("joint_friction")
+        self._friction = scenario.friction
+        size = len(TAIL_JOINTS)
+        self._rates = self.DeclareVectorInputPort("rates", size)
+        self._torques = self.DeclareVectorInputPort("motor_torques", size)
+        inputs = {self.all_input_ports_ticket()}
+        self.DeclareVectorOutputPort("joint_torques", size, weak_callback(self._calc), inputs)
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        law = self._friction
+        rates = vector_of(self._rates, context).tolist()
+        torques = vector_of(self._torques, context).tolist()
+        for joint, (rate, torque) in enumerate(zip(rates, torques, strict=True)):
+            output[joint] = torque + joint_friction(rate, law.coulomb, law.viscous, law.tanh_gain)
+
+
 TailMotorFactory = Callable[["Scenario", str], LeafSystem]
 """Makes the motor of one of `TAIL_JOINTS`. Its output port `torque` (1) drives the joint, N m. It
 has those input ports that it needs: `joint_state` (2), angle, rad, and rate, rad/s, of the joint,

@@ -20,7 +20,8 @@ from pydrake.systems.framework import (
     System,
 )
 
-from aerodima.workbench.aero.laws import (
+from aerodima.workbench.aero.sail import FreeSail, SailMotion, generalised_force, sail_motion
+from aerodima.workbench.aero.section_laws import (
     ROBOT_LIMIT,
     NormalForceLaw,
     SectionLaw,
@@ -28,7 +29,6 @@ from aerodima.workbench.aero.laws import (
     facing_law,
     wind_direction,
 )
-from aerodima.workbench.aero.sail import FreeSail, SailMotion, generalised_force, sail_motion
 from aerodima.workbench.aero.sections import Air, SectionLayout
 from aerodima.workbench.car.tail_plant import tail_geometry
 from aerodima.workbench.core.array_types import FloatArray

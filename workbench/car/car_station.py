@@ -11,13 +11,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from pydrake.geometry import Meshcat, MeshcatVisualizer
-from pydrake.symbolic import Expression, Variable
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, System
-from pydrake.systems.primitives import Adder, Multiplexer, PassThrough, SymbolicVectorSystem
+from pydrake.systems.primitives import Multiplexer, PassThrough
 
-from aerodima.workbench.car.ak70 import TAIL_JOINTS, TailMotor, TailMotorFactory, add_tail_motor
+from aerodima.workbench.car.ak70 import (
+    TAIL_JOINTS,
+    JointFriction,
+    TailMotor,
+    TailMotorFactory,
+    add_tail_motor,
+)
 from aerodima.workbench.car.car_plant import CarPlant, add_car_plant
 from aerodima.workbench.car.car_sensors import (
     GpsSpeed,
@@ -27,7 +31,6 @@ from aerodima.workbench.car.car_sensors import (
     SailEncoder,
 )
 from aerodima.workbench.car.chassis_actuators import DriveTrain, SteeringServo
-from aerodima.workbench.car.laws import joint_friction
 from aerodima.workbench.car.plant_ports import PlantPorts
 from aerodima.workbench.core.port_contract import (
     add_status,
@@ -225,26 +228,17 @@ class TailDrives:
                 builder.AddNamedSystem(f"ignored_{joint}_command", ignored)
                 commands[f"{joint}_command"] = ignored.get_input_port()
         motor_torques = concatenate(builder, "motor_torques", torques)
-        rates = [Variable(joint) for joint in TAIL_JOINTS]
-        law = scenario.friction
-        with np.errstate(invalid="ignore"):  # NumPy sees a NaN in every expression
-            friction: Any = [
-                joint_friction(Expression(rate), law.coulomb, law.viscous, law.tanh_gain)
-                for rate in rates
-            ]
-        system = SymbolicVectorSystem(input=np.array(rates), output=np.array(friction))
-        add_and_connect(builder, system, "joint_friction", u0=ports.motion("tail_rates"))
-        joint_torques = add_and_connect(
+        friction = add_and_connect(
             builder,
-            Adder(2, len(TAIL_JOINTS)),
-            "joint_torques",
-            u0=motor_torques,
-            u1=system.get_output_port(),
+            JointFriction(scenario),
+            rates=ports.motion("tail_rates"),
+            motor_torques=motor_torques,
         )
+        joint_torques = friction.GetOutputPort("joint_torques")
         air = TailAerodynamics.add_to_builder(
             builder, scenario, car.plant, tail_motion=ports.motion("tail_motion"), wind=wind
         )
-        return cls(commands, motor_torques, joint_torques.get_output_port(), air)
+        return cls(commands, motor_torques, joint_torques, air)
 
 
 def _add_sensors(

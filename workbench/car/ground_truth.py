@@ -14,7 +14,7 @@ from pydrake.multibody.plant import ContactResults, MultibodyPlant, PointPairCon
 from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from aerodima.workbench.aero.laws import cross
+from aerodima.workbench.aero.section_laws import cross
 from aerodima.workbench.aero.section_watch import SECTION_COLUMNS
 from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX
 from aerodima.workbench.car.car_plant import CarPlant

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aerodima.workbench.aero.laws import LineMotion, SectionLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.aero.section_laws import LineMotion, SectionLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS, smooth_friction
 from aerodima.workbench.core.array_types import FloatArray

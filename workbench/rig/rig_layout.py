@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 
 from aerodima.workbench.aero.coefficient_files import PolarTable, load_coefficients
-from aerodima.workbench.aero.laws import NormalForceLaw, SectionLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.aero.section_laws import NormalForceLaw, SectionLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.scenario.rig_scenario import MountParameters, RigScenario
 

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from aerodima.workbench.core.errors import ScenarioError
 from aerodima.workbench.core.key_errors import nearest
-from aerodima.workbench.core.quantity import check_rate, unit_of
+from aerodima.workbench.core.quantity import NO_UNIT, check_rate, unit_of
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.yaml_files import (
     ModelT,
@@ -154,8 +154,15 @@ class ScenarioFile(StrictModel):
 
     def _require(self, holds: bool, key: str, rule: str) -> None:
         """Raise ValueError if the rule of a key does not hold."""
-        if not holds:
-            raise ValueError(f"{key}: {attrgetter(key)(self):.9g} must be {rule}")
+        if holds:
+            return
+        section, _, name = key.partition(".")
+        values = getattr(self, section)
+        value = f"{getattr(values, name):.9g}"
+        unit = unit_of(type(values), name)
+        if unit != NO_UNIT:
+            value += f" {unit}"
+        raise ValueError(f"{key}: {value} must be {rule}")
 
     @classmethod
     def sections(cls) -> dict[str, type[BaseModel]]:

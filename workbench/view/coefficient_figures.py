@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aerodima.workbench.aero.coefficient_files import CoefficientSet, PolarTable
-from aerodima.workbench.aero.laws import NormalForceLaw, TwoSidedLaw
+from aerodima.workbench.aero.section_laws import NormalForceLaw, TwoSidedLaw
 from aerodima.workbench.view.figure_style import (
     BLUE,
     GREEN,

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from aerodima.optimisation.identify.swing_coefficients import motor_of
-from aerodima.workbench.aero.laws import NormalForceLaw
+from aerodima.workbench.aero.section_laws import NormalForceLaw
 from aerodima.workbench.logs.schema import run_log_from_metadata
 from aerodima.workbench.rig.pendulum import (
     PendulumModel,

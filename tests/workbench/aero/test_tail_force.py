@@ -14,7 +14,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from aerodima.workbench.aero.laws import NormalForceLaw
+from aerodima.workbench.aero.section_laws import NormalForceLaw
 from aerodima.workbench.aero.sections import Air, SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.core.errors import ModelError

@@ -8,8 +8,8 @@ from functools import partial
 import pytest
 
 from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coefficients
-from aerodima.workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.aero.section_laws import CrossedPlatesLaw, NormalForceLaw
 from aerodima.workbench.car.car_air import free_sail, sail_law, sail_layout, wind_model
 from aerodima.workbench.core.errors import ModelError, ScenarioError
 from aerodima.workbench.scenario.scenario import scenario_from_dict

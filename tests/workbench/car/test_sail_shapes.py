@@ -4,7 +4,7 @@ have.
 
 import pytest
 
-from aerodima.workbench.aero.laws import NormalForceLaw
+from aerodima.workbench.aero.section_laws import NormalForceLaw
 from aerodima.workbench.car.car_air import free_sail, sail_law
 from aerodima.workbench.car.tail_plant import sail_inertial, tail_sdf
 from aerodima.workbench.core.errors import ScenarioError

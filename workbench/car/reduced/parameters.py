@@ -13,7 +13,7 @@ import numpy as np
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 
-from aerodima.workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw
+from aerodima.workbench.aero.section_laws import CrossedPlatesLaw, NormalForceLaw
 from aerodima.workbench.car.ak70 import torque_speed_limits
 from aerodima.workbench.car.car_air import sail_law, sail_layout
 from aerodima.workbench.car.car_model import (

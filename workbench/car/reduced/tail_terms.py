@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from aerodima.workbench.aero.laws import LineMotion, plate_force
+from aerodima.workbench.aero.section_laws import LineMotion, plate_force
 from aerodima.workbench.car.laws import (
     joint_friction,
     pd_torque,
