@@ -120,7 +120,7 @@ wheel() {
     export PATH="$work/empty/bin:$PATH" PYTHONPATH=$work/away
     python -c "
 from aerodima import hardware, optimisation, workbench
-from aerodima.workbench.resources import models_dir
+from aerodima.workbench.core.resources import models_dir
 for path in (hardware.__file__, optimisation.__file__, workbench.__file__, str(models_dir())):
     assert not path.startswith('$root/'), path
 "

@@ -26,11 +26,12 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parent.parent
 TEXTS = {
-    "plant.md": "workbench/plants/README.md",
+    "plant.md": "workbench/car/README.md",
+    "rig.md": "workbench/rig/README.md",
     "aerodynamics.md": "workbench/aero/README.md",
     "optimiser.md": "optimisation/swing/README.md",
     "safety.md": "hardware/README.md",
-    "reduced_cars.md": "optimisation/screening/README.md",
+    "reduced_cars.md": "workbench/car/reduced/README.md",
     "contributing.md": "CONTRIBUTING.md",
     "errata.md": "models/published/ERRATA.md",
 }
@@ -98,7 +99,7 @@ def _fault_table() -> str:
 def _pictures() -> dict[str, bytes]:
     """The signs of the aerodynamic law, and a plot of each coefficient set."""
     from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coefficients
-    from aerodima.workbench.figures.coefficient_figures import plot_coefficients
+    from aerodima.workbench.view.coefficient_figures import plot_coefficients
 
     pictures = {"signs.png": (ROOT / "workbench" / "aero" / "signs.png").read_bytes()}
     for name in embedded_sets():

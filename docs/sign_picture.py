@@ -14,8 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from aerodima.workbench.aero.laws import NormalForceLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.aero.section_laws import NormalForceLaw
 from aerodima.workbench.aero.sections import SectionLayout
 
 PICTURE = Path(__file__).resolve().parent.parent / "workbench" / "aero" / "signs.png"

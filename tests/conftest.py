@@ -37,9 +37,9 @@ class StandardRuns(Mapping[str, Any]):
         return self._logs[mode]
 
     def _made(self, mode: str) -> Any:
-        from aerodima.workbench.config.scenario import load_scenario
+        from aerodima.workbench.batch.simulation import simulate
         from aerodima.workbench.logs.schema import read_run_log
-        from aerodima.workbench.simulate.simulation import simulate
+        from aerodima.workbench.scenario.scenario import load_scenario
 
         path = self._folder / f"turn_{mode}.parquet"
         with (self._folder / f"{mode}.lock").open("w") as lock:

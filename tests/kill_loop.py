@@ -22,7 +22,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from aerodima.workbench.batch.dask_engine import open_engine
-from aerodima.workbench.batch.row_store import RowStore, read_lines
+from aerodima.workbench.batch.row_store import RowStore, read_rows
 from tests.soak import workers
 
 PIECES, SECONDS = 12, 0.1
@@ -73,7 +73,7 @@ def main() -> int:
                         lambda index, result: store.add(str(index), {"square": result}),
                     )
                 killer.join()
-                table = Counter(line["key"] for line in read_lines(path) if "key" in line)
+                table = Counter(line["key"] for line in read_rows(path) if "key" in line)
                 whole = results == [n * n for n in range(PIECES)] and table == Counter(
                     map(str, range(PIECES))
                 )

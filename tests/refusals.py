@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.core.errors import UserError
 
 
 def assert_refused(work: Callable[[], object], error: type[Exception], *named: str) -> None:

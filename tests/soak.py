@@ -23,8 +23,8 @@ import psutil
 
 from aerodima.workbench.batch.dask_engine import open_engine
 from aerodima.workbench.batch.row_store import WORKER_RECORD
-from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.logs.schema import software_versions
+from aerodima.workbench.scenario.scenario import load_scenario
 
 LOOK_EVERY = 1.0
 """s, between two rows per worker in `memory.csv`."""
@@ -34,8 +34,8 @@ SETTINGS = ("manoeuvre.duration=3.0",)
 
 def one_run(marks, number):
     """Simulates and measures the turn; leaves a mark with its process."""
+    from aerodima.workbench.batch.simulation import simulate
     from aerodima.workbench.metrics.turn_metrics import metrics_of
-    from aerodima.workbench.simulate.simulation import simulate
 
     with (marks / str(number)).open("a", encoding="utf-8") as stream:
         stream.write(f"{os.getpid()}\n")
@@ -109,7 +109,7 @@ def soak(runs, number, memory, out):
             number,
             memory=memory,
             record=out / WORKER_RECORD,
-            module="aerodima.workbench.simulate.car_run",
+            module="aerodima.workbench.car.car_run",
         ) as engine,
     ):
         results = engine.map(partial(one_run, marks), range(runs), done)

@@ -4,9 +4,9 @@ found again.
 
 import pytest
 
-from aerodima.workbench.config.ensemble import load_ensemble
-from aerodima.workbench.errors import ModelError
+from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.metrics.published_values import published_values
+from aerodima.workbench.scenario.ensemble import load_ensemble
 from tests.built.found import CHECKS, RUNS, SLOW
 from tests.built.statements import (
     Statement,

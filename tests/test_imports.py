@@ -87,7 +87,7 @@ def test_package_imports_only_what_stands_below_it(package: str) -> None:
 @pytest.mark.parametrize(
     ("package", "source"),
     [
-        ("workbench", "from aerodima.optimisation.sweep import study"),
+        ("workbench", "from aerodima.optimisation.studies import study"),
         ("workbench", "def later():\n    import aerodima.hardware.driving"),
         ("optimisation", "import aerodima.hardware"),
         ("hardware", "from aerodima.optimisation import swing"),
@@ -102,8 +102,8 @@ def test_forbidden_arrow_is_seen(package: str, source: str) -> None:
 @pytest.mark.parametrize(
     ("package", "source"),
     [
-        ("optimisation", "from aerodima.workbench.config.scenario import load_scenario"),
-        ("hardware", "import aerodima.workbench.stations.car_station"),
+        ("optimisation", "from aerodima.workbench.scenario.scenario import load_scenario"),
+        ("hardware", "import aerodima.workbench.car.car_station"),
         ("workbench", "from . import resources\nimport numpy\nfrom workbench import ports"),
     ],
 )

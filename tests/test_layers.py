@@ -11,24 +11,19 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 LAYERS = {
     "workbench": (
-        "config",
-        "systems",
+        "core",
+        "scenario",
         "aero",
-        "sensors",
-        "plants",
-        "actuators",
-        "controllers",
         "logs",
+        "control",
+        "car",
+        "rig",
         "metrics",
-        "stations",
         "batch",
-        "simulate",
-        "figures",
-        "replay",
-        "report",
+        "view",
         "cli",
     ),
-    "optimisation": ("identify", "sweep", "screening", "calibration", "swing", "entry", "commands"),
+    "optimisation": ("identify", "studies", "judge", "swing", "calibrate", "commands"),
     "hardware": (
         "protocol",
         "transport",
@@ -131,19 +126,25 @@ def test_no_files_import_each_other() -> None:
 
 def test_a_circle_of_files_is_seen(tmp_path: Path) -> None:
     for folder, name, text in (
-        ("aero", "laws", "from aerodima.workbench.aero import sail"),
-        ("aero", "sail", "def later():\n    from aerodima.workbench.plants.tail import TailPlant"),
-        ("plants", "tail", "from aerodima.workbench.aero.laws import NormalForceLaw"),
+        ("aero", "section_laws", "from aerodima.workbench.aero import sail"),
+        (
+            "aero",
+            "sail",
+            "def later():\n    from aerodima.workbench.car import tail_plant",
+        ),
+        ("car", "tail_plant", "from aerodima.workbench.aero.section_laws import NormalForceLaw"),
     ):
         (tmp_path / "workbench" / folder).mkdir(parents=True, exist_ok=True)
         (tmp_path / "workbench" / folder / f"{name}.py").write_text(text, encoding="utf-8")
-    assert ("laws", "sail") in circles(file_arrows(tmp_path))
+    assert ("section_laws", "sail") in circles(file_arrows(tmp_path))
 
 
 def test_an_arrow_upwards_is_seen() -> None:
-    assert upward("workbench", "aero", "from aerodima.workbench.plants.car import make_car_plant")
+    assert upward(
+        "workbench", "aero", "from aerodima.workbench.car.car_plant import make_car_plant"
+    )
     assert upward("hardware", "devices", "def later():\n    from aerodima.hardware import car")
     assert not upward(
-        "workbench", "plants", "from aerodima.workbench.aero.laws import NormalForceLaw"
+        "workbench", "car", "from aerodima.workbench.aero.section_laws import NormalForceLaw"
     )
     assert not upward("optimisation", "swing", "from aerodima.workbench.cli import program")

@@ -28,8 +28,8 @@ from aerodima.workbench import (
     read_run_log,
 )
 from aerodima.workbench.cli.program import build_app
-from aerodima.workbench.config.swing_file import read_swing, swing_at, swing_from_dict
 from aerodima.workbench.metrics.turn_metrics import outcome_of
+from aerodima.workbench.scenario.swing_file import read_swing, swing_at, swing_from_dict
 from tests.refusals import assert_refused
 
 FOLDER = Path(__file__).resolve().parent / "data" / "old_files" / "d80c6d9"
@@ -69,7 +69,7 @@ def test_outcome_of_an_old_run_is_that_of_its_day():
 
 def test_old_run_can_be_made_again():
     """Its scenario is one of today, with the numbers that it had."""
-    from aerodima.workbench.config.scenario import scenario_from_dict
+    from aerodima.workbench.scenario.scenario import scenario_from_dict
 
     was = read_run_log(FOLDER / "turn.parquet").scenario
     scenario = scenario_from_dict(was).resolved()
@@ -105,7 +105,7 @@ def test_scenario_files_give_the_numbers_that_they_name():
 
 
 def test_exported_bundle_drives():
-    from aerodima.workbench.controllers.law_of_scenario import load_drive
+    from aerodima.workbench.control.controller_bundle import load_drive
 
     scenario, law = load_drive(str(FOLDER / "bundle.json"))
     assert (scenario.name, scenario.manoeuvre.direction) == ("a turn of our own", "right")
@@ -149,8 +149,8 @@ def test_coefficients_give_the_same_force():
 
 
 def test_study_file_plans_the_runs_that_its_table_has():
-    from aerodima.optimisation.sweep.run_study import read_table
-    from aerodima.optimisation.sweep.study import plan_runs
+    from aerodima.optimisation.studies.run_study import read_table
+    from aerodima.optimisation.studies.study import plan_runs
 
     runs = plan_runs(load_study(FOLDER / "study.yaml"))
     table = read_table(FOLDER / "study")
@@ -163,7 +163,7 @@ def test_study_file_plans_the_runs_that_its_table_has():
 
 
 def test_table_of_a_study_is_that_of_its_csv():
-    from aerodima.optimisation.sweep.run_study import read_table
+    from aerodima.optimisation.studies.run_study import read_table
 
     table = read_table(FOLDER / "study")
     text = pd.read_csv(FOLDER / "study" / "table.csv")

@@ -11,7 +11,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from aerodima import workbench
-from aerodima.workbench import resources
+from aerodima.workbench.core import resources
 
 ROOT = Path(__file__).resolve().parent.parent
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -19,7 +19,7 @@ PROJECT, GROUPS = PYPROJECT["project"], PYPROJECT["dependency-groups"]
 WHEEL = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
 PACKAGES = {"workbench", "optimisation", "hardware"}
 CORE = {
-    "dask", "drake", "jinja2", "lazy-loader", "llvmlite", "matplotlib", "numpy", "pandas",
+    "dask", "drake", "jinja2", "lazy-loader", "matplotlib", "numpy", "pandas",
     "pillow", "psutil",
     "pyarrow", "pydantic", "pyyaml", "scipy", "typer",
 }  # fmt: skip
@@ -126,7 +126,7 @@ def test_own_commands_are_registered():
     "statement",
     [
         "from aerodima import workbench, optimisation, hardware",
-        "from aerodima.workbench.resources import models_dir; models_dir()",
+        "from aerodima.workbench.core.resources import models_dir; models_dir()",
         "import sys; sys.argv[1:] = ['--help']\n"
         "from aerodima.workbench.cli.program import main\ntry: main()\nexcept SystemExit: pass",
     ],

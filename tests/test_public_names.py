@@ -89,7 +89,7 @@ def test_notebooks_and_pages_import_only_exported_names(paths: list[Path]) -> No
 
 
 def test_an_import_of_a_name_that_is_not_exported_is_seen() -> None:
-    assert deep_imports("from aerodima.workbench.config.scenario import load_scenario")
+    assert deep_imports("from aerodima.workbench.scenario.scenario import load_scenario")
     assert deep_imports("from aerodima.workbench import resources")
     assert deep_imports("import aerodima.hardware.driving")
     assert not deep_imports("from aerodima.workbench import load_scenario, simulate\nimport numpy")

@@ -12,11 +12,11 @@ import time
 from enum import IntEnum
 
 from aerodima.hardware.devices.device_states import FramePort
-from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
+from aerodima.hardware.protocol.can_frame import CanFrame, FrameError, TimedFrames
 from aerodima.hardware.protocol.teensy import SWITCHED_OFF, TeensyStatus
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 
-BEAT_ID = 0x7A0
+HEARTBEAT_ID = 0x7A0
 """CAN id of the computer's heartbeat."""
 ANSWER_ID = 0x7A1
 """CAN id of the Teensy's answer to it."""
@@ -24,7 +24,7 @@ _MAGIC = 0xAD
 """First byte of heartbeats and answers."""
 
 
-class BeatState(IntEnum):
+class HeartbeatState(IntEnum):
     """State that the computer reports.
 
     TRIP: the Teensy must switch the motors off, the computer cannot.
@@ -35,10 +35,10 @@ class BeatState(IntEnum):
     TRIP = 2
 
 
-def make_beat(state: BeatState, counter: int) -> CanFrame:
-    """The heartbeat; the counter is taken modulo 256 and must differ from frame to frame."""
+def make_heartbeat(state: HeartbeatState, counter: int) -> CanFrame:
+    """Makes the heartbeat; the counter is taken modulo 256 and must differ from frame to frame."""
     counter %= 256
-    return CanFrame(BEAT_ID, bytes([_MAGIC, state, counter, ~(state ^ counter) & 0xFF]))
+    return CanFrame(HEARTBEAT_ID, bytes([_MAGIC, state, counter, ~(state ^ counter) & 0xFF]))
 
 
 def decode_answer(frame: CanFrame) -> tuple[TeensyStatus, int]:
@@ -71,9 +71,9 @@ class BusWatch:
     def __init__(self, port: FramePort, answer_timeout: float) -> None:
         self._port = port
         self._timeout = answer_timeout
-        self._state = BeatState.OFF
+        self._state = HeartbeatState.OFF
         self._counter = 0
-        self._asked: float | None = None
+        self._unanswered_since: float | None = None
         self._polled = -math.inf
         self._status: TeensyStatus | None = None
         self.answers = 0
@@ -98,20 +98,20 @@ class BusWatch:
         """Waits until the port has sent everything, at most `timeout` s."""
         return self._port.flush(timeout)
 
-    def poll(self) -> list[tuple[float, CanFrame]]:
-        """The port's frames without the answers of the Teensy."""
+    def poll(self) -> TimedFrames:
+        """Returns the port's frames without the answers of the Teensy."""
         frames = self._port.poll()
         self._polled = time.monotonic()
         for _, frame in frames:
             if frame.arbitration_id == ANSWER_ID:
-                self._take(frame)
+                self._receive(frame)
         return [(when, frame) for when, frame in frames if frame.arbitration_id != ANSWER_ID]
 
     # -- as a watchdog
 
     @property
     def healthy(self) -> bool:
-        """Whether the Teensy answers and has not switched everything off."""
+        """Returns whether the Teensy answers and has not switched everything off."""
         return not self.reason
 
     @property
@@ -119,10 +119,10 @@ class BusWatch:
         """Reason why it is not healthy; empty while it is."""
         # Until the bus was last looked at: a loop that stood still since then is no silence of the
         # Teensy.
-        if self._asked is None:
+        if self._unanswered_since is None:
             waited = 0.0
         else:
-            waited = self._polled - self._asked
+            waited = self._polled - self._unanswered_since
         if waited > self._timeout:
             return f"the Teensy does not answer on the CAN bus for {waited:.2f} s"
         if self._status is None:
@@ -133,34 +133,34 @@ class BusWatch:
         return SWITCHED_OFF.get(self._status, "")
 
     def arm(self) -> None:
-        """From now on the Teensy waits for heartbeats.
+        """Makes the Teensy wait for heartbeats.
 
         Raises `HardwareError` if it does not answer, or has acted.
         """
         if not self.healthy:
             raise HardwareError(self.reason)
-        self._send(BeatState.ARMED)
+        self._send(HeartbeatState.ARMED)
 
-    def beat(self) -> None:
-        """The loop lives."""
+    def heartbeat(self) -> None:
+        """Sends a heartbeat: the loop lives."""
         self._send(self._state)
 
     def disarm(self) -> None:
         """Makes the following heartbeats report that the motors are off."""
-        self._send(BeatState.OFF)
+        self._send(HeartbeatState.OFF)
 
     def trip(self) -> None:
         """Asks the Teensy to switch the motors off."""
-        self._send(BeatState.TRIP)
+        self._send(HeartbeatState.TRIP)
 
-    def _send(self, state: BeatState) -> None:
+    def _send(self, state: HeartbeatState) -> None:
         self._state = state
         self._counter = (self._counter + 1) % 256
-        if self._asked is None:
-            self._asked = time.monotonic()
-        self._port.send(make_beat(state, self._counter))
+        if self._unanswered_since is None:
+            self._unanswered_since = time.monotonic()
+        self._port.send(make_heartbeat(state, self._counter))
 
-    def _take(self, frame: CanFrame) -> None:
+    def _receive(self, frame: CanFrame) -> None:
         try:
             status, counter = decode_answer(frame)
         except FrameError:
@@ -169,5 +169,5 @@ class BusWatch:
             self._counter - counter
         ) % 256 < 128:  # an answer that waited in a buffer still shows that it lives
             self._status = status
-            self._asked = None
+            self._unanswered_since = None
             self.answers += 1

@@ -21,12 +21,12 @@ from typing import Any, Literal, get_args
 
 from pydantic import Field, model_validator
 
-from aerodima.hardware.protocol.ak70 import LEAST_ID, MOST_ID, FirmwareProfile, firmware_profile
+from aerodima.hardware.protocol.ak70 import MAX_ID, MIN_ID, FirmwareProfile, firmware_profile
 from aerodima.hardware.protocol.xbee import BROADCAST
 from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.hardware.transport.serial_link import SerialSettings
-from aerodima.workbench.config.checked_files import StrictModel, checked
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.yaml_files import StrictModel, checked
 
 SCHEMA = "aerodima/ports/1"
 Joint = Literal["tail_pitch", "tail_roll"]
@@ -37,9 +37,9 @@ SERIAL_DEVICES: tuple[SerialDevice, ...] = get_args(SerialDevice)
 READY_FILE = "ready.json"
 """File that exists once an emulated car answers."""
 PORTS_FILE = "ports.json"
-"""The ports of an emulated car, for `connect` and `aerodima drive --ports`."""
+"""The ports of an emulated car, for `connect` and `aerodima drive run --ports`."""
 EVENTS_FILE = "events.jsonl"
-"""What happened in an emulated car, for `read_events`."""
+"""Events of an emulated car, for `read_events`."""
 TRAFFIC_FILE = "traffic.blf"
 TRUTH_FILE = "truth.parquet"
 PORTS_FOLDER = "ports"
@@ -71,7 +71,7 @@ class MountedMotor(StrictModel):
     the joint's.
     """
 
-    motor_id: int = Field(ge=LEAST_ID, le=MOST_ID)
+    motor_id: int = Field(ge=MIN_ID, le=MAX_ID)
     zero: float = 0.0
     direction: Literal[1, -1] | None = None
     """None takes the sign of `mounting.yaml`."""
@@ -130,13 +130,15 @@ class CarPorts(StrictModel):
         return self.tail_pitch.motor_id, self.tail_roll.motor_id
 
 
-def read_ports(path: str | Path) -> CarPorts:
-    """Reads a ports file.
+def read_ports(path: str | Path | CarPorts) -> CarPorts:
+    """Reads a ports file; returns ports that were read already as they are.
 
     Raises:
         HardwareError: no such file, not JSON, unknown key, value not allowed, one device named
             twice; names the place.
     """
+    if isinstance(path, CarPorts):
+        return path
     try:
         data = json.loads(Path(path).read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -147,21 +149,22 @@ def read_ports(path: str | Path) -> CarPorts:
 
 
 def ports_from_dict(data: Any, where: str = "ports") -> CarPorts:
-    """The ports in plain data; see `read_ports`."""
+    """Checks the ports in plain data; see `read_ports`."""
     ports = checked(CarPorts, data, where, HardwareError, schema=SCHEMA)
-    seen: dict[str, str] = {}
-    for name, path in (
-        ports.serial_paths | ({} if ports.console is None else {"console": ports.console.path})
-    ).items():
-        if path in seen:
-            raise HardwareError(f"{where}: {name}.path: {path} is that of {seen[path]} too")
-        seen[path] = name
+    names: dict[str, str] = {}
+    paths = ports.serial_paths
+    if ports.console is not None:
+        paths["console"] = ports.console.path
+    for name, path in paths.items():
+        if path in names:
+            raise HardwareError(f"{where}: {name}.path: {path} is that of {names[path]} too")
+        names[path] = name
     firmware_profile(ports.firmware_profile)
     return ports
 
 
 def is_emulated_port(path: str) -> bool:
-    """Whether a device is a pseudo-terminal that an emulator made.
+    """Returns whether a device is a pseudo-terminal that an emulator made.
 
     A pseudo-terminal alone is no proof: other programs put real devices behind one.
     """

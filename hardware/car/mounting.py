@@ -16,11 +16,11 @@ import numpy as np
 from aerodima.hardware.devices.bno055 import Bno055Sample
 from aerodima.hardware.devices.teensy_link import pulse
 from aerodima.hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.checked_files import QuantityModel, quantity
-from aerodima.workbench.config.scenario import load_section
-from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.resources import model_path
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.quantity import QuantityModel, quantity
+from aerodima.workbench.core.resources import model_path
+from aerodima.workbench.scenario.scenario_file import load_section
 
 AXES = {
     f"{sign}{axis}": factor * np.eye(3)["xyz".index(axis)]
@@ -58,19 +58,15 @@ class Mounting(QuantityModel):
     # -- read by the car's computer
 
     def imu_reading(self, sample: Bno055Sample) -> FloatArray:
-        """(9,) as `signal_table.IMU`: roll, pitch, yaw rad; gyro rad/s; linear acceleration m/s2;
-        in body axes.
+        """Converts a sample to a reading (9,) as `signal_table.IMU`: roll, pitch, yaw rad; gyro
+        rad/s; linear acceleration m/s2; in body axes.
         """
-        R_WB = sample.rotation @ self.chip_to_body.T
-        return np.array(
-            [
-                math.atan2(R_WB[2, 1], R_WB[2, 2]),
-                math.asin(max(-1.0, min(1.0, -R_WB[2, 0]))),
-                math.atan2(R_WB[1, 0], R_WB[0, 0]),
-                *(self.chip_to_body @ sample.gyro),
-                *(self.chip_to_body @ sample.acceleration),
-            ]
-        )
+        R_BI = self.chip_to_body
+        R_WB = sample.rotation @ R_BI.T
+        roll = math.atan2(R_WB[2, 1], R_WB[2, 2])
+        pitch = math.asin(max(-1.0, min(1.0, -R_WB[2, 0])))
+        yaw = math.atan2(R_WB[1, 0], R_WB[0, 0])
+        return np.array([roll, pitch, yaw, *(R_BI @ sample.gyro), *(R_BI @ sample.acceleration)])
 
     def sail_angle(self, encoder: float) -> float:
         """Sail angle in [0, 2 pi) rad of an encoder angle, rad."""
@@ -92,12 +88,8 @@ class Mounting(QuantityModel):
         from pydrake.math import RollPitchYaw, RotationMatrix
 
         R_BI = self.chip_to_body
-        q = (
-            RollPitchYaw(reading[:3])
-            .ToRotationMatrix()
-            .multiply(RotationMatrix(R_BI))
-            .ToQuaternion()
-        )
+        R_WB = RollPitchYaw(reading[:3]).ToRotationMatrix()
+        q = R_WB.multiply(RotationMatrix(R_BI)).ToQuaternion()
         gyro = R_BI.T @ reading[3:6]
         acceleration = R_BI.T @ reading[6:9]
         return Bno055Sample(
@@ -118,7 +110,9 @@ class Mounting(QuantityModel):
 
 
 def load_mounting() -> Mounting:
-    """Table of `models/parameters/hardware/mounting.yaml`; `UserError` names what is wrong."""
+    """Loads the table of `models/parameters/hardware/mounting.yaml`; `UserError` names what is
+    wrong.
+    """
     mounting = load_section(model_path("parameters/hardware/mounting.yaml"), Mounting)
     mounting.chip_to_body  # noqa: B018 - raises if the axes are none
     return mounting
@@ -136,5 +130,5 @@ def _chip_to_body(imu_x: str, imu_y: str) -> FloatArray:
 
 
 def _share(value: int, pulses: tuple[int, int, int]) -> float:
-    least, idle, most = pulses
-    return (value - idle) / ((most - idle) if value >= idle else (idle - least))
+    lowest, idle, highest = pulses
+    return (value - idle) / ((highest - idle) if value >= idle else (idle - lowest))

@@ -1,10 +1,10 @@
-"""When computer and firmware stop the car: numbers with their reasons in parameter files."""
+"""Limits at which computer and firmware stop the car; the parameter files have their reasons."""
 
 from __future__ import annotations
 
-from aerodima.workbench.config.checked_files import QuantityModel, quantity
-from aerodima.workbench.config.scenario import load_section
-from aerodima.workbench.resources import model_path
+from aerodima.workbench.core.quantity import QuantityModel, quantity
+from aerodima.workbench.core.resources import model_path
+from aerodima.workbench.scenario.scenario_file import load_section
 
 
 class DriveSafety(QuantityModel):
@@ -70,15 +70,15 @@ class DriveSafety(QuantityModel):
 
 
 def load_drive_safety() -> DriveSafety:
-    """The limits; `ScenarioError` names what is wrong in the file."""
+    """Loads the limits; `ScenarioError` names what is wrong in the file."""
     return load_section(model_path("parameters/hardware/drive_safety.yaml"), DriveSafety)
 
 
 class TeensyTiming(QuantityModel):
-    """When the watchdog of the Teensy acts, and what it sends then."""
+    """Timing of the Teensy's watchdog and of what it sends once it has acted."""
 
     watchdog_timeout: float = quantity(
-        "s", "without a valid string or heartbeat, after which it acts", ge=0.1, le=0.25
+        "s", "without a valid text frame or heartbeat, after which it acts", ge=0.1, le=0.25
     )
     exit_burst: int = quantity("1", "exit frames per motor at once", ge=1, le=10)
     exit_cycles: int = quantity("1", "further exit frames per motor", ge=1, le=1000)
@@ -88,11 +88,13 @@ class TeensyTiming(QuantityModel):
         "s", "beyond the attitude limit, after which it acts", ge=0, le=1
     )
     attitude_age: float = quantity("s", "oldest attitude with which the car drives", gt=0, le=1)
-    reply_wait: float = quantity("s", "how long a reply string waits for the motors", gt=0, le=0.01)
+    reply_wait: float = quantity(
+        "s", "how long a reply text frame waits for the motors", gt=0, le=0.01
+    )
 
 
 def load_teensy_timing() -> TeensyTiming:
-    """The values of `models/parameters/hardware/teensy_firmware.yaml`; `ScenarioError` names what
-    is wrong in it.
+    """Loads the values of `models/parameters/hardware/teensy_firmware.yaml`; `ScenarioError` names
+    what is wrong in it.
     """
     return load_section(model_path("parameters/hardware/teensy_firmware.yaml"), TeensyTiming)

@@ -22,13 +22,13 @@ from aerodima.hardware.car.wiring import (
 from aerodima.hardware.devices.device_states import ENERGISED, MotorFault
 from aerodima.hardware.devices.tail_motor import Motor
 from aerodima.hardware.protocol.ak70 import MitCommand
-from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.hardware.protocol.radio import Asks
+from aerodima.hardware.protocol.can_frame import TimedFrames
+from aerodima.hardware.protocol.radio import OperatorPrompt
 from aerodima.hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
-from aerodima.workbench.config.signal_table import IMU, STATUS
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.scenario.signal_table import IMU, STATUS
 
-_LAST_STRINGS = 5
+_LAST_FRAMES = 5
 """Strings with throttle 0 and exit that are sent at the end, one every 10 ms."""
 _CYCLE = 0.01
 """Time between two cycles, s."""
@@ -54,7 +54,7 @@ class WiredCar:
         devices: open ones; None before `start` and after `stop`.
         reading: of the last cycle.
         stop_reason: of the first `stop`, empty before.
-        asks: what the operator must do before the car drives, with the next report; set by the
+        prompt: what the operator must do before the car drives, with the next report; set by the
             guard.
         traffic_error: what stopped the log of the CAN traffic, known after `stop`; empty if nothing
             did.
@@ -78,7 +78,7 @@ class WiredCar:
         self.reading = CarReading()
         self.stop_reason = ""
         self.traffic_error = ""
-        self.asks = Asks.NOTHING
+        self.prompt = OperatorPrompt.NONE
         self._reader = CarReader(mounting)
         self._reporter = CarReporter(has_tail, car)
         self._released = False  # by hand; what stands for `armed` where there are no motors
@@ -127,7 +127,8 @@ class WiredCar:
             self.devices.group.set_hold(now)
 
     def disarm(self, now: float) -> None:
-        """Exit frames now and in the following cycles; the links stay open and `read` goes on.
+        """Sends exit frames now and in the following cycles; the links stay open and `read` goes
+        on.
 
         Nothing after `stop`.
         """
@@ -153,7 +154,9 @@ class WiredCar:
 
     @property
     def unwatched(self) -> str:
-        """Why the watchdog of this wiring is not reliable; empty while it is, or before `start`."""
+        """Reason why the watchdog of this wiring is not reliable; empty while it is, or before
+        `start`.
+        """
         watchdog = None if self.devices is None else self.devices.watchdog
         return "" if watchdog is None or watchdog.healthy else watchdog.reason
 
@@ -164,21 +167,21 @@ class WiredCar:
             return ()
         return self.devices.group.motors
 
-    def replies(self, motor_id: int) -> list[tuple[float, CanFrame]]:
-        """The newest frames that name a motor, with their arrival (s), oldest first."""
+    def replies(self, motor_id: int) -> TimedFrames:
+        """Returns the newest frames that name a motor, with their arrival (s), oldest first."""
         if self.devices is None:
             return []
-        heard = self.devices.group.heard
+        heard = self.devices.group.received
         return [(when, frame) for when, frame in heard if frame.data[:1] == bytes([motor_id])]
 
     @property
     def teensy_time(self) -> float:
-        """When the Teensy sent its last reply, s; NaN before the first."""
+        """Time at which the Teensy sent its last reply, s; NaN before the first."""
         return math.nan if self.devices is None else self.devices.teensy.sent_time
 
     @property
     def imu_time(self) -> float:
-        """When the newest sample of the IMU was taken, s; NaN before the first."""
+        """Time at which the newest sample of the IMU was taken, s; NaN before the first."""
         return self._reader.imu_time
 
     @property
@@ -197,8 +200,8 @@ class WiredCar:
     # -- one cycle
 
     def read(self, now: float) -> CarReading:
-        """The first half of a cycle, every 10 ms: reads what came, and advances the states of the
-        motors.
+        """Runs the first half of a cycle, every 10 ms: reads what came, and advances the states of
+        the motors.
 
         Reading and writing are two calls so that a command can be made of the readings of its own
         cycle; one call for both would let every command wait a cycle, 10 ms in which the tail
@@ -218,7 +221,7 @@ class WiredCar:
         return self.reading
 
     def write(self, command: CarCommand, now: float) -> None:
-        """The second half: sends the command.
+        """Runs the second half of a cycle: sends the command.
 
         What is not finite is a fault of both motors, and throttle 0.
         """
@@ -245,13 +248,13 @@ class WiredCar:
         devices.teensy.set_attitude(roll, pitch, self.imu_time)
         devices.teensy.commit()
         if devices.radio is not None:
-            self._reporter.turn(devices.radio, self.reading, now, self.asks)
+            self._reporter.update(devices.radio, self.reading, now, self.prompt)
 
     # -- the way out
 
     def stop(self, reason: str) -> None:
-        """Exit frames several times, throttle 0, steering 0, then everything is closed; from every
-        state, at any time.
+        """Sends exit frames several times, throttle 0 and steering 0, then closes everything; from
+        every state, at any time.
 
         Never raises and may be called twice.
         """
@@ -263,7 +266,7 @@ class WiredCar:
         group = devices.group
         off = False
         quietly = contextlib.suppress(Exception)
-        for _ in range(_LAST_STRINGS):
+        for _ in range(_LAST_FRAMES):
             with quietly:  # whatever it is, the next exit frame must get its chance
                 group.set_exit(time.monotonic())
                 group.step(time.monotonic())
@@ -283,7 +286,7 @@ class WiredCar:
         )
         if devices.radio is not None:
             with quietly:
-                self._reporter.turn(devices.radio, self.reading, time.monotonic(), at_once=True)
+                self._reporter.update(devices.radio, self.reading, time.monotonic(), at_once=True)
         with quietly:
             devices.closers.close()
         self.traffic_error = "" if devices.bus is None else devices.bus.log_error
@@ -299,7 +302,7 @@ def _watch(devices: Devices, now: float) -> None:
         if not watchdog.healthy:
             for motor in motors:
                 motor.set_fault(MotorFault.BUS, watchdog.reason, now)
-        watchdog.beat()
+        watchdog.heartbeat()
     elif any(
         motor.fault in (MotorFault.BUS, MotorFault.NO_REPLY) or motor.off_overdue(now)
         for motor in motors
@@ -308,4 +311,4 @@ def _watch(devices: Devices, now: float) -> None:
     elif devices.group.off_confirmed:
         watchdog.disarm()
     else:
-        watchdog.beat()
+        watchdog.heartbeat()

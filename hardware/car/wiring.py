@@ -1,10 +1,10 @@
-"""What the computer sends to the car and receives from it once per cycle, in every wiring (design
+"""Commands to the car and readings of it, one of each per cycle, in every wiring (design
 section 14).
 
-In `teensy_bridge` everything goes through the strings of the Teensy. `watched_can` has the motors
-on a CAN adapter of the computer, the Teensy for servo, throttle and sail, and the Teensy on the
-motors' bus as watchdog. Both are a `WiredCar`, with the same readings, the same faults and the same
-end. Plain NumPy: it runs where Drake has no wheel.
+In `teensy_bridge` everything goes through the text frames of the Teensy. `watched_can` has the
+motors on a CAN adapter of the computer, the Teensy for servo, throttle and sail, and the Teensy on
+the motors' bus as watchdog. Both are a `WiredCar`, with the same readings, the same faults and the
+same end. Plain NumPy: it runs where Drake has no wheel.
 """
 
 from __future__ import annotations
@@ -29,14 +29,15 @@ from aerodima.hardware.devices.teensy_link import TeensyLink
 from aerodima.hardware.devices.ublox import GpsSample
 from aerodima.hardware.protocol.radio import (
     REPORT_PERIOD,
-    Asks,
     CarReport,
     OperatorCommand,
+    OperatorPrompt,
     make_report,
 )
 from aerodima.hardware.transport.can_bus import CanBus
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.signal_table import (
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.scenario.signal_table import (
     IMU,
     STATUS,
     STATUS_SOURCES,
@@ -44,8 +45,9 @@ from aerodima.workbench.config.signal_table import (
     TAIL_STATE,
     TAIL_TORQUE,
 )
-from aerodima.workbench.errors import HardwareError
 
+_Sources = dict[str, tuple[float, int, str]]
+"""Age (s), fault and fault in words, by the name of the source."""
 WiringName = Literal["teensy_bridge", "watched_can"]
 WIRINGS: tuple[WiringName, ...] = get_args(WiringName)
 _RATE_WINDOW = 0.02
@@ -71,7 +73,7 @@ class Devices:
         group: the motors, on the CAN bus or, in the bridge, on the Teensy itself.
         teensy: servo, throttle, sail. imu, gps, radio: None where it is not fitted.
         closers: of all of them.
-        watchdog, bus: the motors' bus; None in the bridge, where the strings are the heartbeat.
+        watchdog, bus: the motors' bus; None in the bridge, where the text frames are the heartbeat.
     """
 
     group: MotorGroup
@@ -92,7 +94,7 @@ class CarCommand:
     Attributes:
         steering_angle: rad, positive to the left.
         throttle: -1 to 1.
-        tail_pitch, tail_roll: (5,) as `aerodima.workbench.config.signal_table.TAIL_COMMAND`.
+        tail_pitch, tail_roll: (5,) as `aerodima.workbench.scenario.signal_table.TAIL_COMMAND`.
     """
 
     steering_angle: float = 0.0
@@ -102,7 +104,7 @@ class CarCommand:
 
     @property
     def finite(self) -> bool:
-        """Whether every number is finite."""
+        """Returns whether every number is finite."""
         numbers = np.concatenate(
             ([self.steering_angle, self.throttle], self.tail_pitch, self.tail_roll)
         )
@@ -111,16 +113,16 @@ class CarCommand:
 
 @dataclass(frozen=True)
 class CarReading:
-    """What is known after a cycle, as the station's output ports give it.
+    """Readings of a cycle, as the station's output ports give them.
 
     Values hold their last sample.
 
     Attributes:
-        tail_state: (6,) `aerodima.workbench.config.signal_table.TAIL_STATE`, rad and rad/s.
+        tail_state: (6,) `aerodima.workbench.scenario.signal_table.TAIL_STATE`, rad and rad/s.
         tail_torque: (2,) N m.
-        imu: (9,) `aerodima.workbench.config.signal_table.IMU`.
+        imu: (9,) `aerodima.workbench.scenario.signal_table.IMU`.
         speed: (1,) m/s.
-        status: (13,) `aerodima.workbench.config.signal_table.STATUS`: ages in s (infinite before
+        status: (13,) `aerodima.workbench.scenario.signal_table.STATUS`: ages in s (infinite before
             the first sample), faults, armed.
         operator: the operator's last command, for driving by radio.
         fault_text: the worst fault in words, empty while there is none.
@@ -152,26 +154,28 @@ class CarReader:
         self.imu_time = math.nan
 
     def read(self, devices: Devices, now: float, released: bool) -> CarReading:
-        """The reading at `now` (s, monotonic); `released` means `armed` where no motors are."""
+        """Makes the reading at `now` (s, monotonic); `released` is `armed` where no motors are."""
         motors = devices.group.motors
         for index, motor in enumerate(motors):
             if math.isfinite(motor.position):
                 self._tail[index] = motor.position, motor.speed, motor.torque
         newest = devices.imu.newest
         if newest is not None and newest[0] != self.imu_time:
-            self.imu_time, self._imu = newest[0], self._mounting.imu_reading(newest[1])
+            self.imu_time = newest[0]
+            self._imu = self._mounting.imu_reading(newest[1])
         solution = None if devices.gps is None else devices.gps.newest
         if solution is not None and solution[1].fix:
             self._speed = np.array([solution[1].speed])
-        sail, sail_rate = self._sail.of(devices.teensy, self._mounting)
+        sail, sail_rate = self._sail.update(devices.teensy, self._mounting)
         pitch, roll = self._tail
+        tail_state = np.array([pitch[0], roll[0], sail, pitch[1], roll[1], sail_rate])
         sources = _sources(devices, now)
         status = {"armed": float(devices.group.ready if motors else released)}
         for source in STATUS_SOURCES:
             age, fault, _ = sources.get(source, (0.0, SourceFault.NOT_FITTED, ""))
             status |= {f"{source}_age": age, f"{source}_fault": float(fault)}
         return CarReading(
-            tail_state=np.array([pitch[0], roll[0], sail, pitch[1], roll[1], sail_rate]),
+            tail_state=tail_state,
             tail_torque=self._tail[:, 2].copy(),
             imu=self._imu,
             speed=self._speed,
@@ -181,31 +185,31 @@ class CarReader:
         )
 
 
-def _sources(devices: Devices, now: float) -> dict[str, tuple[float, int, str]]:
-    """Age (s), fault, and the fault in words, of every source that is fitted."""
+def _sources(devices: Devices, now: float) -> _Sources:
+    """Returns age (s), fault, and the fault in words, of every source that is fitted."""
     teensy = devices.teensy
     imu = devices.imu
     gps = devices.gps
     radio = devices.radio
-    found: dict[str, tuple[float, int, str]] = {
+    sources: _Sources = {
         "sail": (teensy.age(now), teensy.fault, teensy.fault_text),
         "imu": (imu.age(now), *imu.fault(now)),
     }
     for name, motor in zip(("tail_pitch", "tail_roll"), devices.group.motors, strict=False):
-        found[name] = motor.age(now), motor.fault, motor.fault_text
+        sources[name] = motor.age(now), motor.fault, motor.fault_text
     if gps is not None:
         fault, text = gps.fault(now)
         if fault is SourceFault.NONE and gps.newest is not None and not gps.newest[1].fix:
             fault = SourceFault.NO_FIX
             text = "the GPS has no fix"
-        found["speed"] = gps.age(now), fault, text
+        sources["speed"] = gps.age(now), fault, text
     if radio is not None:
-        found["operator"] = radio.age(now), *radio.fault(now)
-    return found
+        sources["operator"] = radio.age(now), *radio.fault(now)
+    return sources
 
 
-def _worst(devices: Devices, sources: dict[str, tuple[float, int, str]]) -> str:
-    """The fault that is reported: an emergency stop before all others, then motors, Teensy,
+def _worst(devices: Devices, sources: _Sources) -> str:
+    """Returns the fault that is reported: an emergency stop before all others, then motors, Teensy,
     operator, IMU, GPS.
     """
     operator, imu, speed = (
@@ -223,8 +227,8 @@ class _SailRate:
         self._past: deque[tuple[float, float]] = deque(maxlen=64)
         self._seen = (0.0, 0.0)
 
-    def of(self, teensy: TeensyLink, mounting: Mounting) -> tuple[float, float]:
-        """Angle in [0, 2 pi) rad and rate rad/s; zeros before the first reply."""
+    def update(self, teensy: TeensyLink, mounting: Mounting) -> tuple[float, float]:
+        """Returns angle in [0, 2 pi) rad and rate rad/s; zeros before the first reply."""
         sent = teensy.sent_time
         if not math.isfinite(sent) or (self._past and sent <= self._past[-1][0]):
             return self._seen
@@ -255,12 +259,12 @@ class CarReporter:
         self._due = 0.0
         self._sequence = 0
 
-    def turn(
+    def update(
         self,
         radio: RadioLink,
         reading: CarReading,
         now: float,
-        asks: Asks = Asks.NOTHING,
+        prompt: OperatorPrompt = OperatorPrompt.NONE,
         at_once: bool = False,
     ) -> None:
         """Sends a report when one is due (`now` in s, monotonic), or at once."""
@@ -268,15 +272,18 @@ class CarReporter:
             return
         self._due = now + REPORT_PERIOD
         self._sequence += 1
-        report = self._report(reading, radio.stopped, asks)
+        report = self._report(reading, radio.stopped, prompt)
         radio.report(make_report(report, self._sequence))
 
-    def _report(self, reading: CarReading, stopped: bool, asks: Asks) -> CarReport:
+    def _report(self, reading: CarReading, stopped: bool, prompt: OperatorPrompt) -> CarReport:
         status = STATUS.read(reading.status)
         tail = TAIL_STATE.read(reading.tail_state)
         imu = IMU.read(reading.imu)
         torque = TAIL_TORQUE.read(reading.tail_torque)
         codes = [int(getattr(status, f"{source}_fault")) for source in STATUS_SOURCES]
+        text = reading.fault_text
+        if not text and prompt is OperatorPrompt.RETURN_TO_IDLE:
+            text = _REST_FIRST
         return CarReport(
             armed=status.armed == 1.0,
             stopped=stopped,
@@ -290,8 +297,8 @@ class CarReporter:
             torque_roll=torque.roll,
             speed=float(reading.speed[0]),
             operator_age=status.operator_age,
-            text=reading.fault_text or _REST_FIRST * (asks is Asks.REST),
-            asks=asks,
+            text=text,
+            prompt=prompt,
             has_tail=self._has_tail,
             car=self._car,
         )

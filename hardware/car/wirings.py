@@ -2,10 +2,10 @@
 
 In both the Teensy watches.
 
-`teensy_bridge`, that of the thesis: the Teensy owns the CAN bus and the computer sends it strings.
-Its firmware switches the motors off when the strings stop. `watched_can`: the motors are on a CAN
-adapter of the computer, and the Teensy drives servo, throttle and sail. It is on the same bus and
-switches the motors off when the heartbeat stops.
+`teensy_bridge`, that of the thesis: the Teensy owns the CAN bus and the computer sends it text
+frames. Its firmware switches the motors off when the text frames stop. `watched_can`: the motors
+are on a CAN adapter of the computer, and the Teensy drives servo, throttle and sail. It is on the
+same bus and switches the motors off when the heartbeat stops.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ from aerodima.hardware.protocol.ak70 import make_exit
 from aerodima.hardware.transport.can_bus import CanBus
 from aerodima.hardware.transport.device_lock import can_address, lock_devices
 from aerodima.hardware.transport.serial_link import SerialLink, SerialSettings, open_serial
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.scenario.scenario import Scenario
 
 _SENSOR_TIMEOUT = 0.01
 """Longest wait of a read from a sensor's port, s."""
@@ -87,7 +87,7 @@ def wire_car(
     authorise: Callable[[], None],
     traffic_log: Path | None = None,
 ) -> WiredCar:
-    """The car of a scenario on a wiring; opens nothing yet.
+    """Makes the car of a scenario on a wiring; opens nothing yet.
 
     Args:
         authorise: raises `HardwareError` while no watchdog test of this wiring is recorded.
@@ -97,27 +97,23 @@ def wire_car(
         HardwareError: the ports name no CAN adapter where one is needed, or the motors' settings do
             not fit.
     """
-    if wiring == "watched_can":
-        can = ports.adapter(wiring)
-    else:
-        can = None
+    can = ports.adapter(wiring) if wiring == "watched_can" else None
     mounting = load_mounting()
     motors = tail_motors(scenario, ports, mounting)
 
     def open_devices() -> Devices:
         with ExitStack() as closers:  # what was opened is closed again when a later one fails
-            if can is None:
-                adapter = []
-            else:
-                adapter = [can_address(can)]
-            closers.enter_context(lock_devices([*adapter, *ports.serial_paths.values()], "a drive"))
+            devices = list(ports.serial_paths.values())
+            if can is not None:
+                devices.append(can_address(can))
+            closers.enter_context(lock_devices(devices, "a drive"))
             bus = None
             if can is not None:
                 bus = CanBus.open(can, traffic_log, listen={0, ANSWER_ID, *ports.motor_ids})
                 closers.callback(bus.close)
-            devices = _open_on(bus, ports, motors, closers)
-            devices.closers = closers.pop_all()
-            return devices
+            opened = _open_on(bus, ports, motors, closers)
+            opened.closers = closers.pop_all()
+            return opened
 
     return WiredCar(wiring, bool(motors), mounting, open_devices, authorise, ports.car)
 
@@ -125,11 +121,10 @@ def wire_car(
 def _open_on(
     bus: CanBus | None, ports: CarPorts, motors: tuple[MotorSettings, ...], closers: ExitStack
 ) -> Devices:
-    """Teensy, IMU, GPS and radio; the motors on the bus or, without one, on the Teensy."""
+    """Opens Teensy, IMU, GPS and radio; the motors are on the bus, or without one on the Teensy."""
     safety = load_drive_safety()
-    if bus is None:
-        watchdog = None
-    else:
+    watchdog = None
+    if bus is not None:
         watchdog = BusWatch(bus, safety.heartbeat_answer)
         closers.push(partial(_switch_off, bus, ports))
     serial = closers.enter_context(closing(_named("teensy", lambda: SerialLink.open(ports.teensy))))
@@ -165,7 +160,7 @@ def _named(name: str, open_device: Callable[[], T]) -> T:
 
 
 def _switch_off(bus: CanBus, ports: CarPorts, failed: object, *_error: object) -> None:
-    """After a failed start: exit frames to motors that an earlier program may have left on."""
+    """Sends exit frames after a failed start: an earlier program may have left motors on."""
     if failed is None:
         return
     for motor_id in ports.motor_ids:

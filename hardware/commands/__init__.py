@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+
 import typer
 
-from aerodima.hardware.commands.car_commands import console, drive, emulate
-from aerodima.workbench.cli import options as cli
+COMMAND_MODULES = ("drive_commands", "console_command", "emulate_command")
+"""Modules of this package in the order of the help page; each has `register(app)`."""
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the commands in the order of the help page (entry point group `aerodima.commands`)."""
-    for command in (drive, console, emulate):
-        app.command(rich_help_panel=cli.CAR)(command)
+    """Adds the commands of every module in `COMMAND_MODULES` (entry point of the group
+    `aerodima.commands`).
+    """
+    for name in COMMAND_MODULES:
+        import_module(f"{__name__}.{name}").register(app)

@@ -1,5 +1,5 @@
-"""What the console does with what pages say, which page controls the car, and the record; no
-network in here.
+"""Reaction of the console to its pages: what they ask for, which one controls the car, and the
+record; no network in here.
 
 Times in s, monotonic.
 """
@@ -16,15 +16,15 @@ from typing import Any, Final, TextIO
 from aerodima.hardware.console.emulated_car import EmulatedCarProcess
 from aerodima.hardware.console.operator_radio import OperatorRadio
 from aerodima.hardware.console.page_messages import (
-    Beat,
-    BeatClock,
+    HeartbeatClock,
     Logging,
     Message,
+    PageHeartbeat,
     Stop,
     radio_state,
 )
 from aerodima.hardware.protocol.radio import RadioMode
-from aerodima.workbench.errors import LogError, UserError
+from aerodima.workbench.core.errors import LogError, UserError
 
 GONE_AFTER: Final = 2.0
 """s without a word after which a page counts as gone, though its connection stands: hidden, frozen,
@@ -61,8 +61,8 @@ class Console:
         self._record = record
         self._limits = limits
         self._car = car
-        self._seats = Seats()
-        self._clocks: dict[int, BeatClock] = {}
+        self._clients = Clients()
+        self._clocks: dict[int, HeartbeatClock] = {}
         self._recorded: object = None
         self._radio_fault = ""
         self.failure = ""
@@ -72,21 +72,21 @@ class Console:
         """Address of the Meshcat view; None where there is none."""
         return None if self._car is None else self._car.view
 
-    def enter(self, now: float) -> int:
-        """A page connects; its number."""
-        page = self._seats.enter(now)
-        self._clocks[page] = BeatClock()
+    def connect(self, now: float) -> int:
+        """Connects a page; returns its number."""
+        page = self._clients.connect(now)
+        self._clocks[page] = HeartbeatClock()
         return page
 
-    def leave(self, page: int) -> None:
-        """A page has gone; a car that it drove goes to rest."""
+    def disconnect(self, page: int) -> None:
+        """Disconnects a page; a car that it drove goes to rest."""
         del self._clocks[page]
-        if self._seats.controller == page:
-            self.radio.rest()
+        if self._clients.controller == page:
+            self.radio.send_idle()
             self._record.add("controller_gone")
-        self._seats.leave(page)
+        self._clients.disconnect(page)
 
-    def hear(self, page: int, message: Message, now: float) -> None:
+    def handle(self, page: int, message: Message, now: float) -> None:
         """Does what a page asks for.
 
         Every page may stop the car; everything else is for the one that controls, while the console
@@ -101,24 +101,24 @@ class Console:
             return
         if self.failure:
             return
-        if not isinstance(message, Beat) and message.type == "take":
-            if not self._seats.take(page, now):
+        if not isinstance(message, PageHeartbeat) and message.type == "take":
+            if not self._clients.claim_control(page, now):
                 raise UserError("another page controls the car")
             self._record.add("control", page=page)
             return
-        if self._seats.controller != page:
+        if self._clients.controller != page:
             raise UserError("this page is read-only: another one controls the car")
-        self._seats.hear(page, now)
-        if isinstance(message, Beat):
-            self._beat(page, message, now)
+        self._clients.refresh(page, now)
+        if isinstance(message, PageHeartbeat):
+            self._heartbeat(page, message, now)
         elif isinstance(message, Logging):
             self._record.switch(message.on)
         else:
             self._request(message.type)
 
-    def turn(self, now: float) -> None:
-        """Every few milliseconds: reads the radio, repeats a stop."""
-        self.radio.turn(now)
+    def poll(self, now: float) -> None:
+        """Polls the radio and repeats a stop; to be called every few milliseconds."""
+        self.radio.poll(now)
         fault = self.radio.fault(now)
         if fault != self._radio_fault:
             self._radio_fault = fault
@@ -129,57 +129,54 @@ class Console:
             self._record.add("report", **radio_state(self.radio, now))
 
     def fail(self, error: Exception) -> None:
-        """A part of the console has died: the car goes to rest if it can still be reached, and the
-        console must end.
+        """Notes that a part of the console has died: the car goes to rest if it can still be
+        reached, and the console must end.
         """
         if self.failure:
             return
+        self.failure = type(error).__name__
         if str(error):
-            self.failure = f"{type(error).__name__}: {error}"
-        else:
-            self.failure = type(error).__name__
+            self.failure += f": {error}"
         with contextlib.suppress(Exception):  # the radio may be what has died
-            self.radio.rest()
+            self.radio.send_idle()
         with contextlib.suppress(Exception):
             self._record.add("failure", text=self.failure)
 
     def state(self, page: int, now: float) -> dict[str, Any]:
-        """What a page shows, plain data."""
+        """Returns what a page shows, as plain data."""
         car = self._car
+        record = self._record
+        controls = self._clients.controller == page
         return {
             "type": "state",
             "time": now,
-            "controls": self._seats.controller == page,
-            "can_take": self._seats.controller != page and self._seats.free(now),
+            "controls": controls,
+            "can_take": not controls and self._clients.control_is_free(now),
             "radio": radio_state(self.radio, now),
-            "recording": {
-                "on": self._record.on,
-                "path": str(self._record.path),
-                "error": self._record.error,
-            },
+            "recording": {"on": record.on, "path": str(record.path), "error": record.error},
             "car": None if car is None else {"driving": car.driving, "said": car.said},
         }
 
     def welcome(self) -> dict[str, Any]:
-        """What a page must know once."""
+        """Returns what a page must know once."""
         return {"type": "welcome", "limits": asdict(self._limits), "view": self.view}
 
-    def _beat(self, page: int, beat: Beat, now: float) -> None:
-        if not self._clocks[page].in_time(beat.time, now):  # it was held up on its way
+    def _heartbeat(self, page: int, heartbeat: PageHeartbeat, now: float) -> None:
+        if not self._clocks[page].in_time(heartbeat.time, now):  # it was held up on its way
             return
         before = self.radio.mode
-        sent = self.radio.beat(beat.count, beat.command, now)
+        sent = self.radio.heartbeat(heartbeat.count, heartbeat.command, now)
         if self.radio.mode is not before:
             self._record.add("mode", mode=self.radio.mode.name)
         if sent:
-            self._record.add("command", **beat.model_dump(exclude={"type", "time"}))
+            self._record.add("command", **heartbeat.model_dump(exclude={"type", "time"}))
 
     def _request(self, request: str) -> None:
         if request == "reset":
             self.radio.reset()
             self._record.add("reset")
         elif self._car is None:
-            raise UserError("this car is armed beside it: aerodima drive")
+            raise UserError("this car is armed beside it: aerodima drive run")
         elif request == "disarm":
             self._car.disarm()
         elif self.radio.stopped:
@@ -191,7 +188,7 @@ class Console:
             self._car.arm()
 
 
-class Seats:
+class Clients:
     """One seat to control and any number to look on.
 
     Pages are known by a number; times in s, monotonic.
@@ -200,35 +197,35 @@ class Seats:
     def __init__(self) -> None:
         self._next = 0
         self.controller: int | None = None
-        self._heard = 0.0
+        self._received = 0.0
 
-    def enter(self, now: float) -> int:
-        """A new page; the first one controls."""
+    def connect(self, now: float) -> int:
+        """Connects a new page and returns its number; the first one controls."""
         self._next += 1
         if self._next == 1:
-            self.take(1, now)
+            self.claim_control(1, now)
         return self._next
 
-    def leave(self, page: int) -> None:
-        """The connection of a page has ended."""
+    def disconnect(self, page: int) -> None:
+        """Disconnects a page."""
         if self.controller == page:
             self.controller = None
 
-    def hear(self, page: int, now: float) -> None:
-        """The page lives."""
+    def refresh(self, page: int, now: float) -> None:
+        """Notes that the page lives."""
         if self.controller == page:
-            self._heard = now
+            self._received = now
 
-    def free(self, now: float) -> bool:
-        """Whether the controlling page has gone."""
-        return self.controller is None or now - self._heard > GONE_AFTER
+    def control_is_free(self, now: float) -> bool:
+        """Returns whether the controlling page has gone."""
+        return self.controller is None or now - self._received > GONE_AFTER
 
-    def take(self, page: int, now: float) -> bool:
-        """The page asks for control; whether it has it now."""
-        if self.controller != page and not self.free(now):
+    def claim_control(self, page: int, now: float) -> bool:
+        """Gives the page control if that is free; returns whether it has it now."""
+        if self.controller != page and not self.control_is_free(now):
             return False
         self.controller = page
-        self._heard = now
+        self._received = now
         return True
 
 
@@ -253,7 +250,7 @@ class ConsoleRecord:
 
     @property
     def on(self) -> bool:
-        """Whether it records."""
+        """Returns whether it records."""
         return self._file is not None
 
     def switch(self, on: bool) -> None:
@@ -273,7 +270,7 @@ class ConsoleRecord:
             self.error = f"{self.path}: {error.strerror}"
 
     def add(self, event: str, **facts: Any) -> None:
-        """One line, if it records."""
+        """Adds a line, if it records."""
         if self._file is None:
             return
         try:

@@ -22,15 +22,15 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from aerodima.hardware.console.console import Console
 from aerodima.hardware.console.page_access import HOST, Access, impatient_http
 from aerodima.hardware.console.page_messages import read_message
-from aerodima.workbench.errors import HardwareError, UserError
+from aerodima.workbench.core.errors import HardwareError, UserError
 
-_TURN = 0.01
+_POLL_PERIOD = 0.01
 """Time between two looks at the radio, s."""
-_SHOW = 0.05
+_STATE_PERIOD = 0.05
 """Time between two states that a page gets, s."""
 _FAREWELL = 0.3
 """s in which pages learn that the console has failed, before it ends."""
-_MOST_BYTES = 4096
+_MAX_BYTES = 4096
 """Longest message that a page may send, bytes."""
 _BACKLOG = 16
 """Connections that are accepted in one go; more of them could take every file before the first one
@@ -49,7 +49,7 @@ Say = Callable[[str], None]
 
 
 def open_socket(port: int) -> socket.socket:
-    """A socket that listens on a port of 127.0.0.1; 0 takes a free one.
+    """Opens a socket that listens on a port of 127.0.0.1; 0 takes a free one.
 
     `HardwareError` if the port is in use.
     """
@@ -68,61 +68,17 @@ def open_socket(port: int) -> socket.socket:
 
 
 def make_app(console: Console, access: Access, say: Say, end: Callable[[], None]) -> Starlette:
-    """The pages and the WebSocket of a console.
+    """Makes the pages and the WebSocket of a console.
 
     Args:
         say: receives the next address when one has been used.
         end: of the server; called when a part of the console has died.
     """
-    pages = {
-        name: files("aerodima.hardware.console").joinpath("page", name).read_text(encoding="utf-8")
-        for name in _PAGES
-    }
-    headers = _headers(console.view)
-
-    async def page(request: Request) -> Response:
-        if refusal := access.refusal(request.headers, origin_needed=False):
-            return PlainTextResponse(f"refused: {refusal}\n", 403, headers)
-        token = request.query_params.get("token")
-        if token is not None:
-            return enter(token)
-        if not access.knows(request.headers):
-            text = (
-                "Open the address that the console's terminal shows; it works once, and not "
-                "after a restart.\n"
-            )
-            return PlainTextResponse(text, 403, headers)
-        name = request.path_params.get("name") or "index.html"
-        if name not in pages:
-            return PlainTextResponse("no such page\n", 404, headers)
-        return Response(pages[name], media_type=_TYPES[name.rpartition(".")[2]], headers=headers)
-
-    def enter(token: str) -> Response:
-        session = access.redeem(token)
-        if session is None:
-            text = (
-                "This address was used or is wrong; the console's terminal shows the one that "
-                "is valid.\n"
-            )
-            return PlainTextResponse(text, 403, headers)
-        say(f"opened; for another browser: {access.url}")
-        answer = RedirectResponse("/", 303, headers)
-        answer.set_cookie(access.cookie, session, httponly=True, samesite="strict", path="/")
-        return answer
-
-    async def connect(websocket: WebSocket) -> None:
-        if access.refusal(websocket.headers, origin_needed=True) or not access.knows(
-            websocket.headers
-        ):
-            await websocket.close(1008)  # before it is accepted: the browser gets status 403
-            return
-        await websocket.accept()
-        await _watched(console, _serve_page(console, websocket))
 
     @contextlib.asynccontextmanager
-    async def turning(_: Starlette) -> AsyncIterator[None]:
+    async def polling(_: Starlette) -> AsyncIterator[None]:
         tasks = [
-            asyncio.create_task(_watched(console, _turn(console))),
+            asyncio.create_task(_watched(console, _poll(console))),
             asyncio.create_task(_end(console, end)),
         ]
         # A second Ctrl-C ends the server without asking for an end.
@@ -131,8 +87,71 @@ def make_app(console: Console, access: Access, say: Say, end: Callable[[], None]
         for task in tasks:
             task.cancel()
 
-    routes = [Route("/", page), Route("/{name}", page), WebSocketRoute("/socket", connect)]
-    return Starlette(routes=routes, lifespan=turning)
+    door = _Door(console, access, say)
+    routes = [
+        Route("/", door.page),
+        Route("/{name}", door.page),
+        WebSocketRoute("/socket", door.connect),
+    ]
+    return Starlette(routes=routes, lifespan=polling)
+
+
+class _Door:
+    """Answers to requests: pages and WebSockets for whoever holds a session, refusals."""
+
+    def __init__(self, console: Console, access: Access, say: Say) -> None:
+        self._console = console
+        self._access = access
+        self._say = say
+        self._headers = _headers(console.view)
+        folder = files("aerodima.hardware.console").joinpath("page")
+        self._pages = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in _PAGES}
+
+    async def page(self, request: Request) -> Response:
+        """Answers a request for a page, or for a session with the token of an address."""
+        if refusal := self._access.refusal(request.headers, origin_needed=False):
+            return self._text(f"refused: {refusal}", 403)
+        token = request.query_params.get("token")
+        if token is not None:
+            return self._open_session(token)
+        if not self._access.knows(request.headers):
+            return self._text(
+                "Open the address that the console's terminal shows; it works once, and not "
+                "after a restart.",
+                403,
+            )
+        name = request.path_params.get("name") or "index.html"
+        if name not in self._pages:
+            return self._text("no such page", 404)
+        media_type = _TYPES[name.rpartition(".")[2]]
+        return Response(self._pages[name], media_type=media_type, headers=self._headers)
+
+    def _open_session(self, token: str) -> Response:
+        session = self._access.redeem(token)
+        if session is None:
+            return self._text(
+                "This address was used or is wrong; the console's terminal shows the one that "
+                "is valid.",
+                403,
+            )
+        self._say(f"opened; for another browser: {self._access.url}")
+        answer = RedirectResponse("/", 303, self._headers)
+        cookie = self._access.cookie
+        answer.set_cookie(cookie, session, httponly=True, samesite="strict", path="/")
+        return answer
+
+    def _text(self, text: str, status: int) -> Response:
+        return PlainTextResponse(f"{text}\n", status, self._headers)
+
+    async def connect(self, websocket: WebSocket) -> None:
+        """Serves a page's WebSocket until it disconnects."""
+        headers = websocket.headers
+        access = self._access
+        if access.refusal(headers, origin_needed=True) or not access.knows(headers):
+            await websocket.close(1008)  # before it is accepted: the browser gets status 403
+            return
+        await websocket.accept()
+        await _watched(self._console, _serve_page(self._console, websocket))
 
 
 def run_server(listener: socket.socket, console: Console, access: Access, say: Say) -> None:
@@ -154,13 +173,13 @@ def run_server(listener: socket.socket, console: Console, access: Access, say: S
 
 
 def make_server(app: Starlette) -> uvicorn.Server:
-    """The server of the app, with limits for what others send and for what they do not send."""
+    """Makes the server of the app, with limits for what others send and do not send."""
     config = uvicorn.Config(
         app,
         log_level="warning",
         http=impatient_http(),
         ws="websockets-sansio",
-        ws_max_size=_MOST_BYTES,
+        ws_max_size=_MAX_BYTES,
         ws_ping_interval=1.0,
         ws_ping_timeout=2.0,
         ws_per_message_deflate=False,
@@ -172,7 +191,7 @@ def make_server(app: Starlette) -> uvicorn.Server:
 
 
 async def _watched(console: Console, task: Coroutine[Any, Any, None]) -> None:
-    """Any exception that nobody meant ends the console: half of one is worse than none."""
+    """Ends the console at any exception that nobody meant: half of one is worse than none."""
     try:
         await task
     except Exception as error:
@@ -181,36 +200,36 @@ async def _watched(console: Console, task: Coroutine[Any, Any, None]) -> None:
 
 async def _end(console: Console, end: Callable[[], None]) -> None:
     while not console.failure:
-        await asyncio.sleep(_TURN)
+        await asyncio.sleep(_POLL_PERIOD)
     await asyncio.sleep(_FAREWELL)
     end()
 
 
-async def _turn(console: Console) -> None:
+async def _poll(console: Console) -> None:
     while True:
-        console.turn(time.monotonic())
-        await asyncio.sleep(_TURN)
+        console.poll(time.monotonic())
+        await asyncio.sleep(_POLL_PERIOD)
 
 
 async def _serve_page(console: Console, websocket: WebSocket) -> None:
-    page = console.enter(time.monotonic())
+    page = console.connect(time.monotonic())
     sender = asyncio.create_task(_show(console, websocket, page))
     try:
         while True:
-            await _hear(console, websocket, page)
+            await _receive(console, websocket, page)
     except WebSocketDisconnect:
         pass
     finally:
         sender.cancel()
-        console.leave(page)
+        console.disconnect(page)
 
 
-async def _hear(console: Console, websocket: WebSocket, page: int) -> None:
+async def _receive(console: Console, websocket: WebSocket, page: int) -> None:
     event = await websocket.receive()
     if event["type"] == "websocket.disconnect":
         raise WebSocketDisconnect(event.get("code", 1005))
     try:
-        console.hear(page, read_message(event.get("text") or ""), time.monotonic())
+        console.handle(page, read_message(event.get("text") or ""), time.monotonic())
     except UserError as error:
         await _send(websocket, {"type": "refused", "text": str(error)})
     except Exception as error:
@@ -226,7 +245,7 @@ async def _show_states(console: Console, websocket: WebSocket, page: int) -> Non
     await _send(websocket, console.welcome())
     while not console.failure:
         await _send(websocket, console.state(page, time.monotonic()))
-        await asyncio.sleep(_SHOW)
+        await asyncio.sleep(_STATE_PERIOD)
 
 
 async def _send(websocket: WebSocket, content: object) -> None:

@@ -18,14 +18,14 @@ from typing import Any
 from aerodima.hardware.car.car_ports import EVENTS_FILE, PORTS_FILE, READY_FILE
 from aerodima.hardware.car.wiring import WiringName, wiring_name
 from aerodima.hardware.emulator.fault_script import read_events
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.scenario.scenario import Scenario
 
 _START_TIME = 120.0
 """Longest wait for the emulator, and for one test of its watchdog, s."""
 _END_TIME = 20.0
 """Longest wait for a process to end, s."""
-_LOOK = 0.05
+_POLL_PERIOD = 0.05
 """Time between two looks at whether the emulator is ready, s."""
 _TESTS = 3
 """Times that the watchdog test is tried: a computer that is busy with other work can be late for
@@ -33,7 +33,7 @@ the emulated car."""
 
 
 class EmulatedCarProcess:
-    """`aerodima emulate` and, when it is armed, `aerodima drive`.
+    """`aerodima emulate` and, when it is armed, `aerodima drive run`.
 
     Args:
         scenario, settings: as the two commands take them.
@@ -101,14 +101,10 @@ class EmulatedCarProcess:
         end = time.monotonic() + _START_TIME
         while not _is_ready(ready, self._emulator.pid):
             if self._emulator.poll() is not None:
-                if self._emulator.stdout:
-                    out = self._emulator.stdout.read()
-                else:
-                    out = ""
-                raise HardwareError(_last_line(out) or "the emulator ended")
+                raise HardwareError(self._last_words() or "the emulator ended")
             if time.monotonic() > end:
                 raise HardwareError(f"the emulator is not ready after {_START_TIME:g} s")
-            time.sleep(_LOOK)
+            time.sleep(_POLL_PERIOD)
         self.view = json.loads(ready.read_text(encoding="utf-8"))["view"]
         if self._has_tail:
             self._test_watchdog(say)
@@ -116,7 +112,7 @@ class EmulatedCarProcess:
     def _test_watchdog(self, say: Callable[[str], None]) -> None:
         say("testing its watchdog")
         for left in reversed(range(_TESTS)):
-            test = self._run([*self._drive_command(), "--watchdog-test"])
+            test = self._run(self._drive_command("watchdog-test"))
             out, _ = test.communicate(timeout=_START_TIME)
             if test.returncode == 0:
                 return
@@ -126,32 +122,28 @@ class EmulatedCarProcess:
 
     @property
     def driving(self) -> bool:
-        """Whether a drive runs."""
+        """Returns whether a drive runs."""
         return self._drive is not None and self._drive.poll() is None
 
     @property
     def said(self) -> str:
         """The last line of the drive."""
-        if self._lines:
-            return self._lines[-1]
-        return ""
+        return self._lines[-1] if self._lines else ""
 
     def arm(self) -> None:
         """Starts a drive; `HardwareError` while one runs."""
         if self.driving:
             raise HardwareError("a drive runs already")
         if self._emulator is None or self._emulator.poll() is not None:
-            if self._emulator and self._emulator.stdout:
-                out = self._emulator.stdout.read()
-            else:
-                out = ""
             raise HardwareError(
-                f"the emulated car has ended ({_last_line(out)}); start the console again"
+                f"the emulated car has ended ({self._last_words()}); start the console again"
             )
         self._drives += 1
         log = self.folder / f"drive_{self._drives}.parquet"
         self._lines = ["starting"]
-        self._drive = self._run([*self._drive_command(), "--no-drake", "--arm", "--out", str(log)])
+        self._drive = self._run(
+            [*self._drive_command("run"), "--no-drake", "--arm", "--out", str(log)]
+        )
         threading.Thread(
             target=self._listen, args=(self._drive,), name="drive-lines", daemon=True
         ).start()
@@ -172,8 +164,15 @@ class EmulatedCarProcess:
             except subprocess.TimeoutExpired:
                 process.kill()
 
-    def _drive_command(self) -> list[str]:
-        return ["drive", *self._scenario, "--ports", str(self.ports), "--wiring", self.wiring]
+    def _drive_command(self, command: str) -> list[str]:
+        car = ["--ports", str(self.ports), "--wiring", self.wiring]
+        return ["drive", command, *self._scenario, *car]
+
+    def _last_words(self) -> str:
+        """Returns the last line of the emulator, which has ended."""
+        if self._emulator is None or self._emulator.stdout is None:
+            return ""
+        return _last_line(self._emulator.stdout.read())
 
     def _run(self, words: list[str]) -> subprocess.Popen[str]:
         return subprocess.Popen(
@@ -201,7 +200,7 @@ def emulated_car(
     faults: str | Path | None = None,
     say: Callable[[str], None] = print,
 ) -> Iterator[EmulatedCarProcess]:
-    """The simulated car in real time behind ports, its watchdog tested: what `drive` drives in
+    """Runs the simulated car in real time behind ports, its watchdog tested: what `drive` drives in
     place of a real one.
 
     It is a process of its own, which ends with the block, or with the program.
@@ -234,24 +233,24 @@ def emulated_car(
 
 
 def _own_folder(folder: Path) -> Path:
-    """The folder; where an earlier car left its files, one in it with the next number from 2."""
-    found = folder
+    """Returns the folder; where an earlier car left its files, one in it with the next number from
+    2.
+    """
+    candidate = folder
     number = 1
-    while (found / READY_FILE).exists():
+    while (candidate / READY_FILE).exists():
         number += 1
-        found = folder / str(number)
-    return found
+        candidate = folder / str(number)
+    return candidate
 
 
 def _last_line(text: str) -> str:
-    lines = [line for line in text.splitlines() if line.strip()]
-    if lines:
-        return lines[-1].removeprefix("error: ")
-    return ""
+    lines = text.strip().splitlines() or [""]
+    return lines[-1].removeprefix("error: ")
 
 
 def _is_ready(path: Path, pid: int) -> bool:
-    """Whether that emulator says so, not an earlier one in the same folder."""
+    """Returns whether that emulator says so, not an earlier one in the same folder."""
     try:
         return bool(json.loads(path.read_text(encoding="utf-8"))["pid"] == pid)
     except FileNotFoundError:

@@ -60,28 +60,28 @@ class OperatorRadio:
         self._receiver = receiver
         self._stream = ApiStream()
         self._stop_due = math.inf
-        self._heard = -math.inf
+        self._report_time = -math.inf
         self._lost = -math.inf
         self._losses = link.losses
         self.stopped_by = ""
         self.confirmed = False
         self.mode = RadioMode.IDLE
-        self._rested = False
+        self._was_idle = False
         self.report: CarReport | None = None
         self.rejected = 0
         self.foreign = 0
 
     @property
     def stopped(self) -> bool:
-        """Whether an emergency stop stays."""
+        """Returns whether an emergency stop stays."""
         return bool(self.stopped_by)
 
     def report_age(self, now: float) -> float:
         """Seconds since the car's last report; infinite before the first."""
-        return now - self._heard
+        return now - self._report_time
 
     def fault(self, now: float) -> str:
-        """Why nothing reaches the car from here; empty while the port takes what is sent."""
+        """Returns why nothing reaches the car from here; empty while the port takes frames."""
         if fault := self._link.fault:
             return f"the radio's port is lost: {fault}"
         if now - self._lost < _LOST_SHOWN:
@@ -89,13 +89,13 @@ class OperatorRadio:
         return ""
 
     def armed(self, now: float) -> bool:
-        """Whether the car has just said that its motors take commands, and can be reached."""
+        """Returns whether the car has just reported that it is armed, and can be reached."""
         heard = (
             self.report is not None and self.report.armed and self.report_age(now) <= REPORT_SILENCE
         )
         return heard and not self.fault(now)
 
-    def beat(self, count: int, command: OperatorCommand, now: float) -> bool:
+    def heartbeat(self, count: int, command: OperatorCommand, now: float) -> bool:
         """Passes a page's heartbeat and command on; whether the port took them, which it does not
         while it has a fault.
 
@@ -108,15 +108,15 @@ class OperatorRadio:
         """
         if self.fault(now):
             self.mode = RadioMode.IDLE
-            self._rested = False
+            self._was_idle = False
             return False
-        leaves = self._rested and self.armed(now)
+        leaves = self._was_idle and self.armed(now)
         allowed = not self.stopped and (self.mode is not RadioMode.IDLE or leaves)
         passed = command if allowed else IDLE
         if command.mode is RadioMode.IDLE:
-            self._rested = True
+            self._was_idle = True
         elif not allowed:
-            self._rested = False
+            self._was_idle = False
         frames = [make_command(passed), make_heartbeat(count)]
         self.mode = passed.mode
         self._send([*self._stops(), *frames])
@@ -127,17 +127,17 @@ class OperatorRadio:
         self.stopped_by = self.stopped_by or by
         self.confirmed = False
         self.mode = RadioMode.IDLE
-        self._rested = False
+        self._was_idle = False
         self._stop_due = now + _REPEAT
         self._send([make_emergency_stop()])
 
-    def rest(self) -> None:
+    def send_idle(self) -> None:
         """Sends a car that is driven back to rest, once and without a heartbeat: whoever drove it
         has gone.
 
         A stop that the car has not reported yet goes out once more.
         """
-        self._rested = False
+        self._was_idle = False
         frames = [*self._stops(), *([] if self.mode is RadioMode.IDLE else [make_command(IDLE)])]
         self.mode = RadioMode.IDLE
         if frames:
@@ -152,19 +152,19 @@ class OperatorRadio:
         self.confirmed = False
         self._stop_due = math.inf
 
-    def turn(self, now: float) -> None:
+    def poll(self, now: float) -> None:
         """Hears what came, looks at the port and repeats a stop that is due."""
         if self._link.losses != self._losses:
             self._losses = self._link.losses
             self._lost = now
         for arrival, data in self._link.poll():
             for packet in self._stream.feed(data):
-                self._take(packet, arrival)
+                self._receive(packet, arrival)
         if self._stops() and now >= self._stop_due:
             self._stop_due = now + _REPEAT
             self._send(self._stops())
 
-    def _take(self, packet: ReceivedPacket, arrival: float) -> None:
+    def _receive(self, packet: ReceivedPacket, arrival: float) -> None:
         if self._sender not in (None, packet.sender):
             self.foreign += 1
             return
@@ -178,7 +178,7 @@ class OperatorRadio:
             return
         self._sender = packet.sender
         self.report = report
-        self._heard = arrival
+        self._report_time = arrival
         # A car that is armed anew under a stop is stopped again.
         self.confirmed = self.stopped and self.report.stopped
 
@@ -188,7 +188,7 @@ class OperatorRadio:
         return []
 
     def _send(self, frames: list[bytes]) -> None:
-        """All of a moment in one piece: the next piece may replace it, and carries a stop that is
-        open as well.
+        """Sends all of a moment in one piece: the next piece may replace it, and carries a stop
+        that is open as well.
         """
         self._link.write(b"".join(make_transmit(frame, self._receiver) for frame in frames))

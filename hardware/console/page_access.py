@@ -1,4 +1,4 @@
-"""Who may open the page, and for how long a connection may ask for nothing.
+"""Access to the page: who may open it, and for how long a connection may ask for nothing.
 
 A token works once, a session cookie afterwards, and only for pages of our own address. Without a
 limit some thousand connections without a request take every file that the console may open, and the
@@ -20,7 +20,7 @@ _BYTES = 24
 """Random bytes of a token or session."""
 REQUEST_TIME = 3.0
 """s in which a connection must have made its whole request, the first one or the next."""
-MOST_WAITING = 64
+MAX_WAITING = 64
 """Connections without a request; a browser opens six. The oldest is closed for the next one: what
 has just been opened, as by the operator, has its turn."""
 
@@ -46,7 +46,7 @@ class Access:
         return f"http://{HOST}:{self._port}/?token={self._token}"
 
     def redeem(self, token: str) -> str | None:
-        """A session for the token, which is then used up; None for a wrong or used one."""
+        """Returns a session for the token, which is then used up; None for a wrong or used one."""
         if not secrets.compare_digest(token.encode(), self._token.encode()):
             return None
         self._token = secrets.token_urlsafe(_BYTES)
@@ -55,7 +55,7 @@ class Access:
         return session
 
     def refusal(self, headers: Mapping[str, str], origin_needed: bool) -> str:
-        """Why a request must be refused whoever sends it, empty if it need not be.
+        """Returns why a request must be refused whoever sends it, empty if it need not be.
 
         A foreign Host is a name that was made to point here; a foreign Origin is a page of somebody
         else.
@@ -73,21 +73,21 @@ class Access:
         return ""
 
     def knows(self, headers: Mapping[str, str]) -> bool:
-        """Whether the request carries the cookie of a session."""
+        """Returns whether the request carries the cookie of a session."""
         # Programs on other ports set cookies here as well, and theirs may be malformed.
         pairs = (pair.strip().partition("=") for pair in headers.get("cookie", "").split(";"))
         return any(name == self.cookie and value in self._sessions for name, _, value in pairs)
 
 
 def impatient_http() -> type[H11Protocol]:
-    """uvicorn's HTTP side with these limits; one class for each server."""
+    """Makes uvicorn's HTTP side with these limits; one class for each server."""
     waiting: dict[ImpatientHttp, asyncio.TimerHandle] = {}
 
     class ImpatientHttp(H11Protocol):
         def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
             super().connection_made(transport)
             self._wait()
-            if len(waiting) > MOST_WAITING:
+            if len(waiting) > MAX_WAITING:
                 next(iter(waiting))._give_up()
 
         def connection_lost(self, exc: Exception | None) -> None:

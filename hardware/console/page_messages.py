@@ -1,4 +1,4 @@
-"""What a page may say, checked, one JSON object per message; and the state of car and console as it
+"""Messages of a page, checked, one JSON object each; and the state of car and console as it
 shows it.
 """
 
@@ -12,8 +12,8 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from aerodima.hardware.console.operator_radio import REPORT_SILENCE, OperatorRadio
 from aerodima.hardware.devices.device_states import MotorFault, SourceFault
 from aerodima.hardware.protocol.radio import CarReport, OperatorCommand, RadioMode
-from aerodima.workbench.config.signal_table import STATUS_SOURCES
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.scenario.signal_table import STATUS_SOURCES
 
 MODES = {
     "rest": RadioMode.IDLE,
@@ -25,14 +25,15 @@ MODES = {
 _Angle = Annotated[float, Field(ge=-math.pi, le=math.pi)]
 _MODE_NAMES = {mode: name for name, mode in MODES.items()}
 _MOTORS = ("tail_pitch", "tail_roll")
-_OF_THE_TAIL = (*_MOTORS, "torque_pitch", "torque_roll")
+_CAR_NUMBERS = ("yaw_rate", "roll", "speed")
+_TAIL_NUMBERS = (*_MOTORS, "torque_pitch", "torque_roll")
 
 
 class _Message(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class Beat(_Message):
+class PageHeartbeat(_Message):
     """The page lives and asks for this; every 50 ms.
 
     Attributes:
@@ -80,12 +81,12 @@ class Request(_Message):
     type: Literal["reset", "take", "arm", "disarm"]
 
 
-Message = Beat | Stop | Logging | Request
+Message = PageHeartbeat | Stop | Logging | Request
 _MESSAGE: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="type")])
 
 
 def read_message(text: str) -> Message:
-    """The message; `UserError` in one line for anything else."""
+    """Reads a message; `UserError` in one line for anything else."""
     try:
         return _MESSAGE.validate_json(text)
     except ValidationError as error:
@@ -94,7 +95,7 @@ def read_message(text: str) -> Message:
         raise UserError(f"{place}: {first['msg']}") from None
 
 
-class BeatClock:
+class HeartbeatClock:
     """Separates heartbeats that were held up on their way from new ones.
 
     After a stall everything that waited comes at once. The clock of a page has an unknown offset:
@@ -112,7 +113,9 @@ class BeatClock:
         self._before = -math.inf
 
     def in_time(self, sent: float, now: float) -> bool:
-        """Whether a heartbeat sent at the page's time `sent`, in at `now` (s), is passed on."""
+        """Returns whether a heartbeat sent at the page's time `sent`, in at `now` (s), is passed
+        on.
+        """
         if math.isfinite(self._offset):
             self._offset += self._FORGET * (now - self._before)
         self._before = now
@@ -121,7 +124,7 @@ class BeatClock:
 
 
 def radio_state(radio: OperatorRadio, now: float) -> dict[str, Any]:
-    """What is known of the car, plain data without NaN or infinity (None instead).
+    """Returns what is known of the car, plain data without NaN or infinity (None instead).
 
     Ages in s; angles in rad, rates in rad/s, torques in N m, speed in m/s. `link_age` is how old
     the car takes the operator for, with the age of the report that says so.
@@ -144,28 +147,24 @@ def radio_state(radio: OperatorRadio, now: float) -> dict[str, Any]:
 
 
 def _report_state(report: CarReport) -> dict[str, Any]:
-    return {
+    faults = []
+    for source, code in zip(STATUS_SOURCES, report.faults, strict=True):
+        # 1 says "not fitted", but of a motor it is a fault.
+        motor = source in _MOTORS and report.has_tail
+        if code == SourceFault.NONE or (code == SourceFault.NOT_FITTED and not motor):
+            continue
+        faults.append({"source": source.replace("_", " "), "fault": _fault_name(source, code)})
+    state = {
         "stopped": report.stopped,
         "mode": _MODE_NAMES[report.mode],
         "has_tail": report.has_tail,
-        "faults": [
-            {"source": source.replace("_", " "), "fault": _fault_name(source, code)}
-            for source, code in zip(STATUS_SOURCES, report.faults, strict=True)
-            if code != SourceFault.NONE
-            and not (code == SourceFault.NOT_FITTED and _may_lack(source, report))
-        ],
+        "faults": faults,
         "text": report.text,
-        **{name: _finite(getattr(report, name)) for name in ("yaw_rate", "roll", "speed")},
-        **{
-            name: _finite(getattr(report, name)) if report.has_tail else None
-            for name in _OF_THE_TAIL
-        },
     }
-
-
-def _may_lack(source: str, report: CarReport) -> bool:
-    """Whether 1 says "not fitted" of this source; of a motor it is a fault."""
-    return source not in _MOTORS or not report.has_tail
+    for name in (*_CAR_NUMBERS, *_TAIL_NUMBERS):
+        known = report.has_tail or name in _CAR_NUMBERS
+        state[name] = _finite(getattr(report, name)) if known else None
+    return state
 
 
 def _fault_name(source: str, code: int) -> str:
@@ -177,6 +176,4 @@ def _fault_name(source: str, code: int) -> str:
 
 
 def _finite(value: float) -> float | None:
-    if math.isfinite(value):
-        return round(value, 5)
-    return None
+    return round(value, 5) if math.isfinite(value) else None

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -20,12 +21,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from aerodima.hardware.protocol.can_frame import FrameError
-from aerodima.workbench.config.checked_files import STANDARD_GRAVITY
+from aerodima.workbench.core.quantity import STANDARD_GRAVITY
 
 RATE = 100.0
 """Hz of the fusion (data sheet table 3-14)."""
 CHIP_ID = 0xA0
-"""What register 0 holds (data sheet section 4.3.1)."""
+"""Content of register 0 (data sheet section 4.3.1)."""
 _START = 0xAA
 """First byte of a request."""
 _DATA = 0xBB
@@ -36,14 +37,14 @@ _WRITE = 0x00
 """Second byte of a request that writes."""
 _READ = 0x01
 """Second byte of a request that reads."""
-_MOST_DATA = 128
+_MAX_DATA = 128
 """Most bytes that one request reads or writes."""
 RADIANS = 0x06
 """UNITS: m/s2, rad/s, rad, degrees Celsius."""
 WRITE_DONE = 0x01
 """Status code of a write that was carried out."""
 _STATUS_CODES = range(0x01, 0x0B)
-"""What may stand behind `EE`: write done, then nine kinds of failure (data sheet table 4-2, UART
+"""Codes behind `EE`: write done, then nine kinds of failure (data sheet table 4-2, UART
 protocol)."""
 _SAMPLE = struct.Struct("<3h3h4h3h3hbB")
 _GYRO = 900.0
@@ -53,9 +54,9 @@ _QUATERNION = 16384.0
 _ACCELERATION = 100.0
 """Counts of linear acceleration and gravity per m/s2."""
 _NORM_TOLERANCE = 0.01
-"""How far the length of a quaternion may be from 1."""
+"""Largest distance of the length of a quaternion from 1."""
 _GRAVITY_TOLERANCE = 0.5
-"""How far the reported gravity may be from the standard one, m/s2."""
+"""Largest distance of the reported gravity from the standard one, m/s2."""
 
 
 class Register(IntEnum):
@@ -97,11 +98,11 @@ class Bno055Sample:
         calibration: 0 (none) to 3 (full) of system, gyro, accelerometer, magnetometer.
     """
 
-    quaternion: tuple[float, float, float, float]
-    gyro: tuple[float, float, float]
-    acceleration: tuple[float, float, float]
+    quaternion: tuple[float, ...]
+    gyro: tuple[float, ...]
+    acceleration: tuple[float, ...]
     temperature: int = 25
-    calibration: tuple[int, int, int, int] = (3, 3, 3, 3)
+    calibration: tuple[int, ...] = (3, 3, 3, 3)
 
     @property
     def rotation(self) -> np.ndarray:
@@ -112,39 +113,39 @@ class Bno055Sample:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What the chip answered: data of a read, or a status code."""
+    """Answer of the chip: data of a read, or a status code."""
 
     data: bytes = b""
     status: int | None = None
 
 
 def make_read(register: int, length: int) -> bytes:
-    """The request for `length` bytes from a register on.
+    """Makes the request for `length` bytes from a register on.
 
     Raises `FrameError` for a length that the chip refuses.
     """
-    if not 1 <= length <= _MOST_DATA:
-        raise FrameError(f"BNO055: {length} bytes; allowed is 1 to {_MOST_DATA}")
+    if not 1 <= length <= _MAX_DATA:
+        raise FrameError(f"BNO055: {length} bytes; allowed is 1 to {_MAX_DATA}")
     return bytes([_START, _READ, register, length])
 
 
 def make_write(register: int, data: bytes) -> bytes:
-    """The request that writes bytes from a register on.
+    """Makes the request that writes bytes from a register on.
 
     Raises `FrameError` for a length that the chip refuses.
     """
-    if not 1 <= len(data) <= _MOST_DATA:
-        raise FrameError(f"BNO055: {len(data)} bytes; allowed is 1 to {_MOST_DATA}")
+    if not 1 <= len(data) <= _MAX_DATA:
+        raise FrameError(f"BNO055: {len(data)} bytes; allowed is 1 to {_MAX_DATA}")
     return bytes([_START, _WRITE, register, len(data)]) + data
 
 
 def make_sample_request() -> bytes:
-    """The request for one sample."""
+    """Makes the request for one sample."""
     return make_read(Register.GYRO, SAMPLE_BYTES)
 
 
 def decode_sample(data: bytes) -> Bno055Sample:
-    """The sample in the burst of `make_sample_request`.
+    """Decodes the sample in the burst of `make_sample_request`.
 
     Raises:
         FrameError: another length, a quaternion that is none, or a gravity that is not the earth's.
@@ -165,18 +166,17 @@ def decode_sample(data: bytes) -> Bno055Sample:
             f"BNO055 gravity of {gravity:.3g} m/s2; allowed is {STANDARD_GRAVITY:g} +- "
             f"{_GRAVITY_TOLERANCE:g}"
         )
-    calibration = numbers[17]
     return Bno055Sample(
-        quaternion=(quaternion[0], quaternion[1], quaternion[2], quaternion[3]),
-        gyro=(numbers[0] / _GYRO, numbers[1] / _GYRO, numbers[2] / _GYRO),
+        quaternion=quaternion,
+        gyro=tuple(value / _GYRO for value in numbers[0:3]),
         acceleration=tuple(value / _ACCELERATION for value in numbers[10:13]),
         temperature=numbers[16],
-        calibration=(calibration >> 6, calibration >> 4 & 3, calibration >> 2 & 3, calibration & 3),
+        calibration=tuple(numbers[17] >> shift & 3 for shift in (6, 4, 2, 0)),
     )
 
 
 def encode_sample(sample: Bno055Sample) -> bytes:
-    """The registers that hold a sample; for emulators.
+    """Encodes a sample as the registers that hold it; for emulators.
 
     Values beyond their 16 bits are cut off as the chip does.
 
@@ -188,20 +188,21 @@ def encode_sample(sample: Bno055Sample) -> bytes:
         raise FrameError(f"BNO055 sample {sample}: must be finite")
     if not all(0 <= level <= 3 for level in sample.calibration):
         raise FrameError(f"BNO055 calibration {sample.calibration}: allowed is 0 to 3")
-    system, gyro, accelerometer, magnetometer = sample.calibration
-    return _SAMPLE.pack(
-        *(_word(value * _GYRO) for value in sample.gyro),
-        *(0, 0, 0),  # Euler angles, which nobody reads
-        *(_word(value * _QUATERNION) for value in sample.quaternion),
-        *(_word(value * _ACCELERATION) for value in sample.acceleration),
-        *(_word(value * STANDARD_GRAVITY * _ACCELERATION) for value in sample.rotation[2]),
-        max(-128, min(127, sample.temperature)),
-        system << 6 | gyro << 4 | accelerometer << 2 | magnetometer,
-    )
+    gyro = _words(sample.gyro, _GYRO)
+    euler = (0, 0, 0)  # which nobody reads
+    quaternion = _words(sample.quaternion, _QUATERNION)
+    acceleration = _words(sample.acceleration, _ACCELERATION)
+    gravity = _words(sample.rotation[2] * STANDARD_GRAVITY, _ACCELERATION)
+    temperature = max(-128, min(127, sample.temperature))
+    levels = 0
+    for level in sample.calibration:
+        levels = levels << 2 | level
+    return _SAMPLE.pack(*gyro, *euler, *quaternion, *acceleration, *gravity, temperature, levels)
 
 
-def _word(value: float) -> int:
-    return max(-32768, min(32767, round(value)))
+def _words(values: Iterable[float], counts: float) -> list[int]:
+    """Returns values as words of 16 bits, with so many counts per unit."""
+    return [max(-32768, min(32767, round(value * counts))) for value in values]
 
 
 class AnswerStream:
@@ -215,7 +216,7 @@ class AnswerStream:
         self.rejected = 0
 
     def feed(self, data: bytes) -> list[Answer]:
-        """The answers that became complete with these bytes, oldest first."""
+        """Adds bytes; returns the answers that became complete, oldest first."""
         self._open += data
         answers: list[Answer] = []
         while len(self._open) >= 2:
@@ -224,7 +225,7 @@ class AnswerStream:
             if kind == _STATUS and second in _STATUS_CODES:
                 answers.append(Answer(status=second))
                 self._open = self._open[2:]
-            elif kind == _DATA and 1 <= second <= _MOST_DATA:
+            elif kind == _DATA and 1 <= second <= _MAX_DATA:
                 if len(self._open) < 2 + second:
                     break
                 answers.append(Answer(data=self._open[2 : 2 + second]))
@@ -257,11 +258,11 @@ class Bno055Chip:
         return self._registers[Register.MODE]
 
     def set_sample(self, sample: Bno055Sample) -> None:
-        """What is read from now on. Raises `FrameError` as `encode_sample` does."""
+        """Sets what is read from now on. Raises `FrameError` as `encode_sample` does."""
         self._registers[Register.GYRO : Register.GYRO + SAMPLE_BYTES] = encode_sample(sample)
 
     def feed(self, data: bytes) -> bytes:
-        """Bytes that the chip sends in answer to these."""
+        """Returns bytes that the chip sends in answer to these."""
         self._open += data
         answers = b""
         while self._open:

@@ -7,7 +7,7 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Protocol
 
-from aerodima.hardware.protocol.can_frame import CanFrame
+from aerodima.hardware.protocol.can_frame import CanFrame, TimedFrames
 
 
 class SourceFault(IntEnum):
@@ -29,7 +29,7 @@ class SourceFault(IntEnum):
 
 
 class MotorState(IntEnum):
-    """What the computer does with the motor. What the motor does, its replies tell."""
+    """State of a motor as the computer commands it; its replies tell what it does."""
 
     OFF = 0
     ENTERING = 1
@@ -40,7 +40,7 @@ class MotorState(IntEnum):
 
 
 class MotorFault(IntEnum):
-    """Why a motor was switched off; the code of the station's `status` port."""
+    """Reason why a motor was switched off; the code of the station's `status` port."""
 
     NONE = 0
     NO_REPLY = 1
@@ -65,7 +65,7 @@ ENERGISED = (MotorState.ENTERING, MotorState.HOLDING, MotorState.RUNNING)
 
 
 class FramePort(Protocol):
-    """What motors need of a bus: `CanBus` and the Teensy's bridge have it.
+    """Port of a bus as motors need it: `CanBus` and the Teensy's bridge are such.
 
     None of these calls blocks or raises.
     """
@@ -84,8 +84,8 @@ class FramePort(Protocol):
         """Takes a frame and returns at once; see `CanBus.send`."""
         ...
 
-    def poll(self) -> list[tuple[float, CanFrame]]:
-        """Frames since the last call with their arrival, s, monotonic."""
+    def poll(self) -> TimedFrames:
+        """Returns frames since the last call with their arrival, s, monotonic."""
         ...
 
     def flush(self, timeout: float = ...) -> bool:

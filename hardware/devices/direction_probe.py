@@ -1,10 +1,11 @@
-"""Which way a joint goes under a little torque, found before its motor gets a position to hold.
+"""Direction in which a joint goes under a little torque, found before its motor gets a position to
+hold.
 
 A joint that rests is held by friction, by a stop or by the balance of its weight, so torque can
 move it only its own way. Feedback with the wrong sign, or a motor that turns the other way, shows
 at the first hundredth of a radian; a position to hold would have the motor swing with all its
 torque. A joint that is mounted the other way round, motor and encoder together, looks right from
-here: only somebody who sees the tail can tell (`aerodima drive --motor-test`).
+here: only somebody who sees the tail can tell (`aerodima drive motor-test`).
 """
 
 from __future__ import annotations
@@ -13,15 +14,15 @@ import math
 
 from aerodima.hardware.devices.motor_settings import MotorSettings
 
-_MOVED = 0.015
+_MIN_MOVE = 0.015
 """rad; 40 steps of the reply's position, and less than a degree."""
 _RATE = 4.0
 """N m/s at which the torque rises."""
-_SETTLED = 0.1
+_REST_SPEED = 0.1
 """Speed below which a joint rests, rad/s; a free joint creeps on its friction."""
-_QUIET = 3
+_REST_REPLIES = 3
 """Replies in a row of a joint that rests."""
-_LAST_LOOK = 0.1
+_LAST_TRY = 0.1
 """s at the most torque."""
 
 
@@ -38,9 +39,9 @@ class DirectionProbe:
     def __init__(self, settings: MotorSettings, now: float) -> None:
         self._settings = settings
         self._began = now
-        self._quiet = 0
+        self._resting = 0
         self._from: tuple[float, float, float] | None = None
-        self._way = 0.0
+        self._direction = 0.0
         self._start = 0.0
         self.torque = 0.0
         self.passed = False
@@ -55,8 +56,8 @@ class DirectionProbe:
             return
         since, begun, drift = self._from
         moved = position - begun - drift * (now - since)
-        if abs(moved) >= _MOVED:
-            self.passed = moved * self._way > 0.0
+        if abs(moved) >= _MIN_MOVE:
+            self.passed = moved * self._direction > 0.0
             if not self.passed:
                 self.fault = (
                     f"goes {moved:+.3f} rad under {self.torque:+.2f} N m: its direction, or that "
@@ -65,34 +66,34 @@ class DirectionProbe:
                 )
             self.torque = 0.0
             return
-        most = self._settings.safety.probe_torque
-        wanted = _RATE * (now - since)
-        self.torque = self._way * min(wanted, most)
-        if wanted > most + _RATE * _LAST_LOOK:
-            self._turn_round(position, now)
+        max_torque = self._settings.safety.probe_torque
+        torque = _RATE * (now - since)
+        self.torque = self._direction * min(torque, max_torque)
+        if torque > max_torque + _RATE * _LAST_TRY:
+            self._reverse(position, now)
 
     @property
     def _inwards(self) -> float:
         return -math.copysign(1.0, self._start - 0.5 * (self._settings.low + self._settings.high))
 
     def _wait_for_rest(self, position: float, speed: float, now: float) -> None:
-        if abs(speed) < _SETTLED:
-            self._quiet += 1
+        if abs(speed) < _REST_SPEED:
+            self._resting += 1
         else:
-            self._quiet = 0
+            self._resting = 0
         self._start = position
-        if self._quiet >= _QUIET:
-            self._way = self._inwards
+        if self._resting >= _REST_REPLIES:
+            self._direction = self._inwards
             self._from = (now, position, speed)
         elif now - self._began > self._settings.safety.enter_timeout:
             self.fault = (
                 f"turns at {speed:.2f} rad/s while it is to be switched on; let the tail rest"
             )
 
-    def _turn_round(self, position: float, now: float) -> None:
+    def _reverse(self, position: float, now: float) -> None:
         settings = self._settings
-        if self._way == self._inwards and settings.low < position < settings.high:
-            self._way = -self._way
+        if self._direction == self._inwards and settings.low < position < settings.high:
+            self._direction = -self._direction
             self._from = (now, position, 0.0)
             return
         self.torque = 0.0

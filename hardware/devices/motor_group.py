@@ -11,9 +11,9 @@ from aerodima.hardware.devices.device_states import ENERGISED, FramePort, MotorF
 from aerodima.hardware.devices.motor_settings import MotorSettings
 from aerodima.hardware.devices.tail_motor import Motor
 from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 
-_HEARD = 400
+_MAX_RECEIVED = 400
 """Frames that are kept: two seconds of two motors."""
 
 
@@ -27,7 +27,7 @@ class MotorGroup:
     Attributes:
         motors: one per settings.
         foreign: frames that name none of them.
-        heard: the newest frames with their arrival (s), for the check of the firmware profile.
+        received: the newest frames with their arrival (s), for the check of the firmware profile.
     """
 
     def __init__(self, settings: Sequence[MotorSettings], port: FramePort) -> None:
@@ -35,7 +35,7 @@ class MotorGroup:
         self.motors = tuple(Motor(item, port) for item in settings)
         self._by_id = {motor.settings.motor_id: motor for motor in self.motors}
         self.foreign = 0
-        self.heard: deque[tuple[float, CanFrame]] = deque(maxlen=_HEARD)
+        self.received: deque[tuple[float, CanFrame]] = deque(maxlen=_MAX_RECEIVED)
 
     @property
     def fault_text(self) -> str:
@@ -51,12 +51,12 @@ class MotorGroup:
 
     @property
     def ready(self) -> bool:
-        """Whether every motor takes commands."""
+        """Returns whether every motor takes commands."""
         return all(motor.state in (MotorState.HOLDING, MotorState.RUNNING) for motor in self.motors)
 
     @property
     def off_confirmed(self) -> bool:
-        """Whether every motor has answered since it was switched off."""
+        """Returns whether every motor has answered since it was switched off."""
         return all(motor.off_confirmed for motor in self.motors)
 
     def set_enter(self, now: float) -> None:
@@ -88,11 +88,11 @@ class MotorGroup:
             motor.reset(now)
 
     def step(self, now: float) -> None:
-        """One cycle: hands out what came in, checks the bus, lets every motor send what its state
-        asks for.
+        """Runs one cycle: hands out what came in, checks the bus, lets every motor send what its
+        state asks for.
         """
         for arrival, frame in self.port.poll():
-            self.heard.append((arrival, frame))
+            self.received.append((arrival, frame))
             motor = self._addressed(frame)
             if motor is None:
                 self.foreign += 1
@@ -106,8 +106,8 @@ class MotorGroup:
         self._switch_off_together(now)
 
     def _addressed(self, frame: CanFrame) -> Motor | None:
-        """The motor of a frame: named in its first byte or as its CAN id, in the last byte of an
-        extended one.
+        """Returns the motor of a frame: named in its first byte or as its CAN id, in the last byte
+        of an extended one.
         """
         if frame.extended:
             return self._by_id.get(frame.arbitration_id & 0xFF)

@@ -25,7 +25,7 @@ IDLE = OperatorCommand(RadioMode.IDLE)
 
 
 class RadioLink:
-    """What the operator asks for, from an XBee module in API mode.
+    """Commands of the operator, from an XBee module in API mode.
 
     Args:
         link: open serial link; the caller closes it.
@@ -47,7 +47,7 @@ class RadioLink:
         self._sender: int | None = None
         self._heartbeat: Heartbeat | None = None
         self._command_time = -math.inf
-        self._beat_time = -math.inf
+        self._heartbeat_time = -math.inf
         self.command = IDLE
         self.stopped = False
         self.foreign = 0
@@ -61,7 +61,7 @@ class RadioLink:
                 if self._operator is not None and packet.sender != self._operator:
                     self.foreign += 1
                 else:
-                    self._take(packet.data, arrival, packet.sender)
+                    self._receive(packet.data, arrival, packet.sender)
 
     def age(self, now: float) -> float:
         """Seconds since the older of command and changed heartbeat: what the dead-man switch looks
@@ -70,24 +70,20 @@ class RadioLink:
         Both are needed: a transmitter that repeats its last command or heartbeat for ever is not an
         operator.
         """
-        return now - min(self._command_time, self._beat_time)
+        return now - min(self._command_time, self._heartbeat_time)
 
     def fault(self, now: float) -> tuple[SourceFault, str]:
-        """Why the operator cannot be relied on at present, and the same in words."""
+        """Returns why the operator cannot be relied on at present, and the same in words."""
         if self.stopped:
             return SourceFault.STOPPED, "the operator asked for an emergency stop"
         if self._link.fault:
             return SourceFault.LOST, f"the radio's port is lost: {self._link.fault}"
         age = self.age(now)
         if math.isinf(age):
+            text = "the operator's radio has not been heard yet"
             if self.rejected:
-                rejected = f" ({self.rejected} frames rejected: {self.last_error})"
-            else:
-                rejected = ""
-            return (
-                SourceFault.NO_SAMPLE_YET,
-                f"the operator's radio has not been heard yet{rejected}",
-            )
+                text += f" ({self.rejected} frames rejected: {self.last_error})"
+            return SourceFault.NO_SAMPLE_YET, text
         if age > self._silent:
             return SourceFault.SILENT, f"the operator's radio is silent for {age:.2f} s"
         return SourceFault.NONE, ""
@@ -103,7 +99,7 @@ class RadioLink:
         self.command = IDLE
         self._command_time = -math.inf
 
-    def _take(self, data: bytes, arrival: float, sender: int) -> None:
+    def _receive(self, data: bytes, arrival: float, sender: int) -> None:
         try:
             message = decode(data)
         except FrameError as error:
@@ -116,7 +112,7 @@ class RadioLink:
         elif isinstance(message, Heartbeat):
             if message != self._heartbeat:
                 self._heartbeat = message
-                self._beat_time = arrival
+                self._heartbeat_time = arrival
         else:
             self.command = message
             self._command_time = arrival

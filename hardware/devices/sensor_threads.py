@@ -30,7 +30,7 @@ from aerodima.hardware.devices.bno055 import (
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.ublox import GpsSample, GpsStream
 from aerodima.hardware.protocol.can_frame import FrameError
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 
 if TYPE_CHECKING:
     from serial import Serial
@@ -48,17 +48,17 @@ _ANSWER_TIME = 0.05
 _MODE_CHANGE = 0.03
 """Between operation modes, s (data sheet table 3-6: 19 ms to CONFIG, 7 ms from it)."""
 _LEAD = 0.006
-"""From the request of a sample to the instant at which it is wanted, s: 40 bytes last 3.5 ms, the
-chip adds to it."""
+"""Time from the request of a sample to the instant at which it is wanted, s: 40 bytes last 3.5 ms,
+the chip adds to it."""
 _STATUS_EVERY = 100
 """Requests between two looks at the chip's own status."""
-_ALIKE = 10
+_MAX_EQUAL = 10
 """Samples in a row, or solutions of a moving car, that may be equal to the last bit: noise of gyro
 and accelerometer is above their steps (data sheet table 0-2), and the speed of a car that moves
 changes by more than 1 mm/s."""
 _MOVES = 0.5
 """m/s; a receiver at rest may go on saying 0."""
-_MOST_MISSED = 20
+_MAX_MISSED = 20
 """Requests in a row without an answer after which the chip is set up anew."""
 
 
@@ -76,17 +76,17 @@ class Session(Generic[T]):
         """
 
     def align(self, due: float) -> None:
-        """A sample is wanted at `due` (s, monotonic) and every period after it; for devices that
-        are asked.
+        """Asks for a sample at `due` (s, monotonic) and every period after it; for devices that are
+        asked.
         """
 
     def read(self, port: Serial) -> tuple[float, T] | None:
-        """The next sample and its time (s, monotonic); None after a short wait without one."""
+        """Reads the next sample and its time (s, monotonic); None after a wait without one."""
         raise NotImplementedError
 
 
-class Repeats:
-    """How often a device has said the same in a row.
+class FrozenSensorMonitor:
+    """Counts equal samples of a device in a row.
 
     Args:
         name: of the device.
@@ -103,13 +103,13 @@ class Repeats:
         self._alike = 0
         self.fault_text = ""
 
-    def look(self, said: object) -> None:
+    def update(self, sample: object) -> None:
         """Takes what it says; None is never a repetition."""
-        if said is not None and said == self._last:
+        if sample is not None and sample == self._last:
             self._alike += 1
         else:
             self._alike = 1
-        self._last = said
+        self._last = sample
         self.fault_text = ""
         if self._alike > self._most:
             self.fault_text = f"the {self._name} has frozen: {self._alike} samples alike"
@@ -160,11 +160,11 @@ class SensorThread(Generic[T]):
         return max(0.0, now - newest[0])
 
     def align(self, due: float) -> None:
-        """A sample is wanted at `due` (s, monotonic) and every period after it."""
+        """Asks for a sample at `due` (s, monotonic) and every period after it."""
         self._session.align(due)
 
     def fault(self, now: float) -> tuple[SourceFault, str]:
-        """Why the sensor cannot be trusted at present, and the same in words."""
+        """Returns why the sensor cannot be trusted at present, and the same in words."""
         if not self._thread.is_alive() and not self._closing.is_set():
             return SourceFault.LOST, f"the reading thread of the {self.name} ended: {self.error}"
         if self._port is None:
@@ -207,8 +207,8 @@ class SensorThread(Generic[T]):
                 elif not ready:
                     self._session.begin(port)
                     ready = True
-                elif (found := self._session.read(port)) is not None:
-                    self._newest = found
+                elif (sample := self._session.read(port)) is not None:
+                    self._newest = sample
                     self.count += 1
             # pyserial raises OSError, TypeError and others on a lost device.
             except Exception as error:
@@ -222,7 +222,7 @@ class Bno055Session(Session[Bno055Sample]):
     """Requests one sample per period; asks once a second what the chip says of itself."""
 
     def __init__(self) -> None:
-        self._repeats = Repeats("IMU", _ALIKE)
+        self._frozen = FrozenSensorMonitor("IMU", _MAX_EQUAL)
         self._reported = ""
         self._stream = AnswerStream()
         self._next = 0.0
@@ -232,8 +232,8 @@ class Bno055Session(Session[Bno055Sample]):
 
     @property
     def fault_text(self) -> str:  # type: ignore[override]
-        """What the chip reports of itself, or that it says the same for ever."""
-        return self._reported or self._repeats.fault_text
+        """Fault that the chip reports of itself, or that it says the same for ever."""
+        return self._reported or self._frozen.fault_text
 
     def begin(self, port: Serial) -> None:
         """Checks the chip and switches its fusion on.
@@ -242,9 +242,11 @@ class Bno055Session(Session[Bno055Sample]):
         """
         self._stream.forget()
         port.read(max(1, port.in_waiting))
-        found = self._ask(port, make_read(Register.CHIP_ID, 1)).data
-        if found != bytes([CHIP_ID]):
-            raise HardwareError(f"IMU: chip id {found.hex() or 'none'}; a BNO055 has {CHIP_ID:02x}")
+        chip_id = self._ask(port, make_read(Register.CHIP_ID, 1)).data
+        if chip_id != bytes([CHIP_ID]):
+            raise HardwareError(
+                f"IMU: chip id {chip_id.hex() or 'none'}; a BNO055 has {CHIP_ID:02x}"
+            )
         for register, value, wait in (
             (Register.MODE, Mode.CONFIG, _MODE_CHANGE),
             (Register.PAGE_ID, 0, 0.0),
@@ -269,8 +271,8 @@ class Bno055Session(Session[Bno055Sample]):
         the latest.
         """
         time.sleep(max(0.0, self._next - time.monotonic()))
-        asked = time.monotonic()
-        self._next = self._after(asked)
+        request_time = time.monotonic()
+        self._next = self._after(request_time)
         self._requests += 1
         if self._requests % _STATUS_EVERY == 0:
             self._check_status(port)
@@ -280,13 +282,15 @@ class Bno055Session(Session[Bno055Sample]):
             self._miss(str(error))
             return None
         self._missed_in_a_row = 0
-        self._repeats.look((sample.quaternion, sample.gyro, sample.acceleration))
-        return asked, sample
+        self._frozen.update((sample.quaternion, sample.gyro, sample.acceleration))
+        return request_time, sample
 
-    def _after(self, asked: float) -> float:
-        """When the next sample is asked for: about a period later, in step with who wants it."""
+    def _after(self, request_time: float) -> float:
+        """Returns when the next sample is asked for: about a period later, in step with who wants
+        it.
+        """
         first = self._due - _LEAD
-        return first + math.ceil((asked + 0.5 * _PERIOD - first) / _PERIOD) * _PERIOD
+        return first + math.ceil((request_time + 0.5 * _PERIOD - first) / _PERIOD) * _PERIOD
 
     def _check_status(self, port: Serial) -> None:
         data = self._ask(port, make_read(Register.SYSTEM_STATUS, 2)).data
@@ -298,13 +302,13 @@ class Bno055Session(Session[Bno055Sample]):
 
     def _miss(self, reason: str) -> None:
         self._missed_in_a_row += 1
-        if self._missed_in_a_row >= _MOST_MISSED:
+        if self._missed_in_a_row >= _MAX_MISSED:
             raise HardwareError(
                 f"{self._missed_in_a_row} requests in a row without a sample: {reason}"
             )
 
     def _ask(self, port: Serial, request: bytes) -> Answer:
-        """The answer to a request; an empty one if none comes in time."""
+        """Returns the answer to a request; an empty one if none comes in time."""
         self._stream.forget()
         port.write(request)
         end = time.monotonic() + _ANSWER_TIME
@@ -320,22 +324,24 @@ class GpsSession(Session[GpsSample]):
 
     def __init__(self) -> None:
         self.stream = GpsStream()
-        self._repeats = Repeats("GPS", _ALIKE)
+        self._frozen = FrozenSensorMonitor("GPS", _MAX_EQUAL)
 
     @property
     def fault_text(self) -> str:  # type: ignore[override]
-        """That the receiver gives the same speed for ever; empty while it does not."""
-        return self._repeats.fault_text
+        """Fault that the receiver gives the same speed for ever; empty while it does not."""
+        return self._frozen.fault_text
 
     def read(self, port: Serial) -> tuple[float, GpsSample] | None:
-        """The newest solution of the bytes at hand, with their arrival; None if there is none."""
+        """Returns the newest solution of the bytes at hand, with their arrival; None if there is
+        none.
+        """
         data = port.read(max(1, port.in_waiting))
         if data:
             samples = self.stream.feed(data)
         else:
             samples = []
         for sample in samples:
-            self._repeats.look(sample.speed if sample.speed > _MOVES else None)
+            self._frozen.update(sample.speed if sample.speed > _MOVES else None)
         if samples:
             return (time.monotonic(), samples[-1])
         return None

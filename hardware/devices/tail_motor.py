@@ -23,16 +23,15 @@ from dataclasses import replace
 
 from aerodima.hardware.devices.device_states import ENERGISED, FramePort, MotorFault, MotorState
 from aerodima.hardware.devices.direction_probe import DirectionProbe
-from aerodima.hardware.devices.motor_settings import (
-    Following,
+from aerodima.hardware.devices.motor_limits import (
     MotorLoad,
-    MotorSettings,
-    ReplyCount,
     check_command,
     limit_command,
     scale_gains,
     to_motor,
 )
+from aerodima.hardware.devices.motor_monitors import ReplyCount, TrackingMonitor
+from aerodima.hardware.devices.motor_settings import MotorSettings
 from aerodima.hardware.protocol.ak70 import (
     MitCommand,
     MitReply,
@@ -44,7 +43,7 @@ from aerodima.hardware.protocol.ak70 import (
     unwrap,
 )
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 
 _REMIND = 0.1
 """Interval of the exit frames to a faulted motor after the first ones, s."""
@@ -57,7 +56,7 @@ class Motor:
 
     Args:
         settings: limits, id, signs.
-        sink: takes the frames.
+        port: takes the frames.
 
     Attributes:
         state, fault, fault_text: see the enumerations; fault and text stay until `reset`.
@@ -69,9 +68,12 @@ class Motor:
         bad_frames: frames under this motor's id that were no valid reply.
     """
 
-    def __init__(self, settings: MotorSettings, sink: FramePort) -> None:
+    def __init__(self, settings: MotorSettings, port: FramePort) -> None:
         self.settings = settings
-        self._sink = sink
+        self._safety = settings.safety
+        self._exit_frame = make_exit(settings.motor_id)
+        self._neutral_frame = make_neutral(settings.motor_id, settings.profile)
+        self._port = port
         self.state = MotorState.OFF
         self.fault = MotorFault.NONE
         self.fault_text = ""
@@ -91,8 +93,8 @@ class Motor:
         self._cycle_replies = 0
         self._enter_replies = 0
         self.load = MotorLoad(settings.safety.rated_torque, settings.safety.overload)
-        self._asked: MitCommand | None = None
-        self._following = Following(settings.safety)
+        self._command: MitCommand | None = None
+        self._tracking = TrackingMonitor(settings.safety)
         self._count = ReplyCount(settings.safety.stall_time)
         self._off_time = 0.0
         self._off_replies: int | None = None
@@ -108,24 +110,21 @@ class Motor:
     def set_enter(self, now: float) -> None:
         """Begins to switch the motor on. Raises `HardwareError` unless it is off."""
         if self.state is not MotorState.OFF:
-            if self.fault:
-                reason = f" ({self.fault_text}); reset it first"
-            else:
-                reason = ""
+            reason = f" ({self.fault_text}); reset it first" if self.fault else ""
             raise HardwareError(
                 f"{self.settings.name}: cannot be entered while {self.state.name.lower()}{reason}"
             )
         self._go(MotorState.ENTERING, now)
         self._motor_angle = None
         self._probe = None
-        self._asked = None
+        self._command = None
         self.missed = 0
         self._unanswered = 0
         self._enter_replies = 0
         self._count.clear()
         self._step_time = now
-        neutral = make_neutral(self.settings.motor_id, self.settings.profile)
-        for frame in (neutral, make_enter(self.settings.motor_id), neutral):
+        enter = make_enter(self.settings.motor_id)
+        for frame in (self._neutral_frame, enter, self._neutral_frame):
             self._send(frame, urgent=True)
 
     def set_command(self, command: MitCommand, now: float) -> bool:
@@ -152,7 +151,7 @@ class Motor:
             self.set_fault(MotorFault.BAD_COMMAND, str(error), now)
             return False
         self._command_time = now
-        self._asked = limited
+        self._command = limited
         self._send(frame)
         return True
 
@@ -168,7 +167,7 @@ class Motor:
         """
         if self.state is not MotorState.FAULTED:
             self._go(MotorState.EXITING, now)
-            self._exits_left = self.settings.safety.exit_cycles
+            self._exits_left = self._safety.exit_cycles
         self._send_exits(now)
 
     def set_fault(self, fault: MotorFault, text: str, now: float) -> None:
@@ -190,24 +189,22 @@ class Motor:
 
     @property
     def off_confirmed(self) -> bool:
-        """Whether it has answered since it was switched off; of one that was never on there is
-        nothing to confirm.
+        """Returns whether it has answered since it was switched off; of one that was never on there
+        is nothing to confirm.
 
         One reply may be an old one; as many are needed as for switching it on.
         """
         if self.state in ENERGISED:
             return False
-        return self._off_replies is None or self._off_replies >= self.settings.safety.enter_replies
+        return self._off_replies is None or self._off_replies >= self._safety.enter_replies
 
     def off_overdue(self, now: float) -> bool:
-        """Whether it was switched off a while ago and has not answered: the exit frames may not
-        have arrived.
+        """Returns whether it was switched off a while ago and has not answered: the exit frames may
+        not have arrived.
         """
-        waited = (
-            self.state not in ENERGISED
-            and now - self._off_time > self.settings.safety.exit_cycles * 0.01
-        )
-        return waited and not self.off_confirmed
+        if self.state in ENERGISED or self.off_confirmed:
+            return False
+        return now - self._off_time > self._safety.exit_cycles * 0.01
 
     def age(self, now: float) -> float:
         """Seconds since the last valid reply; infinite before the first."""
@@ -218,10 +215,10 @@ class Motor:
     # -- frames
 
     def _limited(self, command: MitCommand, now: float) -> MitCommand:
-        share = min(1.0, max(0.0, now - self._gain_time) / self.settings.safety.gain_ramp)
-        most = self.load.allowed(self.settings.torque_limit)
+        fraction = min(1.0, max(0.0, now - self._gain_time) / self._safety.gain_ramp)
+        max_torque = self.load.allowed(self.settings.torque_limit)
         return limit_command(
-            scale_gains(command, share), self.position, self.speed, self.settings, most
+            scale_gains(command, fraction), self.position, self.speed, self.settings, max_torque
         )
 
     def _frame(self, limited: MitCommand) -> CanFrame:
@@ -233,17 +230,17 @@ class Motor:
         """Next place of the ramp; None once the command is reached or has no use for a position."""
         if self._ramp is None or command.kp == 0:
             return None
-        most = self.settings.safety.ramp_speed * max(0.0, now - self._command_time)
-        wanted = min(max(command.position, self.settings.low), self.settings.high)
-        place = self._ramp + min(max(wanted - self._ramp, -most), most)
-        return None if abs(wanted - place) < _CAUGHT_UP else place
+        travel = self._safety.ramp_speed * max(0.0, now - self._command_time)
+        target = min(max(command.position, self.settings.low), self.settings.high)
+        position = self._ramp + min(max(target - self._ramp, -travel), travel)
+        return None if abs(target - position) < _CAUGHT_UP else position
 
     # -- what comes from the bus
 
     def receive(self, frame: CanFrame, time: float) -> None:
         """Takes a frame that names this motor, which arrived at `time` (s, monotonic)."""
         # An exit frame of the Teensy or of another program is answered too.
-        if frame == make_exit(self.settings.motor_id):
+        if frame == self._exit_frame:
             self._cycle_frames += 1
             return
         try:
@@ -268,12 +265,16 @@ class Motor:
         energised = self.state in (MotorState.HOLDING, MotorState.RUNNING) or (
             self.state is MotorState.ENTERING and self._probe is not None
         )
-        lost = self._following.look(
-            self._asked if energised else None, self.position, self.speed, self.torque, time
-        )
+        failure = ""
+        if energised and self._command is not None:
+            failure = self._tracking.update(
+                self._command, self.position, self.speed, self.torque, time
+            )
+        else:
+            self._tracking.reset()
         self._check(reply, jump, time)
-        if lost:
-            self.set_fault(MotorFault.NOT_FOLLOWING, lost, time)
+        if failure:
+            self.set_fault(MotorFault.NOT_FOLLOWING, failure, time)
 
     def _unwrapped(self, reply: MitReply) -> float:
         if self._motor_angle is None:
@@ -281,53 +282,35 @@ class Motor:
         return unwrap(self._motor_angle, reply.position, self.settings.profile)
 
     def _jump(self, reply: MitReply, time: float) -> float:
-        """By how much the position changed more than the motor can turn, rad."""
+        """Returns by how much the position changed more than the motor can turn, rad."""
         if self._motor_angle is None or self._reply_time is None:
             return 0.0
         change = abs(self._unwrapped(reply) - self._motor_angle)
         return change - self.settings.jump_speed * max(0.0, time - self._reply_time)
 
     def _check(self, reply: MitReply, jump: float, time: float) -> None:
+        """Switches the motor off if the reply shows a reason; `jump`: of `_jump`, rad."""
         settings = self.settings
-        safety = self.settings.safety
+        safety = self._safety
+        if reply.fault:
+            text = f"reports {settings.profile.fault_name(reply.fault)}"
+            self.set_fault(MotorFault.MOTOR_REPORTED, text, time)
+        if (reply.temperature or 0.0) > safety.temperature_limit:
+            text = f"{reply.temperature} degC; allowed is {safety.temperature_limit:g}"
+            self.set_fault(MotorFault.OVER_TEMPERATURE, text, time)
+        if jump > safety.jump_margin:
+            self.set_fault(MotorFault.POSITION_JUMP, f"position jumped by {jump:.3g} rad", time)
+        if abs(self.speed) > safety.speed_limit:
+            text = f"{self.speed:.3g} rad/s; allowed is {safety.speed_limit:g}"
+            self.set_fault(MotorFault.OVER_SPEED, text, time)
+        if self.load.share > safety.overload_share:
+            text = f"overloaded: {100 * self.load.share:.0f} % of what its winding bears beyond "
+            self.set_fault(MotorFault.OVERLOAD, f"{text}{safety.rated_torque:g} N m", time)
         beyond = max(settings.low - self.position, self.position - settings.high)
-        checks = (
-            (
-                bool(reply.fault),
-                MotorFault.MOTOR_REPORTED,
-                f"reports {settings.profile.fault_name(reply.fault or 0)}",
-            ),
-            (
-                (reply.temperature or 0.0) > safety.temperature_limit,
-                MotorFault.OVER_TEMPERATURE,
-                f"{reply.temperature} degC; allowed is {safety.temperature_limit:g}",
-            ),
-            (
-                jump > safety.jump_margin,
-                MotorFault.POSITION_JUMP,
-                f"position jumped by {jump:.3g} rad",
-            ),
-            (
-                abs(self.speed) > safety.speed_limit,
-                MotorFault.OVER_SPEED,
-                f"{self.speed:.3g} rad/s; allowed is {safety.speed_limit:g}",
-            ),
-            (
-                self.load.share > safety.overload_share,
-                MotorFault.OVERLOAD,
-                f"overloaded: {100 * self.load.share:.0f} % of what its winding bears beyond "
-                f"{safety.rated_torque:g} N m",
-            ),
-            (
-                beyond > safety.range_margin,
-                MotorFault.OUT_OF_RANGE,
-                f"at {self.position:.3g} rad; allowed is {settings.low:.3g} to {settings.high:.3g}",
-            ),
-        )
-        for failed, fault, text in checks:
-            if failed:
-                self.set_fault(fault, text, time)
-                return
+        if beyond > safety.range_margin:
+            allowed = f"{settings.low:.3g} to {settings.high:.3g}"
+            text = f"at {self.position:.3g} rad; allowed is {allowed}"
+            self.set_fault(MotorFault.OUT_OF_RANGE, text, time)
 
     # -- once per cycle
 
@@ -341,28 +324,25 @@ class Motor:
             self._enter(now)
         if (
             self.state is MotorState.RUNNING
-            and now - self._command_time > self.settings.safety.command_timeout
+            and now - self._command_time > self._safety.command_timeout
         ):
             self.set_hold(now)
         if self.state is MotorState.HOLDING:
             held = MitCommand(
                 self._hold_position, 0.0, self.settings.hold_kp, self.settings.hold_kd, 0.0
             )
-            self._asked = self._limited(held, now)
-            self._send(self._frame(self._asked))
+            self._command = self._limited(held, now)
+            self._send(self._frame(self._command))
         elif self.state is MotorState.EXITING:
             self._exit(now)
         elif self.state is MotorState.FAULTED:
-            recent = now - self._state_time < self.settings.safety.exit_cycles * 0.01
+            recent = now - self._state_time < self._safety.exit_cycles * 0.01
             if recent or now - self._exit_time >= _REMIND:
-                self._send(make_exit(self.settings.motor_id), urgent=True)
+                self._send(self._exit_frame, urgent=True)
                 self._exit_time = now
 
     def _check_cycle(self, now: float) -> None:
-        if self._step_time is None:
-            gap = 0.0
-        else:
-            gap = now - self._step_time
+        gap = 0.0 if self._step_time is None else now - self._step_time
         self._step_time = now
         if self._cycle_replies:
             self._unanswered = 0
@@ -371,12 +351,12 @@ class Motor:
         if not self._unanswered:
             self.missed = 0
         # A late loop catches up faster than a motor can answer.
-        elif gap >= self.settings.safety.reply_time:
+        elif gap >= self._safety.reply_time:
             self.missed += 1
         self._count.add(self._cycle_frames, self._cycle_replies, now)
         self._cycle_frames = 0
         self._cycle_replies = 0
-        safety = self.settings.safety
+        safety = self._safety
         if gap < 0 or gap > safety.stall_time:
             self.set_fault(MotorFault.LOOP_STALLED, f"{gap:.3g} s between two cycles", now)
         elif self._count.too_many:
@@ -386,26 +366,20 @@ class Motor:
         elif (
             self.state is not MotorState.ENTERING or self._probe
         ) and self.missed >= safety.missed_replies:
-            if self.bad_frames:
-                bad = f", {self.bad_frames} bad frames"
-            else:
-                bad = ""
+            bad = f", {self.bad_frames} bad frames" if self.bad_frames else ""
             self.set_fault(MotorFault.NO_REPLY, f"no reply for {self.missed} cycles{bad}", now)
 
     def _enter(self, now: float) -> None:
-        safety = self.settings.safety
+        safety = self._safety
         if self._enter_replies >= safety.enter_replies:
             self._try_direction(now)
         elif now - self._state_time > safety.enter_timeout:
-            if self.bad_frames:
-                bad = f" ({self.bad_frames} bad frames)"
-            else:
-                bad = ""
+            bad = f" ({self.bad_frames} bad frames)" if self.bad_frames else ""
             self.set_fault(
                 MotorFault.NO_REPLY, f"does not answer{bad}; is it powered, is its id right?", now
             )
         else:
-            self._send(make_neutral(self.settings.motor_id, self.settings.profile))
+            self._send(self._neutral_frame)
 
     def _try_direction(self, now: float) -> None:
         probe = self._probe or DirectionProbe(self.settings, now)
@@ -419,27 +393,27 @@ class Motor:
             self._go(MotorState.HOLDING, now)
         else:
             push = MitCommand(self.position, 0.0, 0.0, 0.0, probe.torque)
-            self._asked = limit_command(push, self.position, self.speed, self.settings)
-            self._send(self._frame(self._asked))
+            self._command = limit_command(push, self.position, self.speed, self.settings)
+            self._send(self._frame(self._command))
 
     def _exit(self, now: float) -> None:
         if self._exits_left == 0:
             self._go(MotorState.OFF, now)
             return
         self._exits_left -= 1
-        self._send(make_exit(self.settings.motor_id), urgent=True)
+        self._send(self._exit_frame, urgent=True)
 
     def _send_exits(self, now: float) -> None:
-        """The neutral command first: an entered motor may jump to its last command."""
+        """Sends a neutral command, then exit frames: a motor may jump to its last command."""
         self._exit_time = now
-        self._send(make_neutral(self.settings.motor_id, self.settings.profile), urgent=True)
-        for _ in range(self.settings.safety.exit_burst):
-            self._send(make_exit(self.settings.motor_id), urgent=True)
+        self._send(self._neutral_frame, urgent=True)
+        for _ in range(self._safety.exit_burst):
+            self._send(self._exit_frame, urgent=True)
 
     def _send(self, frame: CanFrame, urgent: bool = False) -> None:
         self._cycle_frames += 1
         try:
-            self._sink.send(frame, urgent)
+            self._port.send(frame, urgent)
         except Exception as error:  # whatever it is, the next exit frame must get its chance
             self.set_fault(MotorFault.BUS, f"sending failed: {error}", self._state_time)
 

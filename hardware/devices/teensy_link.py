@@ -1,11 +1,11 @@
-"""The Teensy behind its serial strings: pulses out, sail angle in and, in the bridge wiring, the
-tail motors too.
+"""The Teensy behind its serial text frames: pulses out, sail angle in and, in the bridge wiring,
+the tail motors too.
 
-In the bridge wiring the link is a `FramePort`: the motors' frames become the fields of the string
-and its reply becomes frames again, so that the same `Motor` with the same checks works on both
-wirings. One string leaves per `commit`, with the order of each motor: exit before enter before
-command. Where nothing was asked for in a cycle the last command is repeated for a short while, then
-it is exit; a motor that was never asked anything is ordered to exit.
+In the bridge wiring the link is a `FramePort`: the motors' frames become the fields of the text
+frame and its reply becomes frames again, so that the same `Motor` with the same checks works on
+both wirings. One text frame leaves per `commit`, with the order of each motor: exit before enter
+before command. Where nothing was asked for in a cycle the last command is repeated for a short
+while, then it is exit; a motor that was never asked anything is ordered to exit.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from aerodima.hardware.protocol.ak70 import (
     make_reply,
 )
 from aerodima.hardware.protocol.ak70 import decode_command as decode_mit_command
-from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
+from aerodima.hardware.protocol.can_frame import CanFrame, FrameError, TimedFrames
 from aerodima.hardware.protocol.teensy import (
     END,
     SERVO_PULSES,
@@ -41,29 +41,29 @@ from aerodima.hardware.protocol.teensy import (
 )
 from aerodima.hardware.transport.serial_link import SerialLink
 
-_LONGEST_REPLY = 200
+_MAX_REPLY = 200
 """Bytes between two `|`; more is noise."""
 _WRAP = 2**32
 """The Teensy's clock of milliseconds begins anew after so many."""
 _BACKWARDS = 1000
 """A count that falls by more than that is a restart of the microcontroller, ms."""
 _SILENT = 0.1
-"""Without a reply string for that long the Teensy counts as silent, s: ten cycles."""
-_MOST_REPEATS = 20
+"""Without a reply text frame for that long the Teensy counts as silent, s: ten cycles."""
+_MAX_REPEATS = 20
 """Cycles in which an order is repeated when its motor asks for nothing; a motor that runs asks at
 least every tenth."""
 _REQUESTS = {0xFC: MotorRequest.ENTER, 0xFD: MotorRequest.EXIT}
 
 
 class ReplyStream:
-    """Collects bytes and returns the replies in them; anything that is not a valid string is
+    """Collects bytes and returns the replies in them; anything that is not a valid text frame is
     dropped and counted.
 
-    What stands before the first `|` is never used: a string that was joined in its middle can look
-    like a shorter one.
+    What stands before the first `|` is never used: a text frame that was joined in its middle can
+    look like a shorter one.
 
     Attributes:
-        rejected: strings dropped since the start.
+        rejected: text frames dropped since the start.
     """
 
     def __init__(self) -> None:
@@ -72,17 +72,17 @@ class ReplyStream:
         self.rejected = 0
 
     def feed(self, data: bytes) -> list[TeensyReply]:
-        """The replies that became complete with these bytes, oldest first."""
+        """Adds bytes; returns the replies that became complete, oldest first."""
         *complete, rest = (self._open + data).split(END)
-        self._open = rest[: _LONGEST_REPLY + 1]
-        found: list[TeensyReply] = []
+        self._open = rest[: _MAX_REPLY + 1]
+        replies: list[TeensyReply] = []
         for text in complete[0 if self._synchronised else 1 :]:
             try:
-                found.append(decode_reply(text + END))
+                replies.append(decode_reply(text + END))
             except FrameError:
                 self.rejected += 1
         self._synchronised = self._synchronised or bool(complete)
-        return found
+        return replies
 
 
 class ClockAlignment:
@@ -122,11 +122,11 @@ class ClockAlignment:
 
 
 class TeensyLink:
-    """Strings to and from the Teensy, one of each per cycle.
+    """Text frames to and from the Teensy, one of each per cycle.
 
     Args:
         link: open serial link; the caller closes it.
-        motor_ids: of the two motors in the string; in `watched_can` their orders stay `EXIT`.
+        motor_ids: of the two motors in the text frame; in `watched_can` their orders stay `EXIT`.
         profile: of the motors' frames.
 
     Attributes:
@@ -160,13 +160,13 @@ class TeensyLink:
         self.fault_text = "the Teensy has not answered yet"
 
     def age(self, now: float) -> float:
-        """Seconds since the last valid reply string; infinite before the first."""
+        """Seconds since the last valid reply text frame; infinite before the first."""
         if self._reply_time is None:
             return math.inf
         return now - self._reply_time
 
     def set_pulses(self, servo: int, throttle: int) -> None:
-        """Pulses (us) of the next strings.
+        """Sets the pulses (us) of the next text frames.
 
         Raises `FrameError` out of range, and keeps the old ones.
         """
@@ -178,14 +178,14 @@ class TeensyLink:
         self._throttle = throttle
 
     def set_attitude(self, roll: float, pitch: float, taken: float) -> None:
-        """Attitude (rad) for the next strings, and when it was taken (s, monotonic); ignored while
-        it is not finite.
+        """Sets the attitude (rad) for the next text frames, and when it was taken (s, monotonic);
+        ignored while it is not finite.
         """
         if math.isfinite(roll) and math.isfinite(pitch) and math.isfinite(taken):
             self._attitude = roll, pitch, taken
 
     def send(self, frame: CanFrame, urgent: bool = False) -> bool:
-        """Notes a motor's frame for the next string.
+        """Notes a motor's frame for the next text frame.
 
         A frame that sets the zero, or of another motor, is not sent.
         """
@@ -207,7 +207,7 @@ class TeensyLink:
         return True
 
     def commit(self) -> None:
-        """Writes the string of this cycle."""
+        """Writes the text frame of this cycle."""
         first, second = (self._next_order(motor_id) for motor_id in self._ids)
         attitude = None
         if self._attitude is not None:
@@ -216,12 +216,12 @@ class TeensyLink:
         command = TeensyCommand((first, second), self._servo, self._throttle, attitude)
         self._link.write(make_command(command))
 
-    def poll(self) -> list[tuple[float, CanFrame]]:
+    def poll(self) -> TimedFrames:
         """Reads what came in; the motors' answers as frames, with their arrival."""
-        frames: list[tuple[float, CanFrame]] = []
+        frames: TimedFrames = []
         for arrival, data in self._link.poll():
             for reply in self._stream.feed(data):
-                self._take(reply, arrival)
+                self._receive(reply, arrival)
                 frames += [
                     (arrival, frame) for report in reply.motors if (frame := self._frame_of(report))
                 ]
@@ -230,36 +230,31 @@ class TeensyLink:
         return frames
 
     def flush(self, timeout: float = 0.2) -> bool:
-        """Writes a string with what is noted and waits at most `timeout` s until it has left."""
+        """Writes a text frame with what is noted; waits at most `timeout` s until it has left."""
         self.commit()
         return self._link.flush(timeout)
 
     def _next_order(self, motor_id: int) -> MotorOrder:
         order = self._orders.pop(motor_id, None)
-        if order:
+        if order is not None:
             self._repeats[motor_id] = 0
         else:
             self._repeats[motor_id] += 1
-        if order is None:
             last = self._last[motor_id]
-            keep = (
-                last.request is not MotorRequest.EXIT and self._repeats[motor_id] <= _MOST_REPEATS
-            )
-            if keep:
+            order = _exit_order(motor_id)
+            if last.request is not MotorRequest.EXIT and self._repeats[motor_id] <= _MAX_REPEATS:
                 order = MotorOrder(motor_id, MotorRequest.COMMAND, last.command)
-            else:
-                order = _exit_order(motor_id)
         self._last[motor_id] = order
         return order
 
-    def _take(self, reply: TeensyReply, arrival: float) -> None:
+    def _receive(self, reply: TeensyReply, arrival: float) -> None:
         self._reply_time = arrival
         self.sail = math.remainder(math.radians(reply.sail), 2.0 * math.pi)
         self.sent_time = self._clock.add(reply.clock, arrival)
 
     def _frame_of(self, report: MotorReport) -> CanFrame | None:
-        """The frame of a report; None if the motor has not answered since the last one, or is none
-        of ours.
+        """Makes the frame of a report; None if the motor has not answered since the last one, or is
+        none of ours.
         """
         if report.motor_id not in self._counters:
             return None
@@ -300,8 +295,8 @@ def pulse(share: float, pulses: tuple[int, int, int]) -> int:
     """
     if not -1.0 <= share <= 1.0:  # also catches NaN
         raise FrameError(f"share {share!r} of a pulse: allowed is -1 to 1")
-    least, idle, most = pulses
-    return round(idle + share * ((most - idle) if share >= 0 else (idle - least)))
+    lowest, idle, highest = pulses
+    return round(idle + share * ((highest - idle) if share >= 0 else (idle - lowest)))
 
 
 def _exit_order(motor_id: int) -> MotorOrder:

@@ -1,4 +1,4 @@
-"""What a u-blox receiver sends: UBX NAV-PVT, out of a stream with other messages and noise.
+"""Messages of a u-blox receiver: UBX NAV-PVT, out of a stream with other messages and noise.
 
 Frames are cut out and their checksums verified here; their fields are read and written by pyubx2
 (NAV-PVT: u-blox 8 / M8 protocol specification, UBX-13003221). `make_nav_pvt` is for emulators.
@@ -11,16 +11,16 @@ from dataclasses import dataclass
 from typing import Any
 
 from aerodima.hardware.protocol.can_frame import FrameError
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 
 _UBX = b"\xb5\x62"
 _NAV_PVT = b"\x01\x07"
 _NAV_PVT_BYTES = 92
 """Length of the content of a NAV-PVT message, bytes."""
-_MOST_PAYLOAD = 256
+_MAX_PAYLOAD = 256
 """Longer messages are stepped over byte by byte; a false start in noise must not hold up good
 frames for long."""
-_FASTEST = 515.0
+_MAX_SPEED = 515.0
 """m/s; receivers stop at 1000 knots."""
 _FIXES = (2, 3, 4)
 """2D, 3D, GNSS with dead reckoning."""
@@ -46,16 +46,14 @@ class GpsStream:
 
     Attributes:
         rejected: frames with a wrong checksum or fields that cannot be.
-        skipped: whole messages of other kinds.
     """
 
     def __init__(self) -> None:
         self._open = b""
         self.rejected = 0
-        self.skipped = 0
 
     def feed(self, data: bytes) -> list[GpsSample]:
-        """The samples that became complete with these bytes, oldest first."""
+        """Adds bytes; returns the samples that became complete, oldest first."""
         self._open += data
         samples: list[GpsSample] = []
         while (start := self._open.find(_UBX[:1])) >= 0:
@@ -77,7 +75,7 @@ class GpsStream:
         if len(head) < 6:
             return 0, None
         length = int.from_bytes(head[4:6], "little")
-        if length > _MOST_PAYLOAD:
+        if length > _MAX_PAYLOAD:
             return self._reject(1)
         total = length + 8
         if len(self._open) < total:
@@ -86,7 +84,6 @@ class GpsStream:
         if ubx_checksum(frame[2:-2]) != frame[-2:]:
             return self._reject(1)
         if frame[2:4] != _NAV_PVT or length != _NAV_PVT_BYTES:
-            self.skipped += 1
             return total, None
         try:
             return total, decode_nav_pvt(frame)
@@ -99,7 +96,7 @@ class GpsStream:
 
 
 def decode_nav_pvt(frame: bytes) -> GpsSample:
-    """The sample in a whole UBX frame.
+    """Decodes the sample in a whole UBX frame.
 
     Raises `FrameError` if it is no NAV-PVT or a field cannot be.
     """
@@ -112,19 +109,19 @@ def decode_nav_pvt(frame: bytes) -> GpsSample:
         clock = message.hour * 3600.0 + message.min * 60.0 + message.second + message.nano * 1e-9
     except Exception as error:  # the library documents no closed set of exceptions
         raise FrameError(f"GPS: no NAV-PVT: {error}") from None
-    if fix and not 0.0 <= speed <= _FASTEST:
-        raise FrameError(f"GPS speed {speed!r} m/s; allowed is 0 to {_FASTEST:g}")
+    if fix and not 0.0 <= speed <= _MAX_SPEED:
+        raise FrameError(f"GPS speed {speed!r} m/s; allowed is 0 to {_MAX_SPEED:g}")
     return GpsSample(speed if fix else math.nan, fix, clock if known else None)
 
 
 def make_nav_pvt(sample: GpsSample, tow: float = 0.0) -> bytes:
-    """The UBX frame of a sample, `tow` s into the week; for emulators.
+    """Makes the UBX frame of a sample, `tow` s into the week; for emulators.
 
     Raises `FrameError` for a speed that is none.
     """
     _, UBXMessage, get = _ubx_library()
-    if sample.fix and not 0.0 <= sample.speed <= _FASTEST:
-        raise FrameError(f"GPS speed {sample.speed!r} m/s; allowed is 0 to {_FASTEST:g}")
+    if sample.fix and not 0.0 <= sample.speed <= _MAX_SPEED:
+        raise FrameError(f"GPS speed {sample.speed!r} m/s; allowed is 0 to {_MAX_SPEED:g}")
     clock = 0.0 if sample.time_of_day is None else sample.time_of_day
     minutes, seconds = divmod(clock, 60.0)
     hours, minutes = divmod(minutes, 60.0)

@@ -31,15 +31,15 @@ from aerodima.hardware.car.safety_settings import DriveSafety, load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import CarCommand, CarReading
 from aerodima.hardware.devices.device_states import SourceFault
-from aerodima.hardware.devices.motor_settings import Lasting
-from aerodima.hardware.protocol.radio import Asks, RadioMode
-from aerodima.workbench.config.signal_table import IMU, STATUS, TAIL_STATE
-from aerodima.workbench.errors import HardwareError
+from aerodima.hardware.devices.motor_monitors import Debounce
+from aerodima.hardware.protocol.radio import OperatorPrompt, RadioMode
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.scenario.signal_table import IMU, STATUS, TAIL_STATE
 
 _ROLL = IMU.index("roll")
 _PITCH = IMU.index("pitch")
 
-_MOST_SPAN = 0.02
+_MAX_SPAN = 0.02
 """s; after a pause of the loop the throttle does not jump."""
 _ARMED = STATUS.index("armed")
 _TAIL = (STATUS.index("tail_pitch_fault"), STATUS.index("tail_roll_fault"))
@@ -58,13 +58,13 @@ class DriveLimits:
 
     def __init__(self, safety: DriveSafety) -> None:
         self._safety = safety
-        self._tilted = Lasting()
-        self._fast = Lasting()
+        self._tilted = Debounce()
+        self._fast = Debounce()
         self._throttle = 0.0
         self._time = -math.inf
 
-    def rest(self) -> None:
-        """The throttle is neutral."""
+    def reset_throttle(self) -> None:
+        """Resets the throttle to neutral."""
         self._throttle = 0.0
         self._time = -math.inf
 
@@ -73,13 +73,13 @@ class DriveLimits:
         safety = self._safety
         side = math.copysign(1.0, asked)
         if math.isfinite(self._time):
-            span = min(max(0.0, now - self._time), _MOST_SPAN)
+            span = min(max(0.0, now - self._time), _MAX_SPAN)
         else:
             span = 0.0
-        most = safety.throttle_rate * span
-        begun = max(0.0, side * self._throttle)
+        rise = safety.throttle_rate * span
+        present = max(0.0, side * self._throttle)
         self._throttle = side * min(
-            abs(asked), safety.throttle_limit, max(begun + most, safety.throttle_start)
+            abs(asked), safety.throttle_limit, max(present + rise, safety.throttle_start)
         )
         self._time = now
         return self._throttle
@@ -89,7 +89,7 @@ class DriveLimits:
         roll = float(reading.imu[_ROLL])
         pitch = float(reading.imu[_PITCH])
         limit = self._safety.attitude_limit
-        lasted = self._tilted.look(max(abs(roll), abs(pitch)) > limit, now)
+        lasted = self._tilted.update(max(abs(roll), abs(pitch)) > limit, now)
         if lasted == 0.0 or lasted < self._safety.attitude_time:
             return ""
         if abs(roll) >= abs(pitch):
@@ -109,7 +109,7 @@ class DriveLimits:
         limit = self._safety.speed_limit
         known = reading.status[_SPEED] == SourceFault.NONE
         if (
-            self._fast.look(known and speed > limit, now) < self._safety.speed_time
+            self._fast.update(known and speed > limit, now) < self._safety.speed_time
             or not known
             or speed <= limit
         ):
@@ -147,7 +147,7 @@ class CarGuard:
             falls silent then has not chosen to end the drive: the console sends a car to rest whose
             page has gone.
         reading: of the last cycle.
-        rested: the operator has reported IDLE since the car took commands.
+        was_idle: the operator has reported IDLE since the car took commands.
         lateness: of the last cycle, s; 0 for a cycle without a due time.
         overruns: cycles that came later than `safety.overrun`.
         cycle_times: `time.monotonic` of every cycle since `drive`, s.
@@ -173,36 +173,36 @@ class CarGuard:
         self.slow_ticks = array("d")
         self._since = 0.0
         self._was_armed = False
-        self.rested = False
+        self.was_idle = False
         self._ready_since: float | None = None
         self._mode = RadioMode.AUTO
 
     @property
     def finished(self) -> bool:
-        """Whether the motors are off and stay off."""
+        """Returns whether the motors are off and stay off."""
         return self.stage is Stage.STOPPED
 
     @property
     def stopping(self) -> bool:
-        """Whether the car has begun to stop, or has stopped."""
+        """Returns whether the car has begun to stop, or has stopped."""
         return self.stage in (Stage.HOLDING, Stage.EXITING, Stage.STOPPED)
 
     @property
     def ready(self) -> bool:
-        """Whether the car takes commands."""
+        """Returns whether the car takes commands."""
         return self.stage is Stage.ARMED and (
             not self._has_tail or self.reading.status[_ARMED] == 1.0
         )
 
     @property
-    def asks(self) -> Asks:
-        """What the operator must do before the car drives."""
+    def prompt(self) -> OperatorPrompt:
+        """Prompt: what the operator must do before the car drives."""
         if not self.ready or self.reason:
-            return Asks.NOTHING
-        return Asks.CHOICE if self.rested else Asks.REST
+            return OperatorPrompt.NONE
+        return OperatorPrompt.SELECT_MODE if self.was_idle else OperatorPrompt.RETURN_TO_IDLE
 
     def link_times(self, start: float) -> np.ndarray:
-        """(3,) `LINK_COLUMNS` of the log, s from the `start` (s, monotonic) of the run."""
+        """Returns (3,) `LINK_COLUMNS` of the log, s from the `start` (s, monotonic) of the run."""
         return np.array(
             [self.lateness, self.wiring.imu_time - start, self.wiring.teensy_time - start]
         )
@@ -229,7 +229,7 @@ class CarGuard:
             raise HardwareError(f"the car cannot be armed: {reason}")
         self.wiring.arm()
         self._was_armed = False
-        self.rested = False
+        self.was_idle = False
         self._ready_since = None
         self._go_unless_stopped(Stage.ARMED, now)
 
@@ -243,7 +243,7 @@ class CarGuard:
             raise HardwareError(
                 f"the car cannot drive: it is not armed{f' ({self.reason})' if self.reason else ''}"
             )
-        if not self.rested:
+        if not self.was_idle:
             raise HardwareError(
                 "the car cannot drive: the operator was not heard in IDLE since it was armed"
             )
@@ -282,23 +282,23 @@ class CarGuard:
     # -- once per cycle
 
     def exchange(self, command: CarCommand, now: float, due: float | None = None) -> CarReading:
-        """A whole cycle, for commands that do not depend on its reading."""
+        """Runs a whole cycle, for commands that do not depend on its reading."""
         reading = self.read(now, due)
         self.write(command, now)
         return reading
 
     def read(self, now: float, due: float | None = None) -> CarReading:
-        """The first half of a cycle: reads the car, and stops it where that is needed.
+        """Runs the first half of a cycle: reads the car, and stops it where that is needed.
 
         Args:
             now: `time.monotonic()`, s.
             due: when the cycle should have been, on the same clock; None outside of a run.
         """
-        self._look_at_clock(now, due)
+        self._check_clock(now, due)
         self.reading = self.wiring.read(now)
         self._judge(now)
-        self._look_for_rest(now)
-        self.wiring.asks = self.asks
+        self._check_idle(now)
+        self.wiring.prompt = self.prompt
         if self.stage is Stage.HOLDING and now - self._since >= self._safety.tail_hold:
             self._exit(now)
         elif self.stage is Stage.EXITING and now - self._since >= self._safety.after_exit:
@@ -306,7 +306,7 @@ class CarGuard:
         return self.reading
 
     def write(self, command: CarCommand, now: float) -> None:
-        """The second half: command of driver and tail law if the car drives; else throttle 0."""
+        """Runs the second half: sends the command if the car drives, else throttle 0."""
         if self.stage is Stage.DRIVING and not command.finite:
             self.stop("the controller commands NaN or infinity", now, hard=True)
         if self.stage is Stage.DRIVING:
@@ -314,24 +314,27 @@ class CarGuard:
                 replace(command, throttle=self._limits.throttle(command.throttle, now)), now
             )
         else:
-            self._limits.rest()
+            self._limits.reset_throttle()
             self.wiring.write(CarCommand(), now)
 
     def note_computing(self, spent: float, now: float) -> None:
-        """Time of the controller's tick, s; too many slow ones within a second stop the car."""
+        """Notes the time of the controller's tick, s; too many slow ones within a second stop the
+        car.
+        """
         if spent <= self._safety.slow_tick:
             return
         self.slow_ticks.append(now)
-        slow = sum(time > now - 1.0 for time in self.slow_ticks[-self._safety.most_slow_ticks :])
-        if slow == self._safety.most_slow_ticks and self.stage in _LIVE:
-            most = f"{slow} ticks within a second beyond {self._safety.slow_tick * 1000:g} ms"
+        limit = self._safety.most_slow_ticks
+        slow = sum(time > now - 1.0 for time in self.slow_ticks[-limit:])
+        if slow == limit and self.stage in _LIVE:
+            count = f"{slow} ticks within a second beyond {self._safety.slow_tick * 1000:g} ms"
             self.stop(
-                f"the controller is too slow: {most}, the last {spent * 1000:.0f} ms",
+                f"the controller is too slow: {count}, the last {spent * 1000:.0f} ms",
                 now,
                 hard=True,
             )
 
-    def _look_at_clock(self, now: float, due: float | None) -> None:
+    def _check_clock(self, now: float, due: float | None) -> None:
         if due is None:
             self.lateness = 0.0
         else:
@@ -351,16 +354,16 @@ class CarGuard:
             )
             self.stop(text, now, hard=True)
 
-    def _look_for_rest(self, now: float) -> None:
-        """Whether a command was given after the car was ready; the newest one may be older."""
+    def _check_idle(self, now: float) -> None:
+        """Notes an IDLE that was given after the car was ready; the newest command may be older."""
         if not self.ready:
             self._ready_since = None
             return
         if self._ready_since is None:
             self._ready_since = now
-        given = now - self.reading.status[_OPERATOR_AGE]
-        if self.reading.operator.mode is RadioMode.IDLE and given > self._ready_since:
-            self.rested = True
+        sent = now - self.reading.status[_OPERATOR_AGE]
+        if self.reading.operator.mode is RadioMode.IDLE and sent > self._ready_since:
+            self.was_idle = True
 
     def _judge(self, now: float) -> None:
         hard, reason = self._reason(self.reading)
@@ -389,7 +392,7 @@ class CarGuard:
             self.stop(reason, now, hard)
 
     def _reason(self, reading: CarReading) -> tuple[bool, str]:
-        """Whether the car must stop at once, and why it must stop; empty if it need not."""
+        """Returns whether the car must stop at once, and why it must stop; empty if it need not."""
         status = reading.status
         hard = (
             status[_OPERATOR] == SourceFault.STOPPED

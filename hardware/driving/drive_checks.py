@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import shutil
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,11 +27,13 @@ from aerodima.hardware.devices.bno055 import RATE as IMU_RATE
 from aerodima.hardware.devices.bno055 import Bno055Sample
 from aerodima.hardware.driving.plain_loop import PERIOD
 from aerodima.hardware.protocol.ak70 import PROFILES, FirmwareProfile, decode_reply
-from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import IMU, STATUS, TAIL_STATE, UNARMED_SOURCES
-from aerodima.workbench.errors import HardwareError
+from aerodima.hardware.protocol.can_frame import TimedFrames
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.signal_table import IMU, STATUS, TAIL_STATE, UNARMED_SOURCES
 
+Say = Callable[[str], None]
+"""Receives a line of text for the user."""
 _MB = 1e6
 """Bytes in a megabyte."""
 _SLEEPS = 20
@@ -43,16 +45,16 @@ _FIRST_YEAR = 2024
 _CLOCK_DIFFERENCE = 2.0
 """Largest difference from the receiver's time that is not reported, s."""
 _WATCHES = {
-    "teensy_bridge": "the Teensy, by the strings of the computer",
+    "teensy_bridge": "the Teensy, by the text frames of the computer",
     "watched_can": "the Teensy, by the heartbeat on the motors' bus",
 }
 _RATIO_TOLERANCE = 0.2
-"""How far the ratio of `_speed_ratio` may be from 1 with the right profile."""
-_WARMEST = 120.0
+"""Largest distance of `_speed_ratio` from 1 with the right profile."""
+_MAX_TEMPERATURE = 120.0
 """Highest temperature of a motor that can be, degrees Celsius."""
-_COLDEST = -30.0
+_MIN_TEMPERATURE = -30.0
 """Lowest temperature of a motor that can be, degrees Celsius."""
-_LEAST_SAMPLES = 10
+_MIN_SAMPLES = 10
 """Fewest samples that show a living IMU."""
 _ROLL = IMU.index("roll")
 _PITCH = IMU.index("pitch")
@@ -77,20 +79,26 @@ class Check:
         return f"{mark:6}  {self.name}: {self.text}"
 
 
-def refuse_failed(checks: list[Check]) -> None:
-    """Raises `HardwareError` with every check that failed."""
+def report(checks: list[Check], say: Say, refuse: bool = True) -> None:
+    """Says every check; raises `HardwareError` with those that failed, if they are to be
+    refused.
+    """
+    for check in checks:
+        say(str(check))
+    if not refuse:
+        return
     failed = [f"{check.name}: {check.text}" for check in checks if check.passed is False]
     if failed:
         raise HardwareError("; ".join(failed))
 
 
-def desk_checks(scenario: Scenario, folder: Path, safety: DriveSafety) -> list[Check]:
+def preflight_checks(scenario: Scenario, folder: Path, safety: DriveSafety) -> list[Check]:
     """Rates of the scenario, space for the log, clocks of this computer."""
     return [*_rates(scenario), _disk(folder, safety), _sleep(), _calendar()]
 
 
 def device_checks(reading: CarReading, gps_time: float | None, safety: DriveSafety) -> list[Check]:
-    """The state of every device, and a note on the battery, which nothing measures."""
+    """Checks the state of every device, with a note on the battery, which nothing measures."""
     status = STATUS.read(reading.status)._asdict()
     checks = []
     for source in UNARMED_SOURCES:
@@ -107,14 +115,16 @@ def device_checks(reading: CarReading, gps_time: float | None, safety: DriveSafe
 
 
 def watchdog_check(wiring: str, unwatched: str) -> Check:
-    """The watchdog that switches the motors off when this program dies, and whether it answers."""
+    """Checks whether the watchdog answers that switches the motors off when this program dies."""
     return Check("watchdog", not unwatched, unwatched or _WATCHES[wiring])
 
 
 def motor_checks(
     car: WiredCar, scenario: Scenario, ports: CarPorts, safety: DriveSafety
 ) -> list[Check]:
-    """Firmware profile by the replies, zero by where the tail is held; with the motors holding."""
+    """Checks firmware profile by the replies, zero by where the tail is held; with the motors
+    holding.
+    """
     checks = []
     for name, motor_id in zip(("tail pitch", "tail roll"), ports.motor_ids, strict=True):
         try:
@@ -136,20 +146,20 @@ def motor_checks(
 
 
 def _rates(scenario: Scenario) -> list[Check]:
-    rates = {
-        "controller.rate": (scenario.controller.rate, 1.0 / PERIOD),
-        "imu.rate": (scenario.imu.rate, IMU_RATE),
-    }
-    return [
-        Check(key, math.isclose(rate, allowed), f"{rate:g} Hz; allowed on the car: {allowed:g} Hz")
-        for key, (rate, allowed) in rates.items()
-    ]
+    checks = []
+    for key, rate, allowed in (
+        ("controller.rate", scenario.controller.rate, 1.0 / PERIOD),
+        ("imu.rate", scenario.imu.rate, IMU_RATE),
+    ):
+        text = f"{rate:g} Hz; allowed on the car: {allowed:g} Hz"
+        checks.append(Check(key, math.isclose(rate, allowed), text))
+    return checks
 
 
 def _disk(folder: Path, safety: DriveSafety) -> Check:
-    existing = next(
-        parent for parent in (folder.resolve(), *folder.resolve().parents) if parent.is_dir()
-    )
+    existing = folder.resolve()
+    while not existing.is_dir():
+        existing = existing.parent
     free = shutil.disk_usage(existing).free / _MB
     text = f"{free:.0f} MB free in {existing}; needed: {safety.least_disk:g} MB"
     return Check("log disk", free >= safety.least_disk, text)
@@ -162,11 +172,8 @@ def _sleep() -> Check:
         time.sleep(0.001)
         late.append(time.monotonic() - before - 0.001)
     median = float(np.median(late))
-    worst = max(late)
-    text = (
-        f"a sleep ends {median * 1000:.2f} ms late (at most {worst * 1000:.2f}); allowed: "
-        f"{_COARSE_SLEEP * 1000:g} ms"
-    )
+    measured = f"{median * 1000:.2f} ms late (at most {max(late) * 1000:.2f})"
+    text = f"a sleep ends {measured}; allowed: {_COARSE_SLEEP * 1000:g} ms"
     return Check("loop clock", median <= _COARSE_SLEEP, text)
 
 
@@ -188,8 +195,8 @@ def _gps_clock(gps_time: float | None) -> Check:
 
 
 def zero_checks(reading: CarReading, scenario: Scenario, safety: DriveSafety) -> list[Check]:
-    """Whether the tail is held at a mark: an angle at which its law waits, or the stop it falls on
-    without power.
+    """Checks whether the tail is held at a mark: an angle at which its law waits, or the stop it
+    falls on without power.
     """
     hold = scenario.controller.hold_angle
     pitch = [scenario.resting_pitch]
@@ -198,15 +205,12 @@ def zero_checks(reading: CarReading, scenario: Scenario, safety: DriveSafety) ->
     checks = []
     for name, marks in (("pitch_angle", pitch), ("roll_angle", (-hold, 0.0, hold))):
         angle = float(reading.tail_state[TAIL_STATE.index(name)])
-        off = min(abs(angle - mark) for mark in marks)
+        distance = min(abs(angle - mark) for mark in marks)
         allowed = " or ".join(f"{np.degrees(mark):.0f}" for mark in marks)
-        text = (
-            f"at {np.degrees(angle):.1f} degrees; marks: {allowed}, "
-            f"+-{np.degrees(safety.zero_tolerance):.0f}"
-        )
-        checks.append(
-            Check(f"tail {name.partition('_')[0]} zero", off <= safety.zero_tolerance, text)
-        )
+        tolerance = np.degrees(safety.zero_tolerance)
+        text = f"at {np.degrees(angle):.1f} degrees; marks: {allowed}, +-{tolerance:.0f}"
+        joint = name.partition("_")[0]
+        checks.append(Check(f"tail {joint} zero", distance <= safety.zero_tolerance, text))
     return checks
 
 
@@ -226,9 +230,7 @@ class ProfileEvidence:
     speed_ratio: float | None
 
 
-def check_profile(
-    profile: FirmwareProfile, replies: Sequence[tuple[float, CanFrame]]
-) -> ProfileEvidence:
+def check_profile(profile: FirmwareProfile, replies: TimedFrames) -> ProfileEvidence:
     """Checks a profile against replies of one motor to the neutral command.
 
     Args:
@@ -252,7 +254,7 @@ def check_profile(
             "one id?"
         )
     warm = [reply.temperature for reply in decoded if reply.temperature is not None]
-    if warm and not _COLDEST <= np.median(warm) <= _WARMEST:
+    if warm and not _MIN_TEMPERATURE <= np.median(warm) <= _MAX_TEMPERATURE:
         raise HardwareError(
             f"firmware profile {profile.name}: {np.median(warm):g} degC cannot be: wrong offset?"
         )
@@ -267,26 +269,22 @@ def check_profile(
     return ProfileEvidence(len(replies), lengths.pop(), ratio)
 
 
-def _fits(profile: FirmwareProfile, replies: Sequence[tuple[float, CanFrame]]) -> bool:
+def _fits(profile: FirmwareProfile, replies: TimedFrames) -> bool:
     if not {len(frame.data) for _, frame in replies} <= set(profile.reply_lengths):
         return False
     ratio = _speed_ratio(profile, replies)
     return ratio is not None and abs(ratio - 1.0) <= _RATIO_TOLERANCE
 
 
-def _speed_ratio(
-    profile: FirmwareProfile, replies: Sequence[tuple[float, CanFrame]]
-) -> float | None:
+def _speed_ratio(profile: FirmwareProfile, replies: TimedFrames) -> float | None:
     """Least-squares slope of position over integrated velocity; None with too little motion."""
     decoded = [decode_reply(frame, profile) for _, frame in replies]
     times = np.array([time for time, _ in replies])
     velocity = np.array([reply.velocity for reply in decoded])
-    position = np.unwrap(
-        np.array([reply.position for reply in decoded]), period=2 * profile.position
-    )
-    travelled = np.concatenate(
-        [[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(times))]
-    )
+    wrapped = np.array([reply.position for reply in decoded])
+    position = np.unwrap(wrapped, period=2 * profile.position)
+    steps = 0.5 * (velocity[1:] + velocity[:-1]) * np.diff(times)
+    travelled = np.concatenate([[0.0], np.cumsum(steps)])
     x = travelled - travelled.mean()
     y = position - position.mean()
     # A resting motor reports half a step of speed, which adds up to a slow false travel.
@@ -299,27 +297,25 @@ def _speed_ratio(
 def standstill_checks(
     samples: Sequence[Bno055Sample], reading: np.ndarray, safety: DriveSafety
 ) -> list[Check]:
-    """Whether the car stood still in the last moment.
+    """Checks whether the car stood still in the last moment.
 
     Args:
         samples: of the chip, all that came within the moment, in its own axes.
-        reading: (9,) `aerodima.workbench.config.signal_table.IMU`, the newest, in body axes.
+        reading: (9,) `aerodima.workbench.scenario.signal_table.IMU`, the newest, in body axes.
     """
     different = {(sample.quaternion, sample.gyro, sample.acceleration) for sample in samples}
     count = len(samples)
-    lives = count >= _LEAST_SAMPLES and len(different) > 1
-    found = f"{count} samples, {len(different)} different ones" + (
-        "" if lives else "; it has frozen or is silent"
-    )
-    checks = [Check("IMU", lives, found)]
+    alive = count >= _MIN_SAMPLES and len(different) > 1
+    text = f"{count} samples, {len(different)} different ones"
+    if not alive:
+        text += "; it has frozen or is silent"
+    checks = [Check("IMU", alive, text)]
     if not samples:
         return checks
     gyro = samples[-1].calibration[1]
-    text = (
-        f"gyro {gyro} of 3; allowed is {safety.gyro_calibration}: let the car stand for some "
-        "seconds"
-    )
-    checks.append(Check("IMU calibration", gyro >= safety.gyro_calibration, text))
+    level = safety.gyro_calibration
+    text = f"gyro {gyro} of 3; allowed is {level}: let the car stand for some seconds"
+    checks.append(Check("IMU calibration", gyro >= level, text))
     turning = float(np.max(np.linalg.norm([sample.gyro for sample in samples], axis=1)))
     pushed = float(np.linalg.norm(np.mean([sample.acceleration for sample in samples], axis=0)))
     still = turning <= safety.still_rate and pushed <= safety.still_acceleration
@@ -327,7 +323,6 @@ def standstill_checks(
     text = f"turns at {turning:.2f} rad/s, is pushed by {pushed:.2f} m/s2; allowed: {allowed}"
     checks.append(Check("car stands still", still, text))
     tilt = max(abs(float(reading[_ROLL])), abs(float(reading[_PITCH])))
-    text = (
-        f"tilted by {math.degrees(tilt):.0f} degrees; allowed is {math.degrees(safety.upright):.0f}"
-    )
+    limit = math.degrees(safety.upright)
+    text = f"tilted by {math.degrees(tilt):.0f} degrees; allowed is {limit:.0f}"
     return [*checks, Check("car stands upright", tilt <= safety.upright, text)]

@@ -1,4 +1,4 @@
-"""What drives the car as a Drake diagram, a tick at a time: the sequence of a scenario, or systems
+"""Drake diagrams that drive the car, a tick at a time: the sequence of a scenario, or systems
 of the user.
 """
 
@@ -13,14 +13,14 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem, State
 
 from aerodima.hardware.car.wiring import CarCommand, CarReading
 from aerodima.hardware.driving.plain_loop import PERIOD, WRITE_DELAY, Pilot, PilotStep
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import STATION_INPUTS, STATION_OUTPUTS
-from aerodima.workbench.controllers.tail_law import TailLaw
-from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.simulate.car_run import Build, assemble
-from aerodima.workbench.systems.system_ports import DiscreteVector, vector_of
+from aerodima.workbench.car.car_diagram import Build, assemble
+from aerodima.workbench.control.tail_law import TailLaw
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.port_wiring import DiscreteVector, vector_of
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.signal_table import STATION_INPUTS, STATION_OUTPUTS
 
-_REHEARSED = 3
+_WARM_UP_TICKS = 3
 """Ticks before the motors are on."""
 
 
@@ -34,7 +34,7 @@ class CarInterface(LeafSystem):
     nothing.
 
     Input and output ports: exactly `STATION_INPUTS` and `STATION_OUTPUTS` of
-    `aerodima.workbench.config.signal_table`.
+    `aerodima.workbench.scenario.signal_table`.
 
     Attributes: reading: output from the next tick on.
     """
@@ -65,7 +65,7 @@ class CarInterface(LeafSystem):
             value.write(discrete_state, getattr(self.reading, name))
 
     def command(self, context: Context) -> CarCommand:
-        """The values of the input ports."""
+        """Returns the values of the input ports."""
         steering, throttle, pitch, roll = (
             np.array(vector_of(self._ports[name], context)) for name in STATION_INPUTS
         )
@@ -94,18 +94,18 @@ class DiagramPilot(Pilot):
         car = assemble(
             scenario, interface=lambda _: self._interface, tail_law=law, lean=True, build=build
         )
-        self.columns = [name for _, names in car.own for name in names]
+        self.columns = [name for _, names in car.user_signals for name in names]
         named: dict[str, Any] = {names[0]: port for port, names in car.signals}
         self._ports = [
             named["planned_turn"],
             named["controller_state"],
-            *(port for port, _ in car.own),
+            *(port for port, _ in car.user_signals),
         ]
         self._diagram = car.builder.Build()
         self._simulator = Simulator(self._diagram)
         self._simulator.Initialize()
 
-    def rehearse(self, reading: CarReading) -> float:
+    def warm_up(self, reading: CarReading) -> float:
         """Runs the first ticks on a copy of the state, so that none of them is the first one while
         the car drives.
 
@@ -116,11 +116,11 @@ class DiagramPilot(Pilot):
             HardwareError: a command that is not finite. Whatever the systems raise, such as a port
                 without connection.
         """
-        kept = self._simulator
+        simulator = self._simulator
         times = []
-        self._simulator = Simulator(self._diagram, kept.get_context().Clone())
+        self._simulator = Simulator(self._diagram, simulator.get_context().Clone())
         self._simulator.Initialize()
-        for tick in range(_REHEARSED):
+        for tick in range(_WARM_UP_TICKS):
             begin = time.monotonic()
             step = self.step(tick * PERIOD, reading)
             times.append(time.monotonic() - begin)
@@ -129,11 +129,11 @@ class DiagramPilot(Pilot):
                     "the controller commands NaN or infinity before the car is armed: "
                     f"{step.command}"
                 )
-        self._simulator = kept
+        self._simulator = simulator
         return max(times[1:])
 
     def start(self) -> PilotStep:
-        """See `Pilot`."""
+        """Implements `Pilot`."""
         root = self._simulator.get_context()
         command = self._interface.command(self._interface.GetMyContextFromRoot(root))
         plan, state, *own = (
@@ -144,7 +144,7 @@ class DiagramPilot(Pilot):
         )
 
     def step(self, time: float, reading: CarReading) -> PilotStep:
-        """See `Pilot`."""
+        """Implements `Pilot`."""
         self._interface.reading = reading
         self._simulator.AdvanceTo(time + WRITE_DELAY)
         return self.start()

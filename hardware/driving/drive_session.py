@@ -7,55 +7,60 @@ and throttle 0 go out, and the log is readable up to there.
 from __future__ import annotations
 
 import math
-import signal
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING
 
 from aerodima.hardware.car.car_ports import CarPorts, read_ports
-from aerodima.hardware.car.safety_settings import DriveSafety, load_drive_safety
+from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
-from aerodima.hardware.car.wiring import CarReading
-from aerodima.hardware.devices.bno055 import Bno055Sample
 from aerodima.hardware.devices.device_states import SourceFault
-from aerodima.hardware.driving.car_guard import CarGuard, Stage
+from aerodima.hardware.driving.arming import (
+    arm_motors,
+    await_operator,
+    await_permission,
+    await_stop,
+    check_standstill,
+)
+from aerodima.hardware.driving.car_guard import CarGuard
 from aerodima.hardware.driving.drive_checks import (
     Check,
-    desk_checks,
+    Say,
     device_checks,
     motor_checks,
-    refuse_failed,
-    standstill_checks,
+    preflight_checks,
+    report,
     watchdog_check,
 )
 from aerodima.hardware.driving.held_car import connect
+from aerodima.hardware.driving.interrupts import (
+    TickTimeout,
+    TimedPilot,
+    stop_on_signals,
+    time_limit,
+)
 from aerodima.hardware.driving.plain_loop import (
     AutoPilot,
     ControlPilot,
     ManualPilot,
     Pilot,
-    PilotStep,
     idle_until,
     run_loop,
 )
-from aerodima.hardware.driving.run_journal import RunJournal, log_facts, open_run_journal
-from aerodima.hardware.protocol.radio import Asks, RadioMode
-from aerodima.workbench.atomic_write import make_folder, refuse_existing
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import STATUS, UNARMED_SOURCES
-from aerodima.workbench.controllers.driver_law import refuse_simulated_only
-from aerodima.workbench.controllers.law_of_scenario import law_of_scenario, traceback_and_reason
-from aerodima.workbench.controllers.manoeuvre import run_time
-from aerodima.workbench.controllers.tail_law import TailLaw
-from aerodima.workbench.errors import HardwareError, LogError, UserError
-from aerodima.workbench.logs.schema import DIAGRAM, DRIVEN_BY, TAIL_LAW
-from aerodima.workbench.realtime import (
+from aerodima.hardware.driving.run_journal import log_facts, open_run_journal
+from aerodima.hardware.protocol.radio import RadioMode
+from aerodima.workbench.control.driver_law import refuse_simulated_only
+from aerodima.workbench.control.law_of_scenario import law_of_scenario
+from aerodima.workbench.control.manoeuvre import run_time
+from aerodima.workbench.control.tail_law import TailLaw
+from aerodima.workbench.control.user_law import traceback_and_reason
+from aerodima.workbench.core.atomic_write import make_folder, refuse_existing
+from aerodima.workbench.core.errors import HardwareError, LogError, UserError
+from aerodima.workbench.core.realtime import (
     DRIVE_PRIORITY,
     is_realtime,
     prefer_latency,
@@ -63,25 +68,31 @@ from aerodima.workbench.realtime import (
     restore_latency,
     restore_ordinary,
 )
+from aerodima.workbench.logs.schema import DIAGRAM, DRIVEN_BY, TAIL_LAW
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.signal_table import STATUS, UNARMED_SOURCES
 
 if TYPE_CHECKING:
-    from aerodima.workbench.simulate.car_run import Build
+    from aerodima.workbench.car.car_diagram import Build
 
+RUN_OVER = "the run is over"
 _HOUR = 3600.0
 """s; the longest drive by radio."""
-_SETTLE = 0.5
-"""s with the motors holding before their replies are judged."""
-RUN_OVER = "the run is over"
-_REST_NOTICE = 0.5
-"""s in which a switch at IDLE is received; after that the drive prints what it waits for."""
-_REHEARSAL_TIME = 10.0
+_WARM_UP_TIME = 10.0
 """s; a first tick may import what it needs."""
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_LATE_ANSWERS = (
+    SourceFault.NO_SAMPLE_YET,
+    SourceFault.SILENT,
+    SourceFault.REPORTED,
+    SourceFault.LOST,
+)
+"""Faults of a device that may still answer. A Teensy that received nothing yet reports that its
+watchdog has acted; an IMU that is being set up counts as lost."""
 
 
 @dataclass(frozen=True)
 class DriveResult:
-    """How a drive ended.
+    """End of a drive.
 
     Attributes:
         reason: `RUN_OVER`, or why it was stopped.
@@ -103,7 +114,7 @@ class DriveResult:
 
 @dataclass(frozen=True)
 class DriveOptions:
-    """How to drive.
+    """Options of a drive.
 
     Attributes:
         log: the run log to be written.
@@ -125,7 +136,7 @@ class DriveOptions:
     law_name: str = ""
 
 
-def _say_on_stderr(text: str) -> None:
+def _print_error(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
@@ -140,7 +151,7 @@ def drive(
     dry_run: bool = False,
     force: bool = False,
     traffic: str | Path | None = None,
-    say: Callable[[str], None] = _say_on_stderr,
+    say: Say = _print_error,
 ) -> DriveResult:
     """Drives the car with a diagram of your own: check, arm, drive, disarm, write the log.
 
@@ -168,384 +179,255 @@ def drive(
     """
     refuse_existing(Path(log), force, LogError)
     make_folder(Path(log).parent, LogError)
-    if isinstance(ports, CarPorts):
-        there = ports
-    else:
-        there = read_ports(ports)
-    options = DriveOptions(log, force, dry_run, confirm=None if arm else _asked)
-    return run_drive(
-        connect(there, scenario, wiring, traffic), scenario, there, options, say, build=build
-    )
+    car_ports = read_ports(ports)
+    options = DriveOptions(log, force, dry_run, confirm=None if arm else _ask_to_arm)
+    car = connect(car_ports, scenario, wiring, traffic)
+    return DriveSession(car, scenario, car_ports, options, say, build=build).complete()
 
 
-def _asked() -> bool:
+def _ask_to_arm() -> bool:
     return input("keep clear of the tail; type arm to switch the motors on: ") == "arm"
 
 
-def run_drive(
-    car: WiredCar,
-    scenario: Scenario,
-    ports: CarPorts,
-    options: DriveOptions,
-    say: Callable[[str], None] = _say_on_stderr,
-    *,
-    law: TailLaw | None = None,
-    build: Build | None = None,
-) -> DriveResult:
-    """Drives a scenario on a car of `connect` that is not started yet.
+class DriveSession:
+    """One drive of a car: `check`, `arm`, `run`, and `stop` in every case, as `complete` does.
 
     Args:
+        car: of `connect`, not started yet.
+        scenario: of the car; says how long the run is.
+        ports: of the car.
+        options: how to drive.
         say: receives every check and what is waited for.
         law: of the tail; by default the one that the scenario names.
         build: see `drive`.
 
-    Raises:
-        UserError: a check failed, a device is missing, the log cannot be written; the motors are
-            off by then.
+    Attributes:
+        signals: numbers of the signals that came, in order.
+        result: how the drive ended, once it is stopped.
     """
-    safety = load_drive_safety()
-    law = law or law_of_scenario(scenario)
-    refuse_simulated_only(scenario, own_driver=build is not None)
-    _tell(desk_checks(scenario, Path(options.log).parent, safety), say)
-    if not options.dry_run:
-        car.authorise()
-    guard = CarGuard(car, safety, has_tail=scenario.tail.mode != "none")
 
-    def stop(name: str) -> None:
-        guard.stop(name, time.monotonic(), hard=True)
+    def __init__(
+        self,
+        car: WiredCar,
+        scenario: Scenario,
+        ports: CarPorts,
+        options: DriveOptions,
+        say: Say,
+        *,
+        law: TailLaw | None = None,
+        build: Build | None = None,
+    ) -> None:
+        self._safety = load_drive_safety()
+        self._law = law or law_of_scenario(scenario)
+        self._car = car
+        self._guard = CarGuard(car, self._safety, has_tail=scenario.tail.mode != "none")
+        self._scenario = scenario
+        self._ports = ports
+        self._options = options
+        self._say = say
+        self._build = build
+        self._resources = ExitStack()
+        self._mode = RadioMode.AUTO
+        self._log: Path | None = None
+        self.signals: list[int] = []
+        self.result = DriveResult("", False, None)
 
-    with _stop_on_signals(stop) as came:
-        scheduling = prefer_realtime(DRIVE_PRIORITY)
-        say(str(Check("scheduling", True if is_realtime() else None, scheduling)))
+    def complete(self) -> DriveResult:
+        """Checks, arms and runs, and stops in every case; returns how the drive ended.
+
+        Raises:
+            UserError: a check failed, a device is missing, the log cannot be written; the motors
+                are off by then.
+        """
         try:
-            car.start()
-            result = _on_open_devices(
-                _Drive(car, guard, scenario, law, ports, options, safety, say, build), came
-            )
+            self.check()
+            if self.arm():
+                self.run()
         except HardwareError:
-            if came:  # before the run began: what follows from the signal is no error of its own
-                return DriveResult(guard.reason, False, None, came[0])
-            raise
+            if not self.signals:  # otherwise it follows from the signal
+                raise
         finally:
-            car.stop(guard.reason or "the drive is over")
-            restore_latency()
-            restore_ordinary()
-    return replace(result, traffic_error=car.traffic_error)
+            self.stop()
+        return self.result
 
+    # -- check
 
-class TickTimeout(BaseException):
-    """Raised within a controller that takes too long; of no kind that it may want to catch."""
+    def check(self) -> None:
+        """Checks scenario and computer, opens the devices, checks them, and builds what drives.
 
+        Raises:
+            UserError: a check failed (in a dry run: before the devices are open), a device cannot
+                be opened, the diagram cannot be built.
+        """
+        scenario = self._scenario
+        refuse_simulated_only(scenario, own_driver=self._build is not None)
+        report(preflight_checks(scenario, Path(self._options.log).parent, self._safety), self._say)
+        if not self._options.dry_run:
+            self._car.authorise()
+        self.signals = self._resources.enter_context(stop_on_signals(self._stop_hard))
+        scheduling = prefer_realtime(DRIVE_PRIORITY)
+        self._resources.callback(restore_ordinary)
+        self._resources.callback(restore_latency)
+        self._say(str(Check("scheduling", True if is_realtime() else None, scheduling)))
+        self._resources.callback(self._stop_car)
+        self._car.start()
+        idle_until(self._guard, self._answers, self._safety.answer_timeout)
+        checks = device_checks(self._guard.reading, self._car.gps_time, self._safety)
+        checks.append(watchdog_check(self._car.name, self._car.unwatched))
+        report(checks, self._say, refuse=not self._options.dry_run)
+        self._sequence, self._columns = self._make_sequence()
+        prefer_latency()
 
-@contextmanager
-def _at_most(seconds: float) -> Iterator[None]:
-    """Raises `TickTimeout` within the block, and again, once it takes longer; what no signal
-    reaches goes on.
-    """
-    signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
+    def _stop_hard(self, reason: str) -> None:
+        self._guard.stop(reason, time.monotonic(), hard=True)
 
+    def _stop_car(self) -> None:
+        self._car.stop(self._guard.reason or "the drive is over")
 
-class _TimedPilot(Pilot):
-    """A pilot whose tick is interrupted when it takes too long."""
+    def _answers(self) -> bool:
+        """Returns whether `UNARMED_SOURCES` and the watchdog answer; the checks name what is
+        silent.
+        """
+        status = STATUS.read(self._guard.reading.status)._asdict()
+        late = any(status[f"{source}_fault"] in _LATE_ANSWERS for source in UNARMED_SOURCES)
+        return not late and not self._car.unwatched
 
-    def __init__(self, pilot: Pilot, longest: float) -> None:
-        self.start, self._step, self._longest = pilot.start, pilot.step, longest  # type: ignore[method-assign]
+    def _make_sequence(self) -> tuple[Pilot, list[str]]:
+        """Builds the pilot of AUTO, which takes time, and warms it up; returns it with the columns
+        of a diagram's own.
+        """
+        if not self._options.with_drake:
+            return AutoPilot(self._scenario, self._law), []
+        from aerodima.hardware.driving.drive_diagram import DiagramPilot
 
-    def step(self, time: float, reading: CarReading) -> PilotStep:
-        """See `Pilot`."""
-        with _at_most(self._longest):
-            return self._step(time, reading)
-
-
-@contextmanager
-def _stop_on_signals(stop: Callable[[str], None]) -> Iterator[list[int]]:
-    """Calls `stop` with the name of a signal, which asks the loop to stop; the list holds the
-    numbers that came.
-    """
-    came: list[int] = []
-
-    def handle(number: int, frame: FrameType | None) -> None:
-        del frame
-        came.append(number)
-        stop(signal.Signals(number).name)
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        raise TickTimeout("the controller does not come to an end")
-
-    before = {number: signal.signal(number, handle) for number in _SIGNALS}
-    before[signal.SIGALRM] = signal.signal(signal.SIGALRM, interrupt)
-    try:
-        yield came
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-@dataclass
-class _Drive:
-    car: WiredCar
-    guard: CarGuard
-    scenario: Scenario
-    law: TailLaw
-    ports: CarPorts
-    options: DriveOptions
-    safety: DriveSafety
-    say: Callable[[str], None]
-    build: Build | None
-
-
-def _on_open_devices(drive: _Drive, came: list[int]) -> DriveResult:
-    guard = drive.guard
-    options = drive.options
-    _wait_for_devices(drive)
-    checks = device_checks(guard.reading, drive.car.gps_time, drive.safety)
-    checks.append(watchdog_check(drive.car.name, drive.car.unwatched))
-    _tell(checks, drive.say, refuse=not options.dry_run)
-    pilot, own = _prepare(drive)
-    journal = open_run_journal(
-        Path(options.log), drive.scenario, drive.car.name, options.force, own, drive.say
-    )
-    try:
-        if options.dry_run:
-            mode = RadioMode.AUTO
-        else:
-            mode = _arm_and_choose(drive)
-    except BaseException:
-        journal.discard()
-        raise
-    if came or guard.finished:
-        _let_stop(guard)
-        journal.discard()
-        return DriveResult(guard.reason, False, None, came[0] if came else 0)
-    log = _logged_run(drive, journal, pilot(mode), mode)
-    orderly = not guard.hard and (guard.reason == RUN_OVER or guard.left)
-    return DriveResult(guard.reason, orderly, log, came[0] if came else 0)
-
-
-def _wait_for_devices(drive: _Drive) -> None:
-    """Until `UNARMED_SOURCES` and the watchdog are heard; what is still silent then is named by the
-    checks.
-    """
-    faults = [STATUS.index(f"{source}_fault") for source in UNARMED_SOURCES]
-    # A Teensy that heard nothing yet reports that its watchdog has acted; an IMU that is being set
-    # up counts as lost.
-    waiting = (
-        SourceFault.NO_SAMPLE_YET,
-        SourceFault.SILENT,
-        SourceFault.REPORTED,
-        SourceFault.LOST,
-    )
-    idle_until(
-        drive.guard,
-        lambda: (
-            not (
-                any(drive.guard.reading.status[index] in waiting for index in faults)
-                or drive.car.unwatched
-            )
-        ),
-        drive.safety.answer_timeout,
-    )
-
-
-def _arm_and_choose(drive: _Drive) -> RadioMode:
-    idle_until(drive.guard, lambda: False, 0.1)  # what came while the diagram was built
-    _ask(drive)
-    _look_at_standing_car(drive)
-    _arm(drive)
-    return _wait_for_operator(drive)
-
-
-def _look_at_standing_car(drive: _Drive) -> None:
-    """Refuses a car that is moved, lies on its side, or whose IMU has frozen."""
-    seen: dict[float, Bno055Sample] = {}
-    imu = None if drive.car.devices is None else drive.car.devices.imu
-
-    def collect() -> bool:
-        if imu is not None and imu.newest is not None:
-            seen[imu.newest[0]] = imu.newest[1]
-        return False
-
-    idle_until(drive.guard, collect, drive.safety.still_time)
-    _tell(standstill_checks(list(seen.values()), drive.guard.reading.imu, drive.safety), drive.say)
-
-
-def _ask(drive: _Drive) -> None:
-    """Waits for the answer with the loop turning, so that no device falls silent meanwhile."""
-    confirm = drive.options.confirm
-    if confirm is None:
-        return
-    answers: list[bool] = []
-    threading.Thread(target=lambda: answers.append(confirm()), name="confirm", daemon=True).start()
-    idle_until(drive.guard, lambda: bool(answers or drive.guard.reason), _HOUR)
-    if drive.guard.reason or not answers or not answers[0]:
-        raise HardwareError(
-            f"not armed: {drive.guard.reason or 'nobody said that the car may be armed'}"
-        )
-
-
-def _arm(drive: _Drive) -> None:
-    guard = drive.guard
-    say = drive.say
-    say("arming: keep clear of the tail")
-    guard.arm(time.monotonic())
-    if not idle_until(guard, lambda: guard.ready, drive.safety.arm_timeout):
-        reason = (
-            guard.reason or f"the motors do not take commands within {drive.safety.arm_timeout:g} s"
-        )
-        guard.stop(reason, time.monotonic(), hard=True)
-        _let_stop(guard)
-        raise HardwareError(f"arming failed: {reason}")
-    if drive.scenario.tail.mode != "none":
-        idle_until(guard, lambda: False, _SETTLE)
-        checks = motor_checks(drive.car, drive.scenario, drive.ports, drive.safety)
         try:
-            _tell(checks, say)
-        except HardwareError as error:
-            guard.stop(str(error), time.monotonic(), hard=True)
-            _let_stop(guard)
-            raise
-    say("armed")
-
-
-def _wait_for_operator(drive: _Drive) -> RadioMode:
-    guard = drive.guard
-    wanted = (RadioMode.AUTO, RadioMode.MANUAL, RadioMode.CONTROL)
-    end = time.monotonic() + drive.options.wait_for_operator
-    if not idle_until(
-        guard,
-        lambda: guard.asks is not Asks.REST,
-        min(_REST_NOTICE, drive.options.wait_for_operator),
-    ):
-        stands = guard.reading.operator.mode.name
-        drive.say(
-            f"the operator's switch stands on {stands}: put it in IDLE first; nothing is obeyed "
-            "before"
-        )
-        idle_until(guard, lambda: guard.asks is not Asks.REST, end - time.monotonic())
-    if guard.asks is Asks.CHOICE:
-        drive.say(
-            "waiting for the operator: AUTO runs the sequence, MANUAL and CONTROL drive by radio"
-        )
-    chosen = idle_until(
-        guard,
-        lambda: guard.asks is Asks.CHOICE and guard.reading.operator.mode in wanted,
-        end - time.monotonic(),
-    )
-    if not chosen and not guard.reason:
-        reason = (
-            "chose neither AUTO nor MANUAL nor CONTROL"
-            if guard.rested
-            else "did not put the switch in IDLE"
-        )
-        guard.stop(f"the operator {reason}", time.monotonic())
-    if not chosen:
-        _let_stop(guard)
-        return RadioMode.IDLE
-    mode = guard.reading.operator.mode
-    guard.drive(mode, time.monotonic())
-    drive.say(f"driving: {mode.name}")
-    return mode
-
-
-def _logged_run(drive: _Drive, journal: RunJournal, pilot: Pilot, mode: RadioMode) -> Path:
-    """The run with its log, then the end of it; the log is closed whatever happened."""
-    guard = drive.guard
-    stopped = math.nan
-    by_hand = mode is not RadioMode.AUTO
-    scenario = drive.scenario
-    if by_hand:
-        journal.add_facts({DRIVEN_BY: f"hand ({mode.name})"})
-    begin = time.monotonic()
-    busy = time.process_time()
-    try:
-        timed = _TimedPilot(pilot, drive.safety.longest_tick)
-        stopped = run_loop(
-            guard, timed, scenario, _HOUR if by_hand else run_time(scenario), journal
-        )
-        guard.stop(RUN_OVER, time.monotonic())
-        _let_stop(guard)
-    except BaseException as error:
-        guard.stop(f"{type(error).__name__}: {error}", time.monotonic(), hard=True)
-        drive.car.stop(guard.reason)  # before anything else: writing a log may take its time
-        if isinstance(error, HardwareError | LogError) or not isinstance(
-            error, Exception | TickTimeout
-        ):
-            raise
-        text, guard.reason = traceback_and_reason(error)
-        drive.say(str(error) if isinstance(error, UserError) else text)
-    finally:
-        share = (time.process_time() - busy) / (time.monotonic() - begin)
-        journal.add_facts(
-            {
-                **log_facts(guard.reason, stopped, guard.cycle_times, guard.overruns),
-                "cpu_share": share,
-            }
-        )
-        journal.add_facts({"slow_ticks": len(guard.slow_ticks)})
-        if drive.build is not None:
-            from aerodima.workbench.simulate.car_run import name_of
-
-            journal.add_facts({DIAGRAM: name_of(drive.build)})
-        if drive.options.law_name:
-            journal.add_facts({TAIL_LAW: drive.options.law_name})
-        path = journal.close()
-    return path
-
-
-def _prepare(drive: _Drive) -> tuple[Callable[[RadioMode], Pilot], list[str]]:
-    """Builds what takes time; a function that gives the pilot of a mode, and the columns of a
-    diagram's own.
-    """
-    scenario = drive.scenario
-    law = drive.law
-    own = list[str]()
-    if not drive.options.with_drake:
-        sequence: Pilot = AutoPilot(scenario, law)
-    else:
-        try:
-            with _at_most(_REHEARSAL_TIME):
-                sequence, own = _diagram(drive)
+            with time_limit(_WARM_UP_TIME):
+                pilot = DiagramPilot(self._scenario, self._law, self._build)
+                slowest = pilot.warm_up(self._guard.reading)
         except UserError:
             raise
         except (Exception, TickTimeout) as error:
             text, reason = traceback_and_reason(error)
-            drive.say(text)
+            self._say(text)
             raise HardwareError(f"the diagram fails before the car is armed: {reason}") from None
+        slow = self._safety.slow_tick
+        text = f"a tick of it takes {slowest * 1000:.1f} ms; more than {slow * 1000:g} ms are slow"
+        self._say(str(Check("diagram", True if slowest <= slow else None, text)))
+        return pilot, pilot.columns
 
-    def pilot(mode: RadioMode) -> Pilot:
-        if mode is RadioMode.AUTO:
-            return sequence
-        if mode is RadioMode.MANUAL:
-            return ManualPilot(scenario)
-        return ControlPilot(scenario, law)
+    # -- arm
 
-    prefer_latency()
-    return pilot, own
+    def arm(self) -> bool:
+        """Opens the log, arms the motors and waits for the operator; in a dry run the log only.
 
+        Returns:
+            Whether the car drives; otherwise it has stopped, and no log is kept.
 
-def _diagram(drive: _Drive) -> tuple[Pilot, list[str]]:
-    from aerodima.hardware.driving.drive_diagram import DiagramPilot
+        Raises:
+            UserError: the log cannot be opened, nobody lets the car be armed, a check failed, the
+                motors do not answer.
+        """
+        self._journal = open_run_journal(
+            Path(self._options.log),
+            self._scenario,
+            self._car.name,
+            self._options.force,
+            self._columns,
+            self._say,
+        )
+        try:
+            if not self._options.dry_run:
+                self._mode = self._arm_motors()
+        except BaseException:
+            self._journal.discard()
+            raise
+        if not self.signals and not self._guard.finished:
+            return True
+        await_stop(self._guard)
+        self._journal.discard()
+        return False
 
-    pilot = DiagramPilot(drive.scenario, drive.law, drive.build)
-    longest = pilot.rehearse(drive.guard.reading)
-    slow = drive.safety.slow_tick
-    text = f"a tick of it takes {longest * 1000:.1f} ms; more than {slow * 1000:g} ms are slow"
-    drive.say(str(Check("diagram", True if longest <= slow else None, text)))
-    return pilot, pilot.columns
+    def _arm_motors(self) -> RadioMode:
+        """Arms the motors of a car that stands still; returns the mode that the operator chose."""
+        guard = self._guard
+        idle_until(guard, lambda: False, 0.1)  # what came while the diagram was built
+        await_permission(guard, self._options.confirm)
+        imu = None if self._car.devices is None else self._car.devices.imu
+        check_standstill(guard, imu, self._safety, self._say)
+        self._say("arming: keep clear of the tail")
 
+        has_tail = self._scenario.tail.mode != "none"
+        arm_motors(guard, self._safety.arm_timeout, self._check_motors if has_tail else None)
+        self._say("armed")
+        return await_operator(guard, self._options.wait_for_operator, self._say)
 
-def _let_stop(guard: CarGuard) -> None:
-    """Turns the loop until the motors are off; one that was never armed has nothing to wait for."""
-    if guard.stage is not Stage.READY:
-        idle_until(guard, lambda: guard.finished, 5.0)
+    def _check_motors(self) -> None:
+        checks = motor_checks(self._car, self._scenario, self._ports, self._safety)
+        report(checks, self._say)
 
+    # -- run
 
-def _tell(checks: list[Check], say: Callable[[str], None], refuse: bool = True) -> None:
-    for check in checks:
-        say(str(check))
-    if refuse:
-        refuse_failed(checks)
+    def run(self) -> None:
+        """Drives to the end of the run and writes the log, whatever happens."""
+        guard = self._guard
+        by_radio = self._mode is not RadioMode.AUTO
+        length = _HOUR if by_radio else run_time(self._scenario)
+        pilot = TimedPilot(self._make_pilot(), self._safety.longest_tick)
+        stopped = math.nan
+        begin = time.monotonic()
+        busy = time.process_time()
+        try:
+            stopped = run_loop(guard, pilot, self._scenario, length, self._journal)
+            guard.stop(RUN_OVER, time.monotonic())
+            await_stop(self._guard)
+        except BaseException as error:
+            self._stop_hard(f"{type(error).__name__}: {error}")
+            self._car.stop(guard.reason)  # before anything else: writing a log may take its time
+            if isinstance(error, HardwareError | LogError) or not isinstance(
+                error, Exception | TickTimeout
+            ):
+                raise
+            text, guard.reason = traceback_and_reason(error)
+            self._say(str(error) if isinstance(error, UserError) else text)
+        finally:
+            share = (time.process_time() - busy) / (time.monotonic() - begin)
+            self._add_facts(stopped, share)
+            log = self._journal.close()
+        self._log = log
+
+    def _make_pilot(self) -> Pilot:
+        if self._mode is RadioMode.AUTO:
+            return self._sequence
+        if self._mode is RadioMode.MANUAL:
+            return ManualPilot(self._scenario)
+        return ControlPilot(self._scenario, self._law)
+
+    def _add_facts(self, stopped: float, cpu_share: float) -> None:
+        """Writes to the log who drove and how it went; `stopped`: time of the run, s, or NaN."""
+        guard = self._guard
+        facts = log_facts(guard.reason, stopped, guard.cycle_times, guard.overruns)
+        facts |= {"cpu_share": cpu_share, "slow_ticks": len(guard.slow_ticks)}
+        if self._mode is not RadioMode.AUTO:
+            facts[DRIVEN_BY] = f"hand ({self._mode.name})"
+        if self._build is not None:
+            from aerodima.workbench.car.car_diagram import build_name
+
+            facts[DIAGRAM] = build_name(self._build)
+        if self._options.law_name:
+            facts[TAIL_LAW] = self._options.law_name
+        self._journal.add_facts(facts)
+
+    # -- stop
+
+    def stop(self) -> None:
+        """Switches the motors off, closes the devices, gives signals and scheduling back."""
+        guard = self._guard
+        orderly = not guard.hard and (guard.reason == RUN_OVER or guard.left)
+        self.result = DriveResult(
+            guard.reason,
+            orderly and self._log is not None,
+            self._log,
+            self.signals[0] if self.signals else 0,
+        )
+        self._resources.close()
+        self.result = replace(self.result, traffic_error=self._car.traffic_error)

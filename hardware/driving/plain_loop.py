@@ -18,15 +18,15 @@ from aerodima.hardware.car.wiring import CarCommand, CarReading
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.driving.car_guard import CarGuard
 from aerodima.hardware.driving.run_journal import RunJournal, drive_columns
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import CAR_PORTS, STATION_OUTPUTS
-from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
-from aerodima.workbench.controllers.manoeuvre import make_schedule
-from aerodima.workbench.controllers.tail_law import TailLaw, observe
+from aerodima.workbench.car.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
+from aerodima.workbench.control.law_of_scenario import law_of_scenario
+from aerodima.workbench.control.manoeuvre import make_schedule
+from aerodima.workbench.control.tail_law import TailLaw, observe
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.realtime import SWITCH_INTERVAL
 from aerodima.workbench.logs.signals import RowUnwrapper
-from aerodima.workbench.realtime import SWITCH_INTERVAL
-from aerodima.workbench.sensors.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.signal_table import CAR_PORTS, STATION_OUTPUTS
 
 PERIOD = 0.01
 """s; of every loop that talks to the car."""
@@ -65,17 +65,18 @@ class Row:
     def make(
         self, tick: float, step: PilotStep, reading: CarReading, links: FloatArray
     ) -> FloatArray:
-        """The row (columns,) of a tick (s); what a diagram logs of its own is NaN while another
-        pilot drives.
+        """Makes the row (columns,) of a tick (s); what a diagram logs of its own is NaN while
+        another pilot drives.
         """
         command = step.command
         values: dict[str, FloatArray | float] = {
-            name: getattr(reading, name) for name in STATION_OUTPUTS
-        }
-        values |= {"steering_angle": command.steering_angle, "throttle": command.throttle}
-        values |= {"tail_pitch_command": command.tail_pitch, "tail_roll_command": command.tail_roll}
-        values |= {"planned_turn": step.planned_turn, "state": step.state}
-        values |= {
+            **{name: getattr(reading, name) for name in STATION_OUTPUTS},
+            "steering_angle": command.steering_angle,
+            "throttle": command.throttle,
+            "tail_pitch_command": command.tail_pitch,
+            "tail_roll_command": command.tail_roll,
+            "planned_turn": step.planned_turn,
+            "state": step.state,
             "roll_estimate": self._estimate.roll,
             "roll_rate_estimate": self._estimate.roll_rate,
         }
@@ -85,7 +86,7 @@ class Row:
         )
 
     def estimate(self, reading: CarReading) -> None:
-        """One tick of the roll estimator."""
+        """Updates the roll estimator by one tick."""
         self._estimate = estimate_roll(
             self._estimate, reading.imu, float(reading.speed[0]), self._settings
         )
@@ -177,11 +178,11 @@ class Pilot:
     """Drives the car in the loop."""
 
     def start(self) -> PilotStep:
-        """The outputs before the first tick."""
+        """Returns the outputs before the first tick."""
         return PilotStep(CarCommand(), 0.0, 0)
 
     def step(self, time: float, reading: CarReading) -> PilotStep:
-        """One tick, `time` s after the start of the run."""
+        """Runs one tick, `time` s after the start of the run."""
         raise NotImplementedError
 
 
@@ -196,21 +197,21 @@ class LawPilot(Pilot):
         self,
         time: float,
         reading: CarReading,
-        seen: tuple[float, float],
+        observed: tuple[float, float],
         drive: tuple[float, float],
         plan: float,
     ) -> PilotStep:
-        """A tick of the law, which has `seen` a planned turn and a steering angle (rad); drive:
-        steering, throttle.
+        """Runs a tick of the law, which has `seen` a planned turn and a steering angle (rad);
+        drive: steering, throttle.
         """
         observation = observe(
             time,
             reading.tail_state,
             reading.imu,
             reading.status,
-            seen[0],
+            observed[0],
             reading.speed,
-            steering_angle=seen[1],
+            steering_angle=observed[1],
         )
         self._memory, pitch, roll, state = self._law.step(self._memory, observation)
         return PilotStep(CarCommand(*drive, pitch, roll), plan, state)
@@ -230,17 +231,17 @@ class AutoPilot(LawPilot):
         self._driver = self._schedule.at(0.0)
 
     def start(self) -> PilotStep:
-        """See `Pilot`."""
+        """Implements `Pilot`."""
         driver = self._driver
         return PilotStep(CarCommand(driver.steering_angle, driver.throttle), driver.planned_turn, 0)
 
     def step(self, time: float, reading: CarReading) -> PilotStep:
-        """See `Pilot`."""
+        """Implements `Pilot`."""
         before = self._driver
         self._driver = self._schedule.at(time)
         drive = self._driver.steering_angle, self._driver.throttle
-        seen = before.planned_turn, before.steering_angle
-        return self._step(time, reading, seen, drive, self._driver.planned_turn)
+        observed = before.planned_turn, before.steering_angle
+        return self._step(time, reading, observed, drive, self._driver.planned_turn)
 
 
 class ControlPilot(LawPilot):
@@ -254,12 +255,12 @@ class ControlPilot(LawPilot):
         self._steering = 0.0
 
     def step(self, time: float, reading: CarReading) -> PilotStep:
-        """See `Pilot`."""
-        asked = reading.operator
+        """Implements `Pilot`."""
+        operator = reading.operator
         before = self._steering
         plan = float(np.sign(before))
-        self._steering = min(self._steer, max(-self._steer, asked.steering))
-        return self._step(time, reading, (plan, before), (self._steering, asked.throttle), plan)
+        self._steering = min(self._steer, max(-self._steer, operator.steering))
+        return self._step(time, reading, (plan, before), (self._steering, operator.throttle), plan)
 
 
 class ManualPilot(Pilot):
@@ -274,22 +275,18 @@ class ManualPilot(Pilot):
         self._gains = (scenario.controller.hold_kp, scenario.controller.hold_kd)
         self._steer = scenario.servo.limit
         self._tail: FloatArray | None = None
-        self._most = load_motor_safety().ramp_speed / scenario.controller.rate
+        self._max_travel = load_motor_safety().ramp_speed / scenario.controller.rate
 
     def step(self, time: float, reading: CarReading) -> PilotStep:
-        """See `Pilot`."""
+        """Implements `Pilot`."""
         del time
-        asked = reading.operator
+        operator = reading.operator
         (kp, kd) = self._gains
         tail = np.array(reading.tail_state[:2] if self._tail is None else self._tail)
-        tail += np.clip(
-            np.array([asked.pitch_tail, asked.roll_tail]) - tail, -self._most, self._most
-        )
+        stick = np.array([operator.pitch_tail, operator.roll_tail])
+        tail += np.clip(stick - tail, -self._max_travel, self._max_travel)
         self._tail = tail
-        command = CarCommand(
-            min(self._steer, max(-self._steer, asked.steering)),
-            asked.throttle,
-            np.array([tail[0], 0.0, kp, kd, 0.0]),
-            np.array([tail[1], 0.0, kp, kd, 0.0]),
-        )
-        return PilotStep(command, 0.0, 0)
+        steering = min(self._steer, max(-self._steer, operator.steering))
+        pitch = np.array([tail[0], 0.0, kp, kd, 0.0])
+        roll = np.array([tail[1], 0.0, kp, kd, 0.0])
+        return PilotStep(CarCommand(steering, operator.throttle, pitch, roll), 0.0, 0)

@@ -18,22 +18,22 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import ArrayLike
 
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import sensor_columns
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.journal import JournalWriter, read_journal
 from aerodima.workbench.logs.schema import run_metadata, write_table
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.signal_table import sensor_columns
 
 LINK_COLUMNS = ("loop_lateness_s", "imu_sample_time_s", "teensy_sent_time_s", "controller_time_s")
 """Columns of a drive alone: lateness of the cycle, times at which IMU and Teensy sampled the values
 of the row, on the clock of the run, and how long the controller computed. The Teensy's clock is
 aligned by `aerodima.hardware.devices.teensy_link`."""
-_MOST_WAITING = 3000
+_MAX_WAITING = 3000
 """Most rows that wait for the disk, or are kept after it has failed."""
 _FLUSH = 0.08
 """s; with the period of the loop, a killed drive loses less than 0.1 s."""
-_LOOK = 1.0
+_CHECK_PERIOD = 1.0
 """Time between two checks of the journal, s."""
 _LAST_WAIT = 5.0
 """Time for the disk at the end of the drive, s."""
@@ -75,9 +75,9 @@ class RunJournal(JournalWriter):
         self.lost = 0
         self._say = say or (lambda _: None)
         self._kept: list[FloatArray] = []
-        self._look_due = time.monotonic() + _LOOK
+        self._check_due = time.monotonic() + _CHECK_PERIOD
         self._gone = False
-        self._waiting: queue.Queue[FloatArray | None] = queue.Queue(_MOST_WAITING)
+        self._waiting: queue.Queue[FloatArray | None] = queue.Queue(_MAX_WAITING)
         self._thread = threading.Thread(target=self._write, name="run-journal", daemon=True)
         self._thread.start()
 
@@ -160,9 +160,9 @@ class RunJournal(JournalWriter):
 
     def _write(self) -> None:
         while True:
-            self._look()
+            self._check_place()
             try:
-                row = self._waiting.get(timeout=_LOOK)
+                row = self._waiting.get(timeout=_CHECK_PERIOD)
             except queue.Empty:
                 continue
             if row is None:
@@ -177,16 +177,16 @@ class RunJournal(JournalWriter):
                 self._say(f"log: {self.error}; the car stops, what comes now is kept in memory")
 
     def _keep(self, row: FloatArray) -> None:
-        if len(self._kept) < _MOST_WAITING:
+        if len(self._kept) < _MAX_WAITING:
             self._kept.append(row)
         else:
             self.lost += 1
 
-    def _look(self) -> None:
+    def _check_place(self) -> None:
         now = time.monotonic()
-        if now < self._look_due:
+        if now < self._check_due:
             return
-        self._look_due = now + _LOOK
+        self._check_due = now + _CHECK_PERIOD
         if not self._gone and not self.in_place:
             self._gone = True
             self._say(
@@ -203,7 +203,7 @@ def open_run_journal(
     own: Sequence[str] = (),
     say: Callable[[str], None] | None = None,
 ) -> RunJournal:
-    """The journal of a drive of a scenario, with columns of a diagram's own; LogError as for
+    """Opens the journal of a drive of a scenario, with columns of a diagram's own; LogError as for
     `JournalWriter`.
     """
     metadata = run_metadata(

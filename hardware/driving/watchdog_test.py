@@ -1,188 +1,96 @@
-"""The record of a watchdog test: what allows the motors of a wiring to be armed.
-
-`aerodima.hardware.driving.held_car.run_watchdog_test` makes one.
-"""
+"""Watchdog test: the motors hold, the link is cut, somebody sees that they are off."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-import os
-from datetime import UTC, datetime
+import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
 
-from pydantic import Field
+from aerodima.hardware.car.car_ports import CarPorts
+from aerodima.hardware.car.wired_car import WiredCar
+from aerodima.hardware.car.wiring import CarCommand, WiringName
+from aerodima.hardware.car.wirings import wire_car
+from aerodima.hardware.driving.held_car import holding, run_cycles
+from aerodima.hardware.driving.watchdog_record import (
+    WatchdogRecord,
+    new_record,
+    write_record,
+)
+from aerodima.hardware.protocol.teensy import TeensyStatus
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.scenario.scenario import Scenario
 
-from aerodima.hardware.car.car_ports import JOINTS, CarPorts, is_emulated_port
-from aerodima.hardware.car.safety_settings import load_drive_safety
-from aerodima.hardware.car.wiring import WiringName
-from aerodima.hardware.firmware.teensy_firmware import firmware_hash
-from aerodima.workbench.atomic_write import write_atomically
-from aerodima.workbench.config.checked_files import StrictModel, checked
-from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.logs.schema import software_versions
-from aerodima.workbench.resources import model_path
-
-SCHEMA = "aerodima/watchdog_test/2"
-
-
-class WatchdogTest(StrictModel):
-    """Result of a watchdog test.
-
-    Attributes:
-        time_to_exit: s from the cut to the Teensy's report that it has switched the motors off.
-        cut: what was cut.
-        seen_off_by: who saw that the motors were off.
-        emulated: made on an emulator; void for real motors.
-        firmware: `teensy_hash`.
-        ports: as `CarPorts`.
-    """
-
-    schema_: Literal["aerodima/watchdog_test/2"] = Field(
-        default="aerodima/watchdog_test/2", alias="schema"
-    )
-    wiring: WiringName
-    cut: str
-    time_to_exit: float = Field(ge=0.0)
-    seen_off_by: str = Field(min_length=1)
-    emulated: bool
-    firmware: str
-    created: str
-    versions: dict[str, str]
-    ports: dict[str, Any]
+QUESTION = "The link was cut. Are both motors off: does the tail move freely by hand?"
+_HOLD_TIME = 0.5
+"""Time for which the motors hold before the cut, s."""
+_ACT_TIME = 2.0
+"""Time in which the Teensy must act after the cut, s."""
+_POLL_PERIOD = 0.002
+"""Period of the polls of the Teensy, s."""
+_CUTS = {
+    "teensy_bridge": ("strings stopped", TeensyStatus.WATCHDOG_ACTED),
+    "watched_can": ("heartbeat stopped", TeensyStatus.HEARTBEAT_STOPPED),
+}
+"""Cut of each wiring, and the status that the Teensy reports then."""
 
 
-def new_record(
-    wiring: WiringName, ports: CarPorts, cut: str, time_to_exit: float, seen_off_by: str
-) -> WatchdogTest:
-    """The record of a test made now; arguments as the fields of `WatchdogTest`.
+def run_watchdog_test(
+    scenario: Scenario,
+    ports: CarPorts,
+    wiring: WiringName,
+    confirm: Callable[[str], bool],
+    seen_by: str = "operator",
+    folder: Path | None = None,
+) -> tuple[WatchdogRecord, Path]:
+    """Makes a watchdog test and records it: the motors hold, the link is cut, and somebody sees
+    that they are off.
 
-    Raises:
-        HardwareError: the exit frames came later than `longest_watchdog_test` of the drive's
-            limits.
-    """
-    longest = load_drive_safety().longest_watchdog_test
-    if time_to_exit > longest:
-        raise HardwareError(
-            f"watchdog test of {wiring}: exit frames {time_to_exit:.3f} s after the cut; allowed "
-            f"is {longest:g} s"
-        )
-    return WatchdogTest.model_validate(
-        {
-            "wiring": wiring,
-            "cut": cut,
-            "time_to_exit": time_to_exit,
-            "seen_off_by": seen_off_by,
-            "emulated": is_emulated(wiring, ports),
-            "firmware": teensy_hash(),
-            "created": datetime.now(UTC).isoformat(),
-            "versions": software_versions(),
-            "ports": ports.model_dump(mode="json", by_alias=True),
-        }
-    )
+    In the bridge all text frames stop; in `watched_can` the text frames continue and the heartbeat
+    stops. The Teensy reports that it has acted. No report shows what the motors do, so nothing is
+    sent before `confirm` has answered.
 
-
-def record_path(
-    wiring: WiringName, folder: Path | None = None, ports: CarPorts | None = None
-) -> Path:
-    """Where the record of a wiring is; `folder` None: in the user's state folder
-    (`XDG_STATE_HOME`).
-
-    With the `ports` of an emulated car it is beside them, so that the record of the real car stays
-    as it is.
-    """
-    if folder is None and ports is not None and is_emulated_port(ports.teensy.path):
-        folder = Path(ports.teensy.path).parent.parent
-    state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
-    return (folder or state / "aerodima" / "watchdog_tests") / f"{wiring}.json"
-
-
-def write_record(record: WatchdogTest, folder: Path | None = None) -> Path:
-    """Writes a record in the place of an older one; `HardwareError` if it cannot be written."""
-    text = json.dumps(record.model_dump(mode="json", by_alias=True), indent=1) + "\n"
-    if folder:
-        ports = None
-    else:
-        ports = CarPorts.model_validate(record.ports)
-    return write_atomically(record_path(record.wiring, folder, ports), text, True, HardwareError)
-
-
-def read_record(path: Path) -> WatchdogTest:
-    """Reads a record. Raises `HardwareError` that names the file and what is wrong."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise HardwareError(f"{path}: cannot be read as JSON: {error}") from None
-    return checked(WatchdogTest, data, str(path), HardwareError, schema=SCHEMA)
-
-
-def require_watchdog_test(
-    wiring: WiringName, ports: CarPorts, folder: Path | None = None
-) -> WatchdogTest:
-    """The record that allows arming the motors of these ports.
+    Args:
+        confirm: puts `QUESTION` to somebody who sees the motors; True if they are off.
+        seen_by: who that is.
+        folder: of the record, see `record_path`.
 
     Raises:
-        HardwareError: there is none for the wiring, it was made on the emulator and the motors are
-            real, or what it has shown has changed since: adapter or Teensy, motor ids, firmware
-            profile, firmware, timing.
+        HardwareError: the motors cannot be held, the watchdog did not act in time, or the motors
+            were not seen off. No record is written then.
     """
-    path = record_path(wiring, folder, ports)
-    again = f"make one with `aerodima drive SCENARIO --wiring {wiring} --watchdog-test`"
-    if not path.exists():
-        raise HardwareError(f"no watchdog test of {wiring} is recorded ({path}); {again}")
-    record = read_record(path)
-    emulated = is_emulated(wiring, ports)
-    if emulated:
-        changed = []
-    else:
-        changed = _changed_ports(wiring, record, ports)
-    reasons = (
-        (record.wiring != wiring, f"is of the wiring {record.wiring}; allowed: {wiring}"),
-        (record.emulated and not emulated, "was made on the emulator; the motors are real"),
-        (
-            record.firmware != teensy_hash(),
-            "was made with another firmware of the Teensy, or other timing",
-        ),
-        (bool(changed), f"was made with other ports: {', '.join(changed)}"),
-        (
-            record.time_to_exit > load_drive_safety().longest_watchdog_test,
-            f"took {record.time_to_exit:g} s: too long",
-        ),
-    )
-    for wrong, text in reasons:
-        if wrong:
-            raise HardwareError(f"{path}: the watchdog test {text}; {again}")
-    return record
+    if scenario.tail.mode == "none":
+        raise HardwareError("tail.mode: none; a watchdog test needs the motors of a tail")
+    cut, answer = _CUTS[wiring]
+    # The page of an emulated car, its radio, is not there yet.
+    without_radio = ports.model_copy(update={"radio": None})
+    with holding(wire_car(scenario, without_radio, wiring, lambda: None)) as car:
+        run_cycles(car, CarCommand(), _HOLD_TIME)
+        last = time.monotonic()
+        car.read(last)
+        car.write(CarCommand(), last)
+        if car.reading.fault_text:
+            raise HardwareError(f"watchdog test: {car.reading.fault_text}")
+        time_to_exit = _await_status(car, answer) - last
+        if not confirm(QUESTION):
+            raise HardwareError(
+                f"watchdog test of {wiring}: the motors were not seen off; nothing is recorded"
+            )
+    record = new_record(wiring, ports, cut, time_to_exit, seen_by)
+    return record, write_record(record, folder)
 
 
-def is_emulated(wiring: WiringName, ports: CarPorts) -> bool:
-    """Whether the motors hang on a port of an emulator or on a bus within this process, where no
-    real motor can be.
-
-    A socketcand of this computer counts as real: it may stand before a real adapter.
-    """
-    if wiring == "teensy_bridge":
-        return is_emulated_port(ports.teensy.path)
-    can = ports.adapter(wiring)
-    return can.interface == "virtual" or (
-        can.interface == "slcan" and is_emulated_port(can.channel)
-    )
-
-
-def teensy_hash() -> str:
-    """SHA-256 over `firmware_hash` and the timing that is exported with the firmware; 64
-    hexadecimal digits.
-    """
-    timing = model_path("parameters/hardware/teensy_firmware.yaml")
-    return hashlib.sha256(firmware_hash().encode() + b"\0" + timing.read_bytes()).hexdigest()
-
-
-def _changed_ports(wiring: WiringName, record: WatchdogTest, ports: CarPorts) -> list[str]:
-    """What the test was made with and is not so now: the way to the motors, and who they are."""
-    before = record.ports
-    now = ports.model_dump(mode="json", by_alias=True)
-    ways = {"teensy_bridge": ["teensy"], "watched_can": ["can", "teensy"]}[wiring]
-    changed = [key for key in (*ways, "firmware_profile") if before.get(key) != now[key]]
-    others = [j for j in JOINTS if (before.get(j) or {}).get("motor_id") != now[j]["motor_id"]]
-    return [*changed, *(f"{joint}.motor_id" for joint in others)]
+def _await_status(car: WiredCar, expected: TeensyStatus) -> float:
+    """Waits until the Teensy reports that it has acted; returns that time, s (monotonic)."""
+    assert car.devices is not None
+    teensy = car.devices.teensy
+    end = time.monotonic() + _ACT_TIME
+    while teensy.status is not expected:
+        if time.monotonic() > end:
+            raise HardwareError(
+                f"watchdog test: the Teensy did not act within {_ACT_TIME:g} s; cut the power"
+            )
+        if car.name == "watched_can":
+            teensy.commit()
+        time.sleep(_POLL_PERIOD)
+        teensy.poll()
+    return time.monotonic()

@@ -18,7 +18,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from aerodima.hardware.car.car_ports import Joint
-from aerodima.hardware.emulator.fault_script import EventLog, Fault, FaultBoard
+from aerodima.hardware.devices.motor_limits import commanded_torque
+from aerodima.hardware.emulator.fault_script import EventLog, Fault, FaultBoard, FaultEntry
 from aerodima.hardware.protocol.ak70 import (
     AK70_10_V1_0_8,
     NEUTRAL,
@@ -30,7 +31,7 @@ from aerodima.hardware.protocol.ak70 import (
 )
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.transport.can_adapter import TrafficLog, can
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 
 _ENTER = 0xFC
 """Last byte of the frame that enters a motor."""
@@ -51,11 +52,11 @@ DRIFT_RATE = 3.0
 """rad/s: leaves the range within a second, slower than a jump."""
 _OK = b"\r"
 _ERROR = b"\a"
-_LONGEST_LINE = 64
+_MAX_LINE = 64
 """Bytes kept of a line that has not ended."""
-_MOST_HEARD = 4096
+_MAX_RECEIVED = 4096
 """Bytes that wait for the computer beyond which frames of other nodes are dropped."""
-_MOST_BYTES = 4096
+_MAX_BYTES = 4096
 """Most bytes of one read."""
 
 
@@ -84,11 +85,11 @@ class EmulatedBus:
 
     @property
     def off(self) -> bool:
-        """Whether the owner's controller is off the bus."""
+        """Returns whether the owner's controller is off the bus."""
         return self._board.entry(Fault.BUS_OFF) is not None and not self._healed
 
     def reopened(self) -> None:
-        """The owner has opened its channel anew."""
+        """Notes that the owner has opened its channel anew."""
         self._healed = self._board.entry(Fault.BUS_OFF) is not None
 
     def carry(self, frame: CanFrame) -> list[CanFrame]:
@@ -97,15 +98,15 @@ class EmulatedBus:
             return []
         answers = self._pass_on(frame)
         if self.watch is not None:
-            for heard in (frame, *answers):
-                self.watch(heard)
+            for received in (frame, *answers):
+                self.watch(received)
         return answers
 
     def carry_from_watch(self, frame: CanFrame) -> None:
         """Takes a frame of the second node."""
-        for heard in (frame, *self._pass_on(frame)):
+        for received in (frame, *self._pass_on(frame)):
             if self.to_owner is not None and not self.off:
-                self.to_owner(heard)
+                self.to_owner(received)
 
     def _pass_on(self, frame: CanFrame) -> list[CanFrame]:
         self._note(frame, received=False)
@@ -176,16 +177,14 @@ class EmulatedMotor:
 
     @property
     def joint_command(self) -> MitCommand:
-        """What it does to its joint now, in the joint's angle and signs."""
+        """Command of its joint now, in the joint's angle and signs."""
         if not self.entered:
             return NEUTRAL
         command = self._command
         sign = self._direction
-        if self._board.entry(Fault.MOTOR_REVERSED, self.joint):
-            torque = command.kp * (command.position - self._angle) + command.kd * (
-                command.velocity - self._speed
-            )
-            return MitCommand(0.0, 0.0, 0.0, 0.0, -sign * (torque + command.torque))
+        if self._fault(Fault.MOTOR_REVERSED):
+            torque = commanded_torque(command, self._angle, self._speed)
+            return MitCommand(0.0, 0.0, 0.0, 0.0, -sign * torque)
         return MitCommand(
             sign * (command.position - self._zero),
             sign * command.velocity,
@@ -195,12 +194,12 @@ class EmulatedMotor:
         )
 
     def set_joint(self, angle: float, speed: float, torque: float) -> None:
-        """State of the joint: rad, rad/s, N m."""
+        """Sets the state of the joint: rad, rad/s, N m."""
         self._angle = self._zero + self._direction * angle
         self._speed = self._direction * speed
         self._torque = self._direction * torque
         # The motor measures its own current, the wrong way round.
-        if self._board.entry(Fault.MOTOR_REVERSED, self.joint):
+        if self._fault(Fault.MOTOR_REVERSED):
             self._torque = -self._torque
         self._past.append((time.monotonic(), self._angle, self._speed, self._torque))
 
@@ -214,11 +213,15 @@ class EmulatedMotor:
             except FrameError:
                 return []  # a real one has no way to complain
         for fault in (Fault.MOTOR_FAULT, Fault.MOTOR_OFF):
-            if self._board.entry(fault, self.joint) and self.entered:
+            if self._fault(fault) and self.entered:
                 self._set_entered(
                     False, "its own fault" if fault is Fault.MOTOR_FAULT else "by itself"
                 )
         return self._answers()
+
+    def _fault(self, fault: Fault) -> FaultEntry | None:
+        """Returns the entry of a fault of this motor that is on."""
+        return self._board.entry(fault, self.joint)
 
     def _obey_special(self, last: int) -> None:
         if last == _ENTER:
@@ -236,17 +239,16 @@ class EmulatedMotor:
             self._events.add("entered" if entered else "off", joint=self.joint, reason=reason)
 
     def _state(self) -> tuple[float, float, float]:
-        """What a reply tells: angle, speed, torque."""
+        """Returns what a reply tells: angle, speed, torque."""
         reported = (self._angle, self._speed, self._torque)
-        board = self._board
-        if stale := board.entry(Fault.REPLY_STALE, self.joint):
+        if stale := self._fault(Fault.REPLY_STALE):
             taken = time.monotonic() - stale.delay
             reported = next(
                 ((a, v, t) for when, a, v, t in reversed(self._past) if when <= taken), reported
             )
-        if board.entry(Fault.FEEDBACK_REVERSED, self.joint):
+        if self._fault(Fault.FEEDBACK_REVERSED):
             reported = (2.0 * self._zero - reported[0], -reported[1], reported[2])
-        if not board.entry(Fault.FROZEN, self.joint):
+        if not self._fault(Fault.FROZEN):
             self._reported = reported
         return self._reported
 
@@ -254,46 +256,44 @@ class EmulatedMotor:
         board = self._board
         angle, speed, torque = self._state()
         # All of the torque works against what holds it where it was.
-        if board.entry(Fault.BLOCKED, self.joint):
+        if self._fault(Fault.BLOCKED):
             angle = self._blocked_at
             speed = 0.0
             held = self._command if self.entered else NEUTRAL
-            torque = held.kp * (held.position - angle) + held.kd * held.velocity + held.torque
+            torque = commanded_torque(held, angle, speed)
         else:
             self._blocked_at = angle
-        if board.entry(Fault.ENCODER_JUMP, self.joint):
+        if self._fault(Fault.ENCODER_JUMP):
             angle += ENCODER_JUMP
-        if drift := board.entry(Fault.OUT_OF_RANGE, self.joint):
+        if drift := self._fault(Fault.OUT_OF_RANGE):
             angle += DRIFT_RATE * (board.time - drift.time)
-        fault = board.entry(Fault.MOTOR_FAULT, self.joint)
-        reply = MitReply(
-            self.motor_id,
-            math.remainder(angle, 2.0 * _PROFILE.position),
-            min(max(speed, -_PROFILE.speed), _PROFILE.speed),
-            min(max(torque, -_PROFILE.torque), _PROFILE.torque),
-            HOT if board.entry(Fault.OVER_TEMPERATURE, self.joint) else WARM,
-            fault.code if fault else 0,
-        )
+        position = math.remainder(angle, 2.0 * _PROFILE.position)
+        velocity = min(max(speed, -_PROFILE.speed), _PROFILE.speed)
+        torque = min(max(torque, -_PROFILE.torque), _PROFILE.torque)
+        temperature = HOT if self._fault(Fault.OVER_TEMPERATURE) else WARM
+        fault = self._fault(Fault.MOTOR_FAULT)
+        code = fault.code if fault else 0
+        reply = MitReply(self.motor_id, position, velocity, torque, temperature, code)
         return make_reply(reply, _PROFILE)
 
     def _answers(self) -> list[CanFrame]:
         frame = self._reply()
         board = self._board
         joint = self.joint
-        if board.meets(Fault.REPLY_LOST, joint):
+        if board.consume(Fault.REPLY_LOST, joint):
             return []
-        if board.meets(Fault.V3_FRAME, joint):
+        if board.consume(Fault.V3_FRAME, joint):
             return [CanFrame(0x2900 | self.motor_id, frame.data, extended=True)]
-        if board.meets(Fault.FOREIGN_ID, joint):
+        if board.consume(Fault.FOREIGN_ID, joint):
             return [CanFrame(0x7F, bytes([0x7F]) + frame.data[1:])]
-        if board.meets(Fault.REPLY_CORRUPTED, joint):
+        if board.consume(Fault.REPLY_CORRUPTED, joint):
             return [CanFrame(frame.arbitration_id, bytes(byte ^ 0x5A for byte in frame.data))]
-        if board.meets(Fault.REPLY_SHORT, joint):
+        if board.consume(Fault.REPLY_SHORT, joint):
             return [CanFrame(frame.arbitration_id, frame.data[:5])]
         # Classic CAN has no more than 8 bytes: longer than 6, and not 8.
-        if board.meets(Fault.REPLY_LONG, joint):
+        if board.consume(Fault.REPLY_LONG, joint):
             return [CanFrame(frame.arbitration_id, (frame.data + b"\0")[:7])]
-        if board.meets(Fault.DOUBLE_ID, joint):
+        if board.consume(Fault.DOUBLE_ID, joint):
             return [
                 frame,
                 CanFrame(frame.arbitration_id, frame.data[:1] + b"\x90" + frame.data[2:]),
@@ -312,23 +312,23 @@ class SlcanAdapter:
         self._board = board
         self._line = b""
         self._open = False
-        self._heard = b""
+        self._received = b""
 
-    def hear(self, frame: CanFrame) -> None:
-        """A frame of another node on the bus."""
-        if self._open and len(self._heard) < _MOST_HEARD:
-            self._heard += write_frame(frame)
+    def receive(self, frame: CanFrame) -> None:
+        """Receives a frame of another node on the bus."""
+        if self._open and len(self._received) < _MAX_RECEIVED:
+            self._received += write_frame(frame)
 
-    def take(self) -> bytes:
-        """What other nodes have sent since the last call, for the computer."""
-        heard = self._heard
-        self._heard = b""
-        return self._board.through("can", heard)
+    def poll(self) -> bytes:
+        """Returns what other nodes have sent since the last call, for the computer."""
+        received = self._received
+        self._received = b""
+        return self._board.corrupt("can", received)
 
     def feed(self, data: bytes) -> bytes:
-        """What the adapter sends back for these bytes."""
+        """Returns what the adapter sends back for these bytes."""
         *lines, rest = (self._line + data).split(b"\r")
-        self._line = rest[-_LONGEST_LINE:]
+        self._line = rest[-_MAX_LINE:]
         return b"".join(self._obey(line) for line in lines if line)
 
     def _obey(self, line: bytes) -> bytes:
@@ -351,11 +351,11 @@ class SlcanAdapter:
         if frame is None or not self._open or self._bus.off:
             return _ERROR
         answers = b"".join(write_frame(answer) for answer in self._bus.carry(frame))
-        return self._board.through("can", answers)
+        return self._board.corrupt("can", answers)
 
 
 def read_frame(line: bytes) -> CanFrame | None:
-    """The frame of a `t` or `T` line without its end; None if it is none."""
+    """Decodes the frame of a `t` or `T` line without its end; None if it is none."""
     digits = 3 if line[:1] == b"t" else 8
     try:
         identifier = int(line[1 : 1 + digits], 16)
@@ -369,7 +369,7 @@ def read_frame(line: bytes) -> CanFrame | None:
 
 
 def write_frame(frame: CanFrame) -> bytes:
-    """The line that reports a frame, with its end."""
+    """Makes the line that reports a frame, with its end."""
     if frame.extended:
         head = f"T{frame.arbitration_id:08X}"
     else:
@@ -426,10 +426,10 @@ class PtyPort:
             self.link.unlink(missing_ok=True)
 
     def read(self) -> bytes:
-        """What has come; empty if nothing has."""
+        """Returns what has come; empty if nothing has."""
         try:
             if self.plugged:
-                return os.read(self._master, _MOST_BYTES)
+                return os.read(self._master, _MAX_BYTES)
             return b""
         except OSError:
             return b""

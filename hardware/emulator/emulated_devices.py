@@ -17,10 +17,11 @@ from aerodima.hardware.devices.bno055 import Bno055Chip
 from aerodima.hardware.devices.ublox import GpsSample, make_nav_pvt
 from aerodima.hardware.emulator.emulated_bus import EmulatedBus
 from aerodima.hardware.emulator.fault_script import EventLog, Fault, FaultBoard, OperatorEntry
-from aerodima.hardware.firmware.teensy_firmware import CoreState, FirmwareSettings, TeensyCore
+from aerodima.hardware.firmware.teensy_core import CoreState, TeensyCore
+from aerodima.hardware.firmware.teensy_firmware import FirmwareSettings
 from aerodima.hardware.protocol import radio
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
-from aerodima.hardware.protocol.radio import Asks, decode_report
+from aerodima.hardware.protocol.radio import OperatorPrompt, decode_report
 from aerodima.hardware.protocol.teensy import THROTTLE_PULSES, TeensyStatus
 from aerodima.hardware.protocol.xbee import BROADCAST, ApiStream, ReceivedPacket, make_received
 
@@ -31,7 +32,7 @@ OPERATOR_RATE = 20.0
 _DAY = 86_400.0
 """Length of a day, s."""
 _STOP_FRAMES = 3
-"""How often an operator sends an emergency stop."""
+"""Number of emergency stops that an operator sends."""
 _ON_ITS_SIDE = 1.57
 """Roll that the fault `tipped_over` reports, rad."""
 _TOO_FAST = 9.0
@@ -41,7 +42,7 @@ OPERATOR = 0x0013_A200_4000_0001
 CAR = 0x0013_A200_4000_0002
 """64-bit serial number of the car's emulated module."""
 _FOREIGN = CAR + 1
-"""From whom the reports come while the fault `foreign_module` is on."""
+"""Sender of the reports while the fault `foreign_module` is on."""
 
 
 class EmulatedTeensy:
@@ -65,7 +66,7 @@ class EmulatedTeensy:
     ) -> None:
         self._watches = watches
         if watches:
-            bus.watch = self._hear
+            bus.watch = self._receive
         self._settings = settings
         self._bus = bus
         self._board = board
@@ -74,7 +75,7 @@ class EmulatedTeensy:
         self._hung_since: float | None = None
         self._powered = True
         self._last = CoreState(0, 0, TeensyStatus.WATCHDOG_ACTED, 0)
-        self.turn(now)
+        self.update(now)
 
     @property
     def state(self) -> CoreState:
@@ -83,7 +84,7 @@ class EmulatedTeensy:
 
     @property
     def driving(self) -> bool:
-        """Whether the throttle pulse is not the neutral one."""
+        """Returns whether the throttle pulse is not the neutral one."""
         return self._last.throttle != THROTTLE_PULSES[1]
 
     def feed(self, data: bytes, now: float) -> None:
@@ -92,12 +93,13 @@ class EmulatedTeensy:
             self._core.feed(data, now)
 
     def set_sail(self, angle: float) -> None:
-        """Angle of the sail, rad."""
+        """Sets the angle of the sail, rad."""
         words = 1 << self._settings.sail_bits
-        self._core.set_sail_word(round(angle / (2.0 * math.pi) * words) % words)
+        word = round(angle / (2.0 * math.pi) * words)
+        self._core.set_sail_word(word % words)
 
-    def turn(self, now: float) -> bytes:
-        """One turn of the firmware's loop; bytes for the computer."""
+    def update(self, now: float) -> bytes:
+        """Runs the firmware's loop once; returns bytes for the computer."""
         if not self._runs(now):
             return b""
         self._core.step(now)
@@ -111,9 +113,9 @@ class EmulatedTeensy:
                 self._core.receive(answer)
         self._core.step(now)  # a reply that waited for the motors goes out at once
         self._note()
-        return self._board.through("teensy", self._core.reply())
+        return self._board.corrupt("teensy", self._core.reply())
 
-    def _hear(self, frame: CanFrame) -> None:
+    def _receive(self, frame: CanFrame) -> None:
         runs = self._hung_since is None or math.isinf(self._hung_since)
         if runs and self._powered and self._board.entry(Fault.TEENSY_OFF_BUS) is None:
             self._core.receive(frame)
@@ -159,7 +161,7 @@ class EmulatedImu:
         self._sampled = False
 
     def set_reading(self, reading: np.ndarray) -> None:
-        """(9,) as `aerodima.workbench.config.signal_table.IMU`."""
+        """Sets the reading (9,) as `aerodima.workbench.scenario.signal_table.IMU`."""
         if self._board.entry(Fault.FROZEN, "imu") and self._sampled:
             return
         self._sampled = True
@@ -169,7 +171,7 @@ class EmulatedImu:
 
     def feed(self, data: bytes) -> bytes:
         """Answers to requests."""
-        return self._board.through("imu", self._chip.feed(data))
+        return self._board.corrupt("imu", self._chip.feed(data))
 
 
 class EmulatedGps:
@@ -181,8 +183,8 @@ class EmulatedGps:
         self._board = board
         self._speed = 0.0
 
-    def turn(self, speed: float, now: float) -> bytes:
-        """Bytes that are due; speed in m/s."""
+    def update(self, speed: float, now: float) -> bytes:
+        """Returns bytes that are due; speed in m/s."""
         if now < self._next:
             return b""
         self._next = max(self._next + self._period, now)
@@ -191,7 +193,7 @@ class EmulatedGps:
         if not self._board.entry(Fault.FROZEN, "gps"):
             self._speed = speed
         sample = GpsSample(max(0.0, self._speed), True, time.time() % _DAY)
-        return self._board.through("gps", make_nav_pvt(sample, tow=now))
+        return self._board.corrupt("gps", make_nav_pvt(sample, tow=now))
 
 
 class EmulatedOperator:
@@ -199,7 +201,7 @@ class EmulatedOperator:
     mode 1.
 
     Attributes:
-        asked: the car asks for a choice, or did so last.
+        prompted: the car asks for a choice, or did so last.
     """
 
     def __init__(self, entries: Sequence[OperatorEntry], board: FaultBoard) -> None:
@@ -209,20 +211,20 @@ class EmulatedOperator:
         self._counter = 0
         self._stops = 0
         self._of_car = ApiStream()
-        self.asked = False
+        self.prompted = False
 
-    def hear(self, data: bytes) -> None:
-        """What the car's computer hands to its module: reports of what the car asks for."""
+    def receive(self, data: bytes) -> None:
+        """Receives what the car's computer hands to its module: reports with its prompt."""
         for packet in self._of_car.feed_transmits(data):
             try:
-                asks = decode_report(packet.data).asks
+                prompt = decode_report(packet.data).prompt
             except FrameError:
                 continue
-            if asks is not Asks.NOTHING:
-                self.asked = asks is Asks.CHOICE
+            if prompt is not OperatorPrompt.NONE:
+                self.prompted = prompt is OperatorPrompt.SELECT_MODE
 
-    def turn(self, now: float) -> bytes:
-        """Bytes that are due."""
+    def update(self, now: float) -> bytes:
+        """Returns bytes that are due."""
         if now < self._next:
             return b""
         self._next = max(self._next + 1.0 / OPERATOR_RATE, now)
@@ -236,8 +238,8 @@ class EmulatedOperator:
                 self._stops += 1
                 frames.append(radio.make_emergency_stop())
         else:
-            frames.append(radio.make_command(passed[-1].command(self.asked)))
-        return self._board.through(
+            frames.append(radio.make_command(passed[-1].command(self.prompted)))
+        return self._board.corrupt(
             "radio", b"".join(make_received(ReceivedPacket(OPERATOR, frame)) for frame in frames)
         )
 
@@ -253,11 +255,11 @@ class EmulatedAir:
         self._of_car = ApiStream()
 
     def to_car(self, data: bytes) -> bytes:
-        """From the console's serial port to the car's."""
+        """Carries bytes of the console's serial port to the car's."""
         return self._carry(self._of_operator, data, OPERATOR, CAR)
 
     def to_console(self, data: bytes) -> bytes:
-        """From the car's serial port to the console's."""
+        """Carries bytes of the car's serial port to the console's."""
         sender = _FOREIGN if self._board.entry(Fault.FOREIGN_MODULE) else CAR
         return self._carry(self._of_car, data, sender, OPERATOR)
 
@@ -267,7 +269,7 @@ class EmulatedAir:
             for packet in stream.feed_transmits(data)
             if packet.receiver in (receiver, BROADCAST)
         ]
-        return self._board.through(
+        return self._board.corrupt(
             "radio",
             b"".join(make_received(ReceivedPacket(sender, packet.data)) for packet in packets),
         )

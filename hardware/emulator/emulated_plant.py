@@ -14,16 +14,16 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from aerodima.hardware.driving.run_journal import RunJournal
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import CAR_PORTS, STATION_INPUTS, STATION_OUTPUTS
+from aerodima.workbench.car.car_diagram import truth_signals
+from aerodima.workbench.car.car_station import make_car_station, simulated_car
+from aerodima.workbench.car.roll_estimator import RollEstimator
+from aerodima.workbench.car.roll_filter import RollFilterSettings
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.logs.recorder import RunRecorder, output_ports, recorded_columns, signals_of
 from aerodima.workbench.logs.schema import run_metadata
-from aerodima.workbench.replay.viewer import ChaseCamera
-from aerodima.workbench.sensors.roll_estimator import RollEstimator
-from aerodima.workbench.sensors.roll_filter import RollFilterSettings
-from aerodima.workbench.simulate.car_run import truth_signals
-from aerodima.workbench.stations.car_station import make_car_station, simulated_car
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.signal_table import CAR_PORTS, STATION_INPUTS, STATION_OUTPUTS
+from aerodima.workbench.view.viewer import ChaseCamera
 
 _PICTURE = 1.0 / 30.0
 """Between two moves of the view's camera, s."""
@@ -122,7 +122,7 @@ class EmulatedCar:
         return float(self._context.get_time())
 
     def command(self, name: str, *values: float) -> None:
-        """What an input port of the station gets from now on, in its units."""
+        """Sets what an input port of the station gets from now on, in its units."""
         if self._values.get(name) == values:
             return
         self._values[name] = values
@@ -139,11 +139,11 @@ class EmulatedCar:
             self._camera.follow(self._context)
 
     def joints(self) -> FloatArray:
-        """(4,) angles of pitch and roll (rad), then their rates (rad/s), as they are now."""
+        """Returns (4,) angles of pitch and roll (rad), then their rates (rad/s), at present."""
         return self.output("plant_state_truth")[self._joints]
 
     def output(self, name: str) -> FloatArray:
-        """A vector port of the station."""
+        """Returns the value of a vector port of the station."""
         return np.array(self._ports[name].Eval(self._station_context))
 
     def close(self) -> Path:
@@ -152,7 +152,9 @@ class EmulatedCar:
 
 
 def _with_eager_imu(scenario: Scenario) -> Scenario:
-    """A sample is seen after the step that follows it: a step of the delay is in the stepping."""
+    """Returns the scenario with a sample at every step; a sample is seen after the step that
+    follows it: a step of the delay is in the stepping.
+    """
     step = scenario.simulation.step
     imu = scenario.imu.model_copy(
         update={"rate": 1.0 / step, "delay": max(0.0, scenario.imu.delay - step)}

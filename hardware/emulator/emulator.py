@@ -60,13 +60,13 @@ from aerodima.hardware.emulator.fault_script import (
 )
 from aerodima.hardware.firmware.teensy_firmware import firmware_settings
 from aerodima.hardware.transport.can_adapter import TrafficLog
-from aerodima.workbench.atomic_write import write_atomically
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.realtime import EMULATOR_PRIORITY, prefer_latency, prefer_realtime
-from aerodima.workbench.replay.viewer import open_meshcat
+from aerodima.workbench.core.atomic_write import write_atomically
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.realtime import EMULATOR_PRIORITY, prefer_latency, prefer_realtime
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.view.viewer import open_meshcat
 
-_TURN = 0.001
+_POLL_PERIOD = 0.001
 """The firmware's loop and the script are looked at that often at least, s."""
 _SAMPLE_PERIOD = 0.01
 """Between two looks at what GPS and sail measure, s: the period of the 100 Hz loop."""
@@ -78,7 +78,7 @@ _LATE = 0.01
 
 @dataclass(frozen=True)
 class EmulatorSettings:
-    """What is emulated.
+    """Settings of an emulator.
 
     Attributes:
         scenario: of the car.
@@ -119,7 +119,7 @@ class Emulator:
         self._board = FaultBoard(settings.script, self._events)
         self._log = TrafficLog.create(self._folder / TRAFFIC_FILE)
         self._end = False
-        self.latest = 0.0
+        self.largest_delay = 0.0
         self._lag = 0.0
         self._make_devices()
         truth = self._folder / TRUTH_FILE
@@ -172,7 +172,7 @@ class Emulator:
             watches=watched,
         )
         if self._adapter is not None:
-            bus.to_owner = self._adapter.hear
+            bus.to_owner = self._adapter.receive
         self._imu = EmulatedImu(self._mounting, board)
         self._gps = EmulatedGps(settings.scenario.gps.rate, board)
         entries = () if settings.console else settings.script.operator
@@ -210,8 +210,10 @@ class Emulator:
         return self._close()
 
     def _note_delay(self, delay: float) -> None:
-        """Each time the car falls behind and catches up: event `late` with the largest delay."""
-        self.latest = max(self.latest, delay)
+        """Notes each time that the car falls behind and catches up: event `late` with the largest
+        delay.
+        """
+        self.largest_delay = max(self.largest_delay, delay)
         if delay > _LATE:
             self._lag = max(self._lag, delay)
         elif self._lag:
@@ -222,12 +224,14 @@ class Emulator:
         """Answers the ports until `due`, at least once."""
         while True:
             now = time.monotonic()
-            self._look(now)
-            self._write("teensy", self._teensy.turn(now))
-            self._pass_on_heard()
-            self._write("radio", self._operator.turn(now))
+            self._update_faults(now)
+            self._update_teensy(now)
+            self._pass_on_received()
+            self._write("radio", self._operator.update(now))
             open_ports = [port for port in self._ports.values() if port.plugged]
-            readable, _, _ = select.select(open_ports, [], [], min(_TURN, max(0.0, due - now)))
+            readable, _, _ = select.select(
+                open_ports, [], [], min(_POLL_PERIOD, max(0.0, due - now))
+            )
             for name, port in self._ports.items():
                 if port in readable and (data := port.read()):
                     self._receive(name, data)
@@ -238,11 +242,11 @@ class Emulator:
         now = time.monotonic()
         if name == "teensy":
             self._teensy.feed(data, now)
-            self._write("teensy", self._teensy.turn(now))
+            self._update_teensy(now)
         elif name == "can" and self._adapter is not None:
             self._write("can", self._adapter.feed(data))
-            self._write("teensy", self._teensy.turn(now))  # it answers a heartbeat at once
-            self._pass_on_heard()
+            self._update_teensy(now)  # it answers a heartbeat at once
+            self._pass_on_received()
         elif name == "imu":
             self._imu.set_reading(self._car.output("imu"))
             self._write("imu", self._imu.feed(data))
@@ -251,22 +255,25 @@ class Emulator:
         elif name == "radio" and "console" in self._ports:
             self._write("console", self._air.to_console(data))
         elif name == "radio":
-            self._operator.hear(data)
+            self._operator.receive(data)
 
-    def _pass_on_heard(self) -> None:
+    def _update_teensy(self, now: float) -> None:
+        self._write("teensy", self._teensy.update(now))
+
+    def _pass_on_received(self) -> None:
         if self._adapter is not None:
-            self._write("can", self._adapter.take())
+            self._write("can", self._adapter.poll())
 
     def _write(self, name: Device, data: bytes) -> None:
         if data:
             self._ports[name].write(data)
 
-    def _look(self, now: float) -> None:
+    def _update_faults(self, now: float) -> None:
         if any(motor.entered for motor in self._motors):
             self._board.begin("entered", now)
         if self._teensy.driving:
             self._board.begin("driving", now)
-        self._board.look(now)
+        self._board.update(now)
         for name, port in self._ports.items():
             if self._board.entry(Fault.RENAMED, name):
                 renamed = port.link.with_name(f"{name}_1")
@@ -293,15 +300,15 @@ class Emulator:
             joints = car.joints()
             torques = car.output("tail_torque")
             for index, motor in enumerate(self._motors):
-                motor.set_joint(
-                    float(joints[index]), float(joints[2 + index]), float(torques[index])
-                )
+                angle = float(joints[index])
+                speed = float(joints[2 + index])
+                motor.set_joint(angle, speed, float(torques[index]))
         if time_s >= self._sample_due:
             self._sample_due += _SAMPLE_PERIOD
             self._sample(time_s)
 
     def _sample(self, time_s: float) -> None:
-        """What GPS and sail measure anew; the slower GPS keeps its own pace.
+        """Updates what GPS and sail measure; the slower GPS keeps its own pace.
 
         A car that tips over is an event.
         """
@@ -310,7 +317,7 @@ class Emulator:
         if tipped and not self._tipped:
             self._events.add("tipped")
         self._tipped = tipped
-        self._write("gps", self._gps.turn(float(car.output("speed")[0]), time_s))
+        self._write("gps", self._gps.update(float(car.output("speed")[0]), time_s))
         if car.has_tail:
             self._teensy.set_sail(self._mounting.encoder_angle(float(car.output("tail_state")[2])))
 
@@ -335,7 +342,7 @@ class Emulator:
         self._log.close()
         facts = {
             "simulated_s": round(self._car.time, 6),
-            "largest_delay_s": round(self.latest, 6),
+            "largest_delay_s": round(self.largest_delay, 6),
             "rejected_strings": self._teensy.state.rejected,
             "traffic_log_error": self._log.error,
         }
@@ -358,7 +365,7 @@ def run_emulator(
 
 
 def _serial_ports(plugs: Path) -> dict[str, Any]:
-    """The ports file of the emulated car, but for what some have only."""
+    """Returns the ports file of the emulated car, but for what only some have."""
     motors: dict[str, Any] = {
         joint: {"motor_id": number} for number, joint in enumerate(JOINTS, start=1)
     }
@@ -382,5 +389,5 @@ def _claim(folder: Path) -> None:
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:
-    """Whole or not at all: others wait for the file."""
+    """Writes the whole file or none: others wait for it."""
     write_atomically(path, json.dumps(content, indent=1) + "\n", False, HardwareError)

@@ -1,5 +1,5 @@
-"""What happens to the emulated car and when: faults of its devices, the operator at the radio, and
-the events of a run.
+"""Scripts of what happens to the emulated car: faults of its devices, the operator at the radio,
+and the events of a run.
 
 ```yaml
 schema: aerodima/emulation/1
@@ -32,8 +32,8 @@ from pydantic import Field, model_validator
 
 from aerodima.hardware.car.car_ports import JOINTS, SERIAL_DEVICES, SerialDevice
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
-from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
 
 SCHEMA = "aerodima/emulation/1"
 Device = SerialDevice | Literal["can", "console"]
@@ -42,7 +42,7 @@ _PLUGS = ("can", *SERIAL_DEVICES)
 
 
 class Fault(StrEnum):
-    """What can go wrong.
+    """Faults of the emulated car.
 
     Attributes:
         parts: what it may happen to, as `part` of a script names it; none where there is no choice.
@@ -108,9 +108,7 @@ class FaultEntry(_Entry):
     @model_validator(mode="after")
     def _has_its_part(self) -> FaultEntry:
         allowed = self.fault.parts
-        if (self.part is None) != (not allowed) or (
-            self.part is not None and self.part not in allowed
-        ):
+        if self.part not in (allowed or (None,)):
             raise ValueError(
                 f"part of {self.fault}: {self.part!r}; allowed: {', '.join(allowed) or 'none'}"
             )
@@ -118,7 +116,7 @@ class FaultEntry(_Entry):
 
 
 class OperatorEntry(_Entry):
-    """What the operator asks for from that time on. throttle: -1 to 1. steering, tails: rad. stop:
+    """Commands of the operator from that time on. throttle: -1 to 1. steering, tails: rad. stop:
     emergency stop.
 
     mode: as the switch stands; `auto_when_asked`: AUTO once the car asks for a choice, IDLE before;
@@ -135,7 +133,9 @@ class OperatorEntry(_Entry):
     stop: bool = False
 
     def command(self, asked: bool) -> OperatorCommand:
-        """The command that a frame carries; `asked`: the car asks for a choice, or did so last."""
+        """Returns the command that a frame carries; `asked`: the car asks for a choice, or did so
+        last.
+        """
         chosen, waits, _ = self.mode.partition("_when_asked")
         if not waits:
             mode = RadioMode[self.mode.upper()]
@@ -180,19 +180,22 @@ class FaultBoard:
         self.time = -math.inf
 
     def begin(self, clock: Clock, now: float) -> None:
-        """What a clock counts from has come; starts the script for good, if that is its clock."""
+        """Notes that what a clock counts from has come; starts the script for good, if that is its
+        clock.
+        """
         if clock == self._script.clock and self._begin is None:
             self._begin = now
             self._events.add("script_begins", clock=clock)
 
-    def look(self, now: float) -> None:
+    def update(self, now: float) -> None:
         """Switches faults on and off by the clock, and notes it."""
         if self._begin is None:
             return
         self.time = now - self._begin
         for index, entry in enumerate(self._script.faults):
             spent = entry.count is not None and self._met[index] >= entry.count
-            on = entry.time <= self.time < entry.time + (entry.duration or math.inf) and not spent
+            end = entry.time + (entry.duration or math.inf)
+            on = entry.time <= self.time < end and not spent
             if on and index not in self._on:
                 self._on.add(index)
                 self._note("fault_on", entry)
@@ -201,14 +204,14 @@ class FaultBoard:
                 self._note("fault_off", entry)
 
     def entry(self, fault: Fault, part: str | None = None) -> FaultEntry | None:
-        """The entry of a fault that is on; None while it is not."""
+        """Returns the entry of a fault that is on; None while it is not."""
         index = self._index(fault, part)
         if index is None:
             return None
         return self._script.faults[index]
 
-    def meets(self, fault: Fault, part: str | None = None) -> bool:
-        """Whether a fault is on; counts as one of its times."""
+    def consume(self, fault: Fault, part: str | None = None) -> bool:
+        """Returns whether a fault is on, and counts one of its times."""
         index = self._index(fault, part)
         if index is None:
             return False
@@ -230,11 +233,11 @@ class FaultBoard:
             None,
         )
 
-    def through(self, device: Device, data: bytes) -> bytes:
-        """What silence and noise leave of the bytes that a device sends."""
-        if self.meets(Fault.SILENT, device):
+    def corrupt(self, device: Device, data: bytes) -> bytes:
+        """Returns what silence and noise leave of the bytes that a device sends."""
+        if self.consume(Fault.SILENT, device):
             return b""
-        if data and self.meets(Fault.SERIAL_NOISE, device):
+        if data and self.consume(Fault.SERIAL_NOISE, device):
             return self._random.randbytes(9) + data[4:]
         return data
 
@@ -252,15 +255,17 @@ class EventLog:
         self._file = open(path, "x", encoding="utf-8", buffering=1)  # noqa: SIM115 - open as long as the emulator runs
 
     def add(self, event: str, **facts: Any) -> None:
-        """One event, now."""
+        """Adds an event, now."""
         self._file.write(json.dumps({"time_s": time.monotonic(), "event": event, **facts}) + "\n")
 
     def close(self) -> None:
-        """Nothing more to write."""
+        """Closes the file."""
         self._file.close()
 
 
 def read_events(path: str | Path) -> list[dict[str, Any]]:
-    """The events so far, also while the emulator runs; a line that is not complete is left out."""
+    """Reads the events so far, also while the emulator runs; a line that is not complete is left
+    out.
+    """
     lines = Path(path).read_text(encoding="utf-8").split("\n")[:-1]
     return [json.loads(line) for line in lines]

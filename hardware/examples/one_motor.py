@@ -7,11 +7,11 @@ import sys
 
 import numpy as np
 
-from aerodima.hardware import CarCommand, connect, held, run_cycles
+from aerodima.hardware import CarCommand, connect, holding, run_cycles
 
 if __name__ == "__main__":
     ports, wiring = sys.argv[1:]
-    with held(connect(ports, "auto_turn", wiring)) as car:
+    with holding(connect(ports, "auto_turn", wiring)) as car:
         start = car.reading.tail_state[1]
         for cycle in range(300):
             angle = start + 0.1 * math.sin(0.02 * math.pi * cycle)

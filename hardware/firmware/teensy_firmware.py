@@ -1,30 +1,13 @@
-"""The Teensy's firmware: its numbers, the sketch that is exported, and its C++ core on this
-computer by ctypes.
-"""
+"""The Teensy's firmware: its numbers, the sketch that is exported, its core as a library."""
 
 from __future__ import annotations
 
-import ctypes
 import hashlib
 import os
 import shutil
 import subprocess
-from ctypes import (
-    POINTER,
-    Structure,
-    c_char_p,
-    c_double,
-    c_int,
-    c_int32,
-    c_size_t,
-    c_uint8,
-    c_uint32,
-    c_void_p,
-)
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
-from typing import Any
 
 from aerodima.hardware.car.car_ports import CarPorts
 from aerodima.hardware.car.mounting import load_mounting
@@ -38,11 +21,10 @@ from aerodima.hardware.car.wiring import wiring_name
 from aerodima.hardware.car.wirings import tail_motors
 from aerodima.hardware.devices.motor_settings import MotorSettings
 from aerodima.hardware.protocol.ak70 import FirmwareProfile
-from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.hardware.protocol.teensy import THROTTLE_PULSES, TeensyStatus
-from aerodima.workbench.atomic_write import make_folder
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.errors import HardwareError
+from aerodima.hardware.protocol.teensy import THROTTLE_PULSES
+from aerodima.workbench.core.atomic_write import make_folder
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.scenario.scenario import Scenario
 
 SKETCH = Path(__file__).resolve().parent / "aerodima_teensy"
 """The Arduino sketch; its folder `src` is the core."""
@@ -60,15 +42,11 @@ _FLAGS = (
 _BUILD_TIME = 120.0
 """Longest time that the compiler may take, s."""
 _HOST_ONLY = ("c_interface.h", "c_interface.cpp")
-_WRAP = 1 << 32
-"""The Teensy's clock of milliseconds begins anew after so many."""
-_LONGEST = 512
-"""Room for the string of a reply, bytes."""
 
 
 def motor_limits(settings: MotorSettings) -> dict[str, float]:
-    """Fields of the core's `MotorLimits` (`src/motor_guard.h`) by name: what it lets through to
-    this motor.
+    """Returns the fields of the core's `MotorLimits` (`src/motor_guard.h`) by name: what it lets
+    through to this motor.
 
     They are the limits of the computer in the motor's own angle: rad, rad/s, N m, N m/rad, N m
     s/rad, N m, (N m)^2 s.
@@ -88,7 +66,7 @@ def motor_limits(settings: MotorSettings) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class FirmwareSettings:
-    """What one Teensy is built for.
+    """Settings for which one Teensy is built.
 
     Attributes:
         wiring: in `teensy_bridge` the Teensy drives the motors; in `watched_can` it sends exit
@@ -133,23 +111,26 @@ class FirmwareSettings:
     @property
     def config(self) -> dict[str, float]:
         """Fields of the core's `Config` (`src/core.h`) by name, but for profile, limits and ids."""
-        least, idle, most = THROTTLE_PULSES
+        lowest, idle, highest = THROTTLE_PULSES
         timing = self.timing
         safety = self.safety
-        half = (most - least) / 2
+        half = (highest - lowest) / 2
+        times = {
+            "watchdog": timing.watchdog_timeout,
+            "exit_cycle": timing.exit_cycle,
+            "reminder": timing.reminder,
+            "reply_wait": timing.reply_wait,
+            "attitude": timing.attitude_time,
+            "attitude_age": timing.attitude_age,
+        }
         return {
+            **{f"{name}_ms": round(seconds * 1000.0) for name, seconds in times.items()},
             "owns_can": self.wiring == "teensy_bridge",
-            "watchdog_ms": _milliseconds(timing.watchdog_timeout),
             "exit_burst": timing.exit_burst,
             "exit_cycles": timing.exit_cycles,
-            "exit_cycle_ms": _milliseconds(timing.exit_cycle),
-            "reminder_ms": _milliseconds(timing.reminder),
-            "reply_wait_ms": _milliseconds(timing.reply_wait),
             "attitude_limit": safety.attitude_limit,
-            "attitude_ms": _milliseconds(timing.attitude_time),
-            "attitude_age_ms": _milliseconds(timing.attitude_age),
-            "throttle_least": round(idle - safety.throttle_limit * (idle - least)),
-            "throttle_most": round(idle + safety.throttle_limit * (most - idle)),
+            "throttle_least": round(idle - safety.throttle_limit * (idle - lowest)),
+            "throttle_most": round(idle + safety.throttle_limit * (highest - idle)),
             "throttle_start": safety.throttle_start * half,
             "throttle_rate": safety.throttle_rate * half / 1000.0,
             "sail_bits": self.sail_bits,
@@ -157,7 +138,7 @@ class FirmwareSettings:
 
 
 def profile_fields(profile: FirmwareProfile) -> dict[str, float]:
-    """Fields of the core's `Profile` (`src/ak70.h`) by name."""
+    """Returns the fields of the core's `Profile` (`src/ak70.h`) by name."""
     return {
         **{name: getattr(profile, name) for name in ("position", "speed", "torque", "kp", "kd")},
         "temperature_offset": round(profile.temperature_offset),
@@ -166,14 +147,9 @@ def profile_fields(profile: FirmwareProfile) -> dict[str, float]:
     }
 
 
-def _milliseconds(seconds: float) -> int:
-    """The firmware's clock counts milliseconds."""
-    return round(seconds * 1000.0)
-
-
 def firmware_settings(wiring: str, ports: CarPorts, scenario: Scenario) -> FirmwareSettings:
-    """What the Teensy of a car is built for: limits of the scenario's tail on these ports, bits of
-    its encoder.
+    """Returns what the Teensy of a car is built for: limits of the scenario's tail on these ports,
+    bits of its encoder.
     """
     limits = tuple(map(motor_limits, tail_motors(scenario, ports, load_mounting()))) or None
     return FirmwareSettings(
@@ -187,7 +163,9 @@ def core_sources() -> list[Path]:
 
 
 def firmware_hash() -> str:
-    """SHA-256 over core and sketch, 64 hexadecimal digits: which firmware a test was made with."""
+    """Returns the SHA-256 over core and sketch, 64 hexadecimal digits: which firmware a test was
+    made with.
+    """
     digest = hashlib.sha256()
     for path in (*core_sources(), SKETCH / "aerodima_teensy.ino"):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
@@ -195,7 +173,7 @@ def firmware_hash() -> str:
 
 
 def build_core(cache: Path | None = None) -> Path:
-    """The shared library of the core, compiled if it is not in the cache.
+    """Returns the shared library of the core, compiled if it is not in the cache.
 
     Args:
         cache: folder of the libraries; `aerodima` in the user's cache folder (`XDG_CACHE_HOME`)
@@ -275,7 +253,7 @@ def export_sketch(settings: FirmwareSettings, folder: Path) -> Path:
 
 
 def config_header(settings: FirmwareSettings) -> str:
-    """Content of `config.h`: the settings as the sketch's configuration."""
+    """Returns the content of `config.h`: the settings as the sketch's configuration."""
     fields = {f"profile.{name}": value for name, value in profile_fields(settings.profile).items()}
     fields |= settings.config
     for index, (motor_id, limits) in enumerate(
@@ -286,173 +264,9 @@ def config_header(settings: FirmwareSettings) -> str:
     lines = "\n".join(f"  config.{name} = {repr(value).lower()};" for name, value in fields.items())
     made_of = f"{settings.wiring}, {settings.profile.name}, firmware {firmware_hash()[:12]}"
     return (
-        f"// Written by `aerodima drive --firmware`: {made_of}.\n"
+        f"// Written by `aerodima drive firmware`: {made_of}.\n"
         '#pragma once\n#include "src/core.h"\n\n'
         f"#define AERODIMA_SAIL_BITS {settings.sail_bits}\n\n"
         f"inline aerodima::Config aerodima_config() {{\n  aerodima::Config config;\n{lines}\n  "
         "return config;\n}\n"
     )
-
-
-def fields(kind: Any, names: str) -> tuple[tuple[str, Any], ...]:
-    """Fields of one kind of a structure of `c_interface.h`; `names` with blanks between them."""
-    return tuple((name, kind) for name in names.split())
-
-
-class Frame(Structure):
-    """`ad_frame`."""
-
-    _fields_ = (("id", c_uint32), ("extended", c_int32), ("length", c_int32), ("data", c_uint8 * 8))
-
-
-class Profile(Structure):
-    """`ad_profile`."""
-
-    _fields_ = (
-        *fields(c_double, "position speed torque kp kd"),
-        *fields(c_int32, "temperature_offset short_replies long_replies"),
-    )
-
-
-class Limits(Structure):
-    """`ad_limits`."""
-
-    _fields_ = fields(c_double, "low high speed torque kp kd rated_torque budget")
-
-
-class _Config(Structure):
-    _fields_ = (
-        ("profile", Profile),
-        ("limits", Limits * 2),
-        *fields(c_double, "attitude_limit throttle_start throttle_rate"),
-        ("owns_can", c_int32),
-        *fields(
-            c_uint32, "watchdog_ms exit_burst exit_cycles exit_cycle_ms reminder_ms reply_wait_ms"
-        ),
-        *fields(c_uint32, "attitude_ms attitude_age_ms"),
-        ("sail_bits", c_int32),
-        ("motor_ids", c_int32 * 2),
-        *fields(c_int32, "throttle_least throttle_most"),
-    )
-
-
-class _State(Structure):
-    _fields_ = (*fields(c_int32, "servo throttle status"), ("rejected", c_uint32))
-
-
-_FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
-    "ad_core_new": (c_void_p, [POINTER(_Config), c_uint32]),
-    "ad_core_free": (None, [c_void_p]),
-    "ad_core_feed": (None, [c_void_p, c_char_p, c_size_t, c_uint32]),
-    "ad_core_receive": (None, [c_void_p, POINTER(Frame)]),
-    "ad_core_set_sail_word": (None, [c_void_p, c_uint32]),
-    "ad_core_step": (None, [c_void_p, c_uint32]),
-    "ad_core_next_frame": (c_int, [c_void_p, POINTER(Frame)]),
-    "ad_core_take_reply": (c_size_t, [c_void_p, c_char_p, c_size_t]),
-    "ad_core_state": (None, [c_void_p, POINTER(_State)]),
-}
-
-
-@cache
-def library() -> Any:
-    """The loaded core, compiled if need be. Raises `HardwareError` as `build_core` does."""
-    loaded = ctypes.CDLL(str(build_core()))
-    for name, (result, arguments) in _FUNCTIONS.items():
-        function = getattr(loaded, name)
-        function.restype = result
-        function.argtypes = arguments
-    return loaded
-
-
-@dataclass(frozen=True, slots=True)
-class CoreState:
-    """Outputs of the Teensy.
-
-    Attributes:
-        servo, throttle: pulses in us.
-        status: whether its watchdog has acted.
-        rejected: strings that could not be obeyed.
-    """
-
-    servo: int
-    throttle: int
-    status: TeensyStatus
-    rejected: int
-
-
-class TeensyCore:
-    """One Teensy without its pins; see `aerodima_teensy/src/core.h`.
-
-    Args:
-        settings: what it is built for.
-        now: s on any clock that does not go back; the core counts milliseconds of it, modulo 2^32.
-
-    Raises:
-        HardwareError: the core cannot be compiled here.
-    """
-
-    def __init__(self, settings: FirmwareSettings, now: float) -> None:
-        self._library = library()
-        config = _Config(
-            profile=Profile(**profile_fields(settings.profile)),
-            limits=(Limits * 2)(*(Limits(**limits) for limits in settings.last_limits)),
-            motor_ids=(c_int32 * 2)(*settings.motor_ids),
-            **settings.config,
-        )
-        self._core = self._library.ad_core_new(ctypes.byref(config), _clock(now))
-
-    def __del__(self) -> None:
-        if getattr(self, "_core", None):
-            self._library.ad_core_free(self._core)
-
-    def feed(self, data: bytes, now: float) -> None:
-        """Takes bytes from the computer."""
-        self._library.ad_core_feed(self._core, data, len(data), _clock(now))
-
-    def receive(self, frame: CanFrame) -> None:
-        """Takes a frame from the bus."""
-        self._library.ad_core_receive(self._core, ctypes.byref(to_core(frame)))
-
-    def set_sail_word(self, word: int) -> None:
-        """Takes a reading of the sail encoder."""
-        self._library.ad_core_set_sail_word(self._core, word)
-
-    def step(self, now: float) -> None:
-        """Lets the watchdog look at the clock; call it about every millisecond."""
-        self._library.ad_core_step(self._core, _clock(now))
-
-    def frames(self) -> list[CanFrame]:
-        """Frames for the bus since the last call, oldest first."""
-        found = []
-        frame = Frame()
-        while self._library.ad_core_next_frame(self._core, ctypes.byref(frame)):
-            found.append(to_plain(frame))
-        return found
-
-    def reply(self) -> bytes:
-        """String for the computer; empty when there is none."""
-        text = ctypes.create_string_buffer(_LONGEST)
-        size = self._library.ad_core_take_reply(self._core, text, _LONGEST)
-        return text.raw[:size]
-
-    @property
-    def state(self) -> CoreState:
-        """Pulses and status as they are now."""
-        state = _State()
-        self._library.ad_core_state(self._core, ctypes.byref(state))
-        return CoreState(state.servo, state.throttle, TeensyStatus(state.status), state.rejected)
-
-
-def _clock(now: float) -> int:
-    return int(now * 1000.0) % _WRAP
-
-
-def to_core(frame: CanFrame) -> Frame:
-    """A frame as the core takes it."""
-    data = (c_uint8 * 8)(*frame.data)
-    return Frame(frame.arbitration_id, frame.extended, len(frame.data), data)
-
-
-def to_plain(frame: Frame) -> CanFrame:
-    """A frame that the core has made."""
-    return CanFrame(frame.id, bytes(frame.data[: frame.length]), bool(frame.extended))

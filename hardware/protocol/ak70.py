@@ -16,12 +16,12 @@ touches nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 
 FAULT_NAMES: Mapping[int, str] = MappingProxyType(
     {
@@ -35,17 +35,17 @@ FAULT_NAMES: Mapping[int, str] = MappingProxyType(
 )
 """Fault byte of the 8-byte reply; 0 is none. The list of public drivers of the series, equal to the
 manual's."""
-LEAST_ID = 1
+MIN_ID = 1
 """Least motor id that is allowed: 0 may be the CAN id of every reply."""
-MOST_ID = 0x3F
+MAX_ID = 0x3F
 """Largest motor id that is allowed. A reply begins with the id and a command with the upper byte of
 its position, under the same CAN id: with ids up to 0x3F an echoed command looks like a reply only
 below half of the position range, where `aerodima.hardware.devices.tail_motor` never commands, and
 0xFF begins the special frames."""
-_POSITION_STEPS = (1 << 16) - 1
-"""Largest number in the 16 bits of a position."""
-_STEPS = (1 << 12) - 1
-"""Largest number in the 12 bits of every other value."""
+_COMMAND_FIELDS = ("position", "velocity", "kp", "kd", "torque")
+"""Fields of a command, most significant bits first; those of `MitCommand` in their order."""
+_REPLY_FIELDS = ("position", "velocity", "torque")
+"""Fields of a reply behind its id, most significant bits first."""
 _RESERVED = b"\xff" * 7
 _ENTER = b"\xfc"
 _EXIT = b"\xfd"
@@ -120,7 +120,7 @@ PROFILES: Mapping[str, FirmwareProfile] = MappingProxyType(
 
 
 def firmware_profile(name: str) -> FirmwareProfile:
-    """The profile of that name.
+    """Returns the profile of that name.
 
     Raises:
         HardwareError: unknown name; lists the known ones, and refuses V3 firmware by name.
@@ -138,8 +138,7 @@ def firmware_profile(name: str) -> FirmwareProfile:
 
 @dataclass(frozen=True, slots=True)
 class MitCommand:
-    """What the motor's own loop is asked for: torque = kp (position - q) + kd (velocity - qd) +
-    torque.
+    """Command to the motor's own loop: torque = kp (position - q) + kd (velocity - qd) + torque.
 
     Attributes:
         position: rad.
@@ -184,7 +183,7 @@ class MitReply:
 
 
 def make_enter(motor_id: int) -> CanFrame:
-    """The frame that switches MIT mode on.
+    """Makes the frame that switches MIT mode on.
 
     The motor may jump to its last command: send `NEUTRAL` next.
     """
@@ -192,31 +191,24 @@ def make_enter(motor_id: int) -> CanFrame:
 
 
 def make_exit(motor_id: int) -> CanFrame:
-    """The frame that switches the motor off."""
+    """Makes the frame that switches the motor off."""
     return _special(motor_id, _EXIT)
 
 
 def make_neutral(motor_id: int, profile: FirmwareProfile) -> CanFrame:
-    """A command with zero gains and zero torque, to read the state."""
+    """Makes a command with zero gains and zero torque, to read the state."""
     return make_command(motor_id, NEUTRAL, profile)
 
 
 def make_command(motor_id: int, command: MitCommand, profile: FirmwareProfile) -> CanFrame:
-    """The frame of a command, every field rounded to the nearest step.
+    """Makes the frame of a command, every field rounded to the nearest step.
 
     Raises:
         FrameError: id not allowed; a value is NaN, infinite or beyond the profile's range; or the
             frame would begin with the seven FF of the special frames.
     """
     check_motor_id(motor_id)
-    position = _encode(
-        "position", command.position, -profile.position, profile.position, _POSITION_STEPS, "rad"
-    )
-    velocity = _encode("velocity", command.velocity, -profile.speed, profile.speed, _STEPS, "rad/s")
-    kp = _encode("kp", command.kp, 0.0, profile.kp, _STEPS, "N m/rad")
-    kd = _encode("kd", command.kd, 0.0, profile.kd, _STEPS, "N m s/rad")
-    torque = _encode("torque", command.torque, -profile.torque, profile.torque, _STEPS, "N m")
-    data = (position << 48 | velocity << 36 | kp << 24 | kd << 12 | torque).to_bytes(8, "big")
+    data = _pack(command, _COMMAND_FIELDS, profile).to_bytes(8, "big")
     if data.startswith(_RESERVED):
         raise FrameError(
             f"command {command}: at full scale it is the special frame {data.hex().upper()}"
@@ -225,24 +217,17 @@ def make_command(motor_id: int, command: MitCommand, profile: FirmwareProfile) -
 
 
 def decode_command(data: bytes, profile: FirmwareProfile) -> MitCommand:
-    """The command in 8 bytes, as the motor reads it.
+    """Decodes the command in 8 bytes, as the motor reads it.
 
     Raises `FrameError` for another length or a special frame.
     """
     if len(data) != 8 or data.startswith(_RESERVED):
         raise FrameError(f"{data.hex().upper()!r} is not a command of 8 bytes")
-    bits = int.from_bytes(data, "big")
-    return MitCommand(
-        _decode(bits >> 48, -profile.position, profile.position, _POSITION_STEPS),
-        _decode(bits >> 36 & _STEPS, -profile.speed, profile.speed, _STEPS),
-        _decode(bits >> 24 & _STEPS, 0.0, profile.kp, _STEPS),
-        _decode(bits >> 12 & _STEPS, 0.0, profile.kd, _STEPS),
-        _decode(bits & _STEPS, -profile.torque, profile.torque, _STEPS),
-    )
+    return MitCommand(*_unpack(int.from_bytes(data, "big"), _COMMAND_FIELDS, profile))
 
 
 def make_reply(reply: MitReply, profile: FirmwareProfile, arbitration_id: int = 0) -> CanFrame:
-    """The frame that a motor would answer with; for emulators.
+    """Makes the frame that a motor would answer with; for emulators.
 
     Without a fault byte it is the 6-byte form.
 
@@ -250,24 +235,16 @@ def make_reply(reply: MitReply, profile: FirmwareProfile, arbitration_id: int = 
         FrameError: a value is NaN or beyond the range of its field.
     """
     check_motor_id(reply.motor_id)
-    position = _encode(
-        "position", reply.position, -profile.position, profile.position, _POSITION_STEPS, "rad"
-    )
-    velocity = _encode("velocity", reply.velocity, -profile.speed, profile.speed, _STEPS, "rad/s")
-    torque = _encode("torque", reply.torque, -profile.torque, profile.torque, _STEPS, "N m")
-    data = (reply.motor_id << 40 | position << 24 | velocity << 12 | torque).to_bytes(6, "big")
+    data = bytes([reply.motor_id]) + _pack(reply, _REPLY_FIELDS, profile).to_bytes(5, "big")
     if reply.fault is not None:
-        warm = (
-            0.0 if reply.temperature is None else reply.temperature
-        ) + profile.temperature_offset
-        data += bytes(
-            [_encode("temperature", warm, 0.0, 255.0, 255, "degrees above the offset"), reply.fault]
-        )
+        degrees = (reply.temperature or 0.0) + profile.temperature_offset
+        warm = _encode("temperature", degrees, 0.0, 255.0, 255, "degrees above the offset")
+        data += bytes([warm, reply.fault])
     return CanFrame(arbitration_id, data)
 
 
 def decode_reply(frame: CanFrame, profile: FirmwareProfile) -> MitReply:
-    """The state in a reply.
+    """Decodes the state in a reply.
 
     Raises:
         FrameError: an extended id (V3 firmware or servo mode), a length that the profile does not
@@ -283,23 +260,21 @@ def decode_reply(frame: CanFrame, profile: FirmwareProfile) -> MitReply:
         lengths = " or ".join(map(str, profile.reply_lengths))
         raise FrameError(f"{frame}: reply of {len(data)} bytes; {profile.name} sends {lengths}")
     motor_id = data[0]
-    if not LEAST_ID <= motor_id <= MOST_ID or frame.arbitration_id not in (0, motor_id):
+    if not MIN_ID <= motor_id <= MAX_ID or frame.arbitration_id not in (0, motor_id):
         raise FrameError(
             f"{frame}: no reply: it names motor {motor_id} under the CAN id {frame.arbitration_id}"
         )
     bits = int.from_bytes(data[1:_SHORT_REPLY], "big")
-    position = _decode(bits >> 24, -profile.position, profile.position, _POSITION_STEPS)
-    velocity = _decode(bits >> 12 & _STEPS, -profile.speed, profile.speed, _STEPS)
-    torque = _decode(bits & _STEPS, -profile.torque, profile.torque, _STEPS)
+    position, velocity, torque = _unpack(bits, _REPLY_FIELDS, profile)
+    state = MitReply(motor_id, position, velocity, torque)
     if len(data) == _SHORT_REPLY:
-        return MitReply(motor_id, position, velocity, torque)
-    return MitReply(
-        motor_id, position, velocity, torque, data[6] - profile.temperature_offset, data[7]
-    )
+        return state
+    return replace(state, temperature=data[6] - profile.temperature_offset, fault=data[7])
 
 
 def unwrap(previous: float, reading: float, profile: FirmwareProfile) -> float:
-    """The turn count put back: the angle (rad) nearest to `previous` that reads as `reading`.
+    """Puts the turn count back; returns the angle (rad) nearest to `previous` that reads as
+    `reading`.
 
     Valid while the motor turns less than the profile's range, half of the wrap, between two
     replies.
@@ -309,7 +284,7 @@ def unwrap(previous: float, reading: float, profile: FirmwareProfile) -> float:
 
 
 def is_special(data: bytes) -> bool:
-    """Whether these are the bytes of an enter, exit or zero frame."""
+    """Returns whether these are the bytes of an enter, exit or zero frame."""
     return (
         len(data) == _LONG_REPLY
         and data.startswith(_RESERVED)
@@ -322,9 +297,9 @@ def check_motor_id(motor_id: int) -> None:
     if (
         isinstance(motor_id, bool)
         or not isinstance(motor_id, int)
-        or not LEAST_ID <= motor_id <= MOST_ID
+        or not MIN_ID <= motor_id <= MAX_ID
     ):
-        raise FrameError(f"motor id {motor_id!r}: allowed is {LEAST_ID} to {MOST_ID}")
+        raise FrameError(f"motor id {motor_id!r}: allowed is {MIN_ID} to {MAX_ID}")
 
 
 def _special(motor_id: int, last: bytes) -> CanFrame:
@@ -332,11 +307,41 @@ def _special(motor_id: int, last: bytes) -> CanFrame:
     return CanFrame(motor_id, _RESERVED + last)
 
 
+def _field(name: str, profile: FirmwareProfile) -> tuple[float, float, int, str]:
+    """Returns lowest and highest value of a field, its bits and its unit."""
+    if name == "position":
+        return -profile.position, profile.position, 16, "rad"
+    if name == "velocity":
+        return -profile.speed, profile.speed, 12, "rad/s"
+    if name == "torque":
+        return -profile.torque, profile.torque, 12, "N m"
+    if name == "kp":
+        return 0.0, profile.kp, 12, "N m/rad"
+    return 0.0, profile.kd, 12, "N m s/rad"
+
+
+def _pack(values: MitCommand | MitReply, names: Sequence[str], profile: FirmwareProfile) -> int:
+    """Returns the bits of fields, the first one in the most significant bits."""
+    packed = 0
+    for name in names:
+        low, high, bits, unit = _field(name, profile)
+        steps = (1 << bits) - 1
+        packed = packed << bits | _encode(name, getattr(values, name), low, high, steps, unit)
+    return packed
+
+
+def _unpack(packed: int, names: Sequence[str], profile: FirmwareProfile) -> list[float]:
+    """Returns the values of the fields in these bits, in the order of `names`."""
+    values = []
+    for name in reversed(names):
+        low, high, bits, _ = _field(name, profile)
+        steps = (1 << bits) - 1
+        values.append(low + (packed & steps) * (high - low) / steps)
+        packed >>= bits
+    return values[::-1]
+
+
 def _encode(name: str, value: float, low: float, high: float, steps: int, unit: str) -> int:
     if not low <= value <= high:  # also catches NaN
         raise FrameError(f"{name} {value!r}: allowed is {low:g} to {high:g} {unit}")
     return math.floor((value - low) * steps / (high - low) + 0.5)
-
-
-def _decode(step: int, low: float, high: float, steps: int) -> float:
-    return low + step * (high - low) / steps

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 
 STANDARD_IDS = 1 << 11
-"""How many identifiers 11 bits make (ISO 11898-1)."""
+"""Number of identifiers of 11 bits (ISO 11898-1)."""
 EXTENDED_IDS = 1 << 29
-"""How many identifiers 29 bits make (ISO 11898-1)."""
-MOST_BYTES = 8
+"""Number of identifiers of 29 bits (ISO 11898-1)."""
+MAX_BYTES = 8
 """Most data bytes of a classic frame."""
 
 
@@ -36,11 +36,15 @@ class CanFrame:
         ids = EXTENDED_IDS if self.extended else STANDARD_IDS
         if not 0 <= self.arbitration_id < ids:
             raise FrameError(f"CAN id {self.arbitration_id:#x}: allowed is 0 to {ids - 1:#x}")
-        if len(self.data) > MOST_BYTES:
+        if len(self.data) > MAX_BYTES:
             raise FrameError(
-                f"CAN frame of {len(self.data)} bytes: allowed are at most {MOST_BYTES}"
+                f"CAN frame of {len(self.data)} bytes: allowed are at most {MAX_BYTES}"
             )
 
     def __str__(self) -> str:
         digits = 8 if self.extended else 3
         return f"{self.arbitration_id:0{digits}X}#{self.data.hex().upper()}"
+
+
+TimedFrames = list[tuple[float, CanFrame]]
+"""Frames, each with its arrival, s on `time.monotonic`."""

@@ -8,7 +8,7 @@ checksum.
 From the car, 20 times per second, packed little-endian: class (4; another layout has another),
 sequence, flags (1 armed, 2 the emergency stop came, 4 and 8 what the car asks the operator for, 16
 the car has no tail), number of the car, mode last heard, fault codes of
-`aerodima.workbench.config.signal_table.STATUS_SOURCES`, eight 32-bit floats, then the worst fault
+`aerodima.workbench.scenario.signal_table.STATUS_SOURCES`, eight 32-bit floats, then the worst fault
 in words. 43 to 100 bytes, as many as the smallest modules carry.
 """
 
@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 import struct
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum
 
 from aerodima.hardware.protocol.can_frame import FrameError
@@ -24,24 +24,24 @@ from aerodima.hardware.protocol.can_frame import FrameError
 PACKED = struct.Struct("<BBffff")
 _NATIVE_BYTES = struct.calcsize("@BBffff")
 _ANGLE = math.pi
-_LEAST_NORMAL = 2.0**-126
+_MIN_NORMAL = 2.0**-126
 """Smallest normal number of 32 bits. Round values in the other byte order come out below it."""
 REPORT_CLASS = 4
 """First byte, and version of the layout: another layout has another, or a console of before would
 read wrong values."""
 FAULT_CODES = 6
-"""In a report, one per source of `aerodima.workbench.config.signal_table.STATUS_SOURCES`."""
+"""Fault codes of a report, one per source of `signal_table.STATUS_SOURCES`."""
 REPORT_PERIOD = 0.05
 """s between two reports."""
 _HEAD = struct.Struct(f"<BBBBB{FAULT_CODES}B8f")
-_MOST_BYTES = 100
+_MAX_BYTES = 100
 """Longest report with its text, bytes."""
 _ARMED = 1
 """Bit of the flags: the car is armed."""
 _STOPPED = 2
 """Bit of the flags: the car is stopped."""
-_ASKS_SHIFT = 2
-"""Place of `asks` in the flags, bits."""
+_PROMPT_SHIFT = 2
+"""Place of `prompt` in the flags, bits."""
 _NO_TAIL = 16
 """Bit of the flags: the car has no tail."""
 _NUMBERS = (
@@ -81,7 +81,7 @@ class RadioMode(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class OperatorCommand:
-    """What the operator asks for.
+    """Command of the operator.
 
     Attributes:
         mode: who drives; IDLE nobody.
@@ -113,24 +113,24 @@ RadioMessage = OperatorCommand | Heartbeat | EmergencyStop
 
 
 def make_command(command: OperatorCommand) -> bytes:
-    """18 bytes of a command. Raises `FrameError` for NaN and values out of range."""
+    """Makes the 18 bytes of a command. Raises `FrameError` for NaN and values out of range."""
     values = (command.throttle, command.steering, command.pitch_tail, command.roll_tail)
     _check(values)
     return PACKED.pack(RadioClass.COMMAND, RadioMode(command.mode), *values)
 
 
 def make_heartbeat(counter: int) -> bytes:
-    """18 bytes of a heartbeat; the counter is taken modulo 256."""
+    """Makes the 18 bytes of a heartbeat; the counter is taken modulo 256."""
     return PACKED.pack(RadioClass.HEARTBEAT, counter % 256, 0.0, 0.0, 0.0, 0.0)
 
 
 def make_emergency_stop() -> bytes:
-    """18 bytes of an emergency stop."""
+    """Makes the 18 bytes of an emergency stop."""
     return PACKED.pack(RadioClass.EMERGENCY_STOP, 0, 0.0, 0.0, 0.0, 0.0)
 
 
 def decode(data: bytes) -> RadioMessage:
-    """The message in a frame.
+    """Decodes the message in a frame.
 
     Raises:
         FrameError: another length (20 bytes are named as native alignment), an unknown class or
@@ -169,7 +169,7 @@ def _check(values: tuple[float, ...] | list[float]) -> None:
         # `not` also catches NaN; the margin is the rounding to a 32-bit float.
         if not abs(value) <= limit * (1 + 1e-6):
             raise FrameError(f"radio {name} {value!r}: allowed is -{limit:g} to {limit:g}")
-        if 0 < abs(value) < _LEAST_NORMAL:
+        if 0 < abs(value) < _MIN_NORMAL:
             raise FrameError(
                 f"radio {name} {value!r}: is the sender's byte order big-endian? allowed is "
                 "little-endian"
@@ -180,13 +180,13 @@ def _names(kind: type[IntEnum]) -> str:
     return ", ".join(f"{item.value} ({item.name.lower()})" for item in kind)
 
 
-class Asks(IntEnum):
-    """What an armed car wants of its operator before it drives."""
+class OperatorPrompt(IntEnum):
+    """Prompt of an armed car to its operator before it drives."""
 
-    NOTHING = 0
-    REST = 1
+    NONE = 0
+    RETURN_TO_IDLE = 1
     """The switch stands on AUTO, MANUAL or CONTROL from before: it must be seen in IDLE first."""
-    CHOICE = 2
+    SELECT_MODE = 2
     """It was seen in IDLE; AUTO, MANUAL and CONTROL are obeyed from now on."""
 
 
@@ -206,7 +206,7 @@ class CarReport:
         speed: m/s.
         operator_age: s since the operator was heard alive, infinite before.
         text: the worst fault in words, cut to what the frame holds.
-        asks: what the operator must do before the car drives.
+        prompt: what the operator must do before the car drives.
         car: number of the car among those that share a radio channel, 0 to 255.
         has_tail: the car has tail motors; without them their faults, angles and torques say
             nothing.
@@ -225,50 +225,56 @@ class CarReport:
     speed: float = 0.0
     operator_age: float = math.inf
     text: str = ""
-    asks: Asks = Asks.NOTHING
+    prompt: OperatorPrompt = OperatorPrompt.NONE
     has_tail: bool = True
     car: int = 0
 
 
 def make_report(report: CarReport, sequence: int = 0) -> bytes:
-    """The bytes of a report; the sequence is taken modulo 256."""
-    flags = _ARMED * report.armed | _STOPPED * report.stopped | report.asks << _ASKS_SHIFT
+    """Makes the bytes of a report; the sequence is taken modulo 256."""
+    flags = _ARMED * report.armed | _STOPPED * report.stopped | report.prompt << _PROMPT_SHIFT
     flags |= _NO_TAIL * (not report.has_tail)
     numbers = (getattr(report, name) for name in _NUMBERS)
     head = _HEAD.pack(
         REPORT_CLASS, sequence % 256, flags, report.car, report.mode, *report.faults, *numbers
     )
-    return head + report.text.encode()[: _MOST_BYTES - _HEAD.size]
+    return head + report.text.encode()[: _MAX_BYTES - _HEAD.size]
 
 
 def decode_report(data: bytes) -> CarReport:
-    """The report in a frame.
+    """Decodes the report in a frame.
 
     Raises:
         FrameError: another class or length, an unknown mode or flag, or NaN.
     """
-    if not _HEAD.size <= len(data) <= _MOST_BYTES:
+    if not _HEAD.size <= len(data) <= _MAX_BYTES:
         raise FrameError(
-            f"car report of {len(data)} bytes; allowed are {_HEAD.size} to {_MOST_BYTES}"
+            f"car report of {len(data)} bytes; allowed are {_HEAD.size} to {_MAX_BYTES}"
         )
     report_class, _, flags, car, mode, *rest = _HEAD.unpack_from(data)
     if report_class != REPORT_CLASS:
         raise FrameError(f"car report of class {report_class}; allowed is {REPORT_CLASS}")
     if mode not in tuple(RadioMode):
         raise FrameError(f"car report: mode {mode}; allowed: {_names(RadioMode)}")
-    asks = (flags & ~_NO_TAIL) >> _ASKS_SHIFT
-    if asks not in tuple(Asks):
-        most = (max(Asks) + 1) << _ASKS_SHIFT
+    prompt = (flags & ~_NO_TAIL) >> _PROMPT_SHIFT
+    if prompt not in tuple(OperatorPrompt):
+        limit = (max(OperatorPrompt) + 1) << _PROMPT_SHIFT
         raise FrameError(
-            f"car report: flags {flags}; allowed is less than {most}, and {_NO_TAIL} more without "
+            f"car report: flags {flags}; allowed is less than {limit}, and {_NO_TAIL} more without "
             "a tail"
         )
     faults = rest[:FAULT_CODES]
     numbers = rest[FAULT_CODES:]
     if any(math.isnan(number) for number in numbers):
         raise FrameError(f"car report with NaN: {numbers}")
-    report = CarReport(
-        bool(flags & _ARMED), bool(flags & _STOPPED), RadioMode(mode), tuple(faults), *numbers
+    return CarReport(
+        bool(flags & _ARMED),
+        bool(flags & _STOPPED),
+        RadioMode(mode),
+        tuple(faults),
+        **dict(zip(_NUMBERS, numbers, strict=True)),
+        text=data[_HEAD.size :].decode(errors="ignore"),
+        prompt=OperatorPrompt(prompt),
+        has_tail=not flags & _NO_TAIL,
+        car=car,
     )
-    text = data[_HEAD.size :].decode(errors="ignore")
-    return replace(report, text=text, asks=Asks(asks), has_tail=not flags & _NO_TAIL, car=car)

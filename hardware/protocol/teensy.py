@@ -1,5 +1,5 @@
-"""Strings between the computer and the Teensy: those of thesis 5.4.5, with a checksum, a clock and
-states added.
+"""Text frames between the computer and the Teensy: those of thesis 5.4.5, with a checksum, a clock
+and states added.
 
 Printed command: `CAN MSG 1 ; CAN MSG 2 ; SERVO CMD ; THROTTLE CMD |`, each CAN message `ID ; STATE
 ; POS ; VEL ; KP ; KD ; TOR |` standing in it as printed, so that a command has three `|`.
@@ -8,8 +8,8 @@ Printed reply: `ID 1 ; POS 1 ; VEL 1 ; CUR 1 ; ID 2 ; POS 2 ; VEL 2 ; CUR 2 ; EN
 These carry no checksum, no time, no fault and no sign that a motor has fallen silent. So the
 command goes on with the car's attitude, `;ROLL;PITCH;AGE` behind the throttle; the reply with, per
 motor, a counter of CAN replies, temperature and fault, then the Teensy's clock and its status; and
-before the last `|` of either stands `;*HH`, a CRC-8 over everything since the start of the string.
-The firmware reads commands and writes replies (`src/strings.cpp`).
+before the last `|` of either stands `;*HH`, a CRC-8 over everything since the start of the text
+frame. The firmware reads commands and writes replies (`src/strings.cpp`).
 
 The attitude is sent since the IMU hangs on the computer: with it the Teensy stops a car that lies
 on its side although a drive goes on commanding. A chip of its own would have to be wired,
@@ -22,6 +22,7 @@ torque field of the motor's frame), pulses in us, sail angle in degrees, clock i
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -33,8 +34,10 @@ SERVO_PULSES = (950, 1500, 2050)
 """Least, idle and most pulse of the steering servo, us (thesis 5.4.5)."""
 THROTTLE_PULSES = (1100, 1500, 1900)
 """Least, idle and most pulse of the speed controller, us (thesis 5.4.5)."""
-_MOST_DIGITS = 12
+_MAX_DIGITS = 12
 """Most characters of a number."""
+_DECIMAL = re.compile(r"[-+]?[0-9]+(\.[0-9]*)?")
+_WHOLE = re.compile(r"-?[0-9]+")
 _REPLY_FIELDS = 17
 """Fields of a reply."""
 _UNKNOWN_AGE = 65535
@@ -70,29 +73,31 @@ class MotorRequest(IntEnum):
 class TeensyStatus(IntEnum):
     """Status of a reply: why the Teensy has switched everything off.
 
-    WATCHDOG_ACTED: no string that can be obeyed, or a restart. ATTITUDE: the car lies on its side,
-    or its attitude is not known while it is to drive. BEATS_STOPPED: no heartbeat on the bus while
-    the motors are armed.
+    WATCHDOG_ACTED: no text frame that can be obeyed, or a restart. ATTITUDE: the car lies on its
+        side,
+    or its attitude is not known while it is to drive. HEARTBEAT_STOPPED: no heartbeat on the bus
+    while the motors are armed.
     """
 
     RUNNING = 0
     WATCHDOG_ACTED = 1
     ATTITUDE = 2
-    BEATS_STOPPED = 3
+    HEARTBEAT_STOPPED = 3
 
 
 SWITCHED_OFF = {
     TeensyStatus.WATCHDOG_ACTED: "the watchdog of the Teensy has acted",
     TeensyStatus.ATTITUDE: "the Teensy has stopped the car: it lies on its side, or its attitude "
     "is not known",
-    TeensyStatus.BEATS_STOPPED: "the Teensy has switched the motors off: no heartbeat on the bus",
+    TeensyStatus.HEARTBEAT_STOPPED: "the Teensy has switched the motors off: no heartbeat on the "
+    "bus",
 }
-"""What the Teensy has done and why, in words, by its status."""
+"""Action of the Teensy and its reason in words, by its status."""
 
 
 @dataclass(frozen=True, slots=True)
 class MotorOrder:
-    """One CAN message of the command string.
+    """One CAN message of the command text frame.
 
     Attributes:
         motor_id: whom it is for.
@@ -107,7 +112,7 @@ class MotorOrder:
 
 @dataclass(frozen=True, slots=True)
 class Attitude:
-    """How the car stands. roll, pitch: rad. age: of the sample, ms; a larger one than the field
+    """Attitude of the car. roll, pitch: rad. age: of the sample, ms; a larger one than the field
     holds is cut.
     """
 
@@ -166,7 +171,7 @@ class TeensyReply:
 
 
 def make_command(command: TeensyCommand) -> bytes:
-    """The command string, with its last `|`.
+    """Makes the text frame of a command, with its last `|`.
 
     Raises:
         FrameError: NaN or infinity, a motor id that is not allowed or used twice, or a pulse out of
@@ -176,16 +181,13 @@ def make_command(command: TeensyCommand) -> bytes:
     _check_pulse("servo", command.servo, SERVO_PULSES)
     _check_pulse("throttle", command.throttle, THROTTLE_PULSES)
     orders = "|;".join(_write_order(order) for order in command.motors)
-    data = (
-        f"{orders}|;{command.servo};{command.throttle}{_write_attitude(command.attitude)}".encode(
-            "ascii"
-        )
-    )
+    attitude = _write_attitude(command.attitude)
+    data = f"{orders}|;{command.servo};{command.throttle}{attitude}".encode("ascii")
     return data + f";*{crc8(data):02X}".encode("ascii") + END
 
 
 def decode_reply(text: bytes) -> TeensyReply:
-    """The reply in one whole string. Raises `FrameError` for anything else."""
+    """Decodes the reply in one whole text frame. Raises `FrameError` for anything else."""
     fields = _open(text)
     if len(fields) != _REPLY_FIELDS:
         raise FrameError(
@@ -199,7 +201,9 @@ def decode_reply(text: bytes) -> TeensyReply:
 
 
 def crc8(data: bytes) -> int:
-    """CRC-8, polynomial x^8 + x^2 + x + 1, from 0: finds every burst of errors of up to 8 bits."""
+    """Returns the CRC-8, polynomial x^8 + x^2 + x + 1, from 0: finds every burst of errors of up to
+    8 bits.
+    """
     value = 0
     for byte in data:
         value = _CRC_TABLE[value ^ byte]
@@ -236,24 +240,24 @@ def _write_attitude(attitude: Attitude | None) -> str:
     if attitude is None:
         return f";0.0000;0.0000;{_UNKNOWN_AGE}"
     for name, angle in (("roll", attitude.roll), ("pitch", attitude.pitch)):
-        least, most, _ = NUMBERS[name]
-        if not least <= angle <= most:
-            raise FrameError(f"Teensy {name} {angle!r}: allowed is {least:g} to {most:g} rad")
+        lowest, highest, _ = NUMBERS[name]
+        if not lowest <= angle <= highest:
+            raise FrameError(f"Teensy {name} {angle!r}: allowed is {lowest:g} to {highest:g} rad")
     age = min(max(attitude.age, 0), _UNKNOWN_AGE - 1)
     return f";{_number('roll', attitude.roll)};{_number('pitch', attitude.pitch)};{age}"
 
 
 def _open(text: bytes) -> list[str]:
-    """The fields of a string without its end and its checksum, which must be right."""
+    """Returns the fields of a text frame without its end and its checksum, which must be right."""
     if not text.endswith(END):
-        raise FrameError(f"Teensy string {text!r}: does not end with '|'")
+        raise FrameError(f"Teensy text frame {text!r}: does not end with '|'")
     content, separator, check = text[:-1].strip(b" \r\n").rpartition(b";*")
     if not separator or len(check) != 2 or f"{crc8(content):02X}".encode() != check:
-        raise FrameError(f"Teensy string {text!r}: checksum is wrong or missing")
+        raise FrameError(f"Teensy text frame {text!r}: checksum is wrong or missing")
     try:
         return [field.strip(" ") for field in content.decode("ascii").split(";")]
     except UnicodeDecodeError:
-        raise FrameError(f"Teensy string {text!r}: holds bytes that are not ASCII") from None
+        raise FrameError(f"Teensy text frame {text!r}: holds bytes that are not ASCII") from None
 
 
 def _read_report(fields: list[str], extra: list[str]) -> MotorReport:
@@ -263,32 +267,20 @@ def _read_report(fields: list[str], extra: list[str]) -> MotorReport:
 
 
 def _read_number(name: str, field: str) -> float:
-    least, most, _ = NUMBERS[name]
-    if field[:1] in ("-", "+"):
-        digits = field[1:]
-    else:
-        digits = field
-    whole, _, decimals = digits.partition(".")
-    if (
-        not whole.isdigit()
-        or not (decimals == "" or decimals.isdigit())
-        or len(field) > _MOST_DIGITS
-    ):
+    lowest, highest, _ = NUMBERS[name]
+    if not _DECIMAL.fullmatch(field) or len(field) > _MAX_DIGITS:
         raise FrameError(f"Teensy {name} {field!r}: is not a decimal number")
-    if not least <= float(field) <= most:
-        raise FrameError(f"Teensy {name} {field}: allowed is {least:g} to {most:g}")
+    if not lowest <= float(field) <= highest:
+        raise FrameError(f"Teensy {name} {field}: allowed is {lowest:g} to {highest:g}")
     return float(field)
 
 
 def _read_integer(name: str, field: str) -> int:
-    least, most = _INTEGERS[name]
-    if field[:1] == "-":
-        digits = field[1:]
-    else:
-        digits = field
-    if not digits.isdigit() or len(field) > _MOST_DIGITS or not least <= int(field) <= most:
+    lowest, highest = _INTEGERS[name]
+    whole = _WHOLE.fullmatch(field) and len(field) <= _MAX_DIGITS
+    if not whole or not lowest <= int(field) <= highest:
         raise FrameError(
-            f"Teensy {name} {field!r}: allowed is a whole number from {least} to {most}"
+            f"Teensy {name} {field!r}: allowed is a whole number from {lowest} to {highest}"
         )
     return int(field)
 

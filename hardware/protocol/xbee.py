@@ -23,7 +23,7 @@ _RECEIVED_HEAD = 12
 """Bytes before the data that arrived."""
 _TRANSMIT_HEAD = 14
 """Bytes before the data to send."""
-_LONGEST = 128
+_MAX_CONTENT = 128
 """Longest content of a frame, bytes."""
 _UNKNOWN_NETWORK_ADDRESS = b"\xff\xfe"
 BROADCAST = 0xFFFF
@@ -44,7 +44,8 @@ class ReceivedPacket:
 
 
 def make_transmit(data: bytes, receiver: int) -> bytes:
-    """The frame that sends data to the module with the serial number `receiver`, without an answer.
+    """Makes the frame that sends data to the module with the serial number `receiver`, without an
+    answer.
 
     Raises:
         FrameError: more data than a frame carries, or no 64-bit number.
@@ -62,15 +63,10 @@ def make_transmit(data: bytes, receiver: int) -> bytes:
 
 
 def make_received(packet: ReceivedPacket) -> bytes:
-    """The frame that a module hands over for data that arrived; for emulators."""
-    content = (
-        bytes([_RECEIVED])
-        + packet.sender.to_bytes(8, "big")
-        + _UNKNOWN_NETWORK_ADDRESS
-        + b"\x01"
-        + packet.data
-    )
-    return _frame(content)
+    """Makes the frame that a module hands over for data that arrived; for emulators."""
+    sender = packet.sender.to_bytes(8, "big")
+    head = bytes([_RECEIVED]) + sender + _UNKNOWN_NETWORK_ADDRESS
+    return _frame(head + b"\x01" + packet.data)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +93,7 @@ class ApiStream:
         self.rejected = 0
 
     def feed(self, data: bytes) -> list[ReceivedPacket]:
-        """The packets that became complete with these bytes, oldest first."""
+        """Adds bytes; returns the packets that became complete, oldest first."""
         return [
             ReceivedPacket(int.from_bytes(content[1:9], "big"), content[_RECEIVED_HEAD:])
             for content in self._contents(data)
@@ -105,7 +101,7 @@ class ApiStream:
         ]
 
     def feed_transmits(self, data: bytes) -> list[SentPacket]:
-        """The same for what a computer hands to its module; for emulators."""
+        """Adds bytes that a computer hands to its module, for emulators; returns the packets."""
         return [
             SentPacket(int.from_bytes(content[2:10], "big"), content[_TRANSMIT_HEAD:])
             for content in self._contents(data)
@@ -130,13 +126,13 @@ class ApiStream:
         return contents
 
     def _content(self) -> tuple[bytes | None, int]:
-        """Content of the frame at the beginning (None if it is none) and its bytes; 0 bytes: not
-        yet complete.
+        """Returns the content of the frame at the beginning (None if it is none) and its bytes; 0
+        bytes: not yet complete.
         """
         if len(self._open) < 3:
             return None, 0
         length = int.from_bytes(self._open[1:3], "big")
-        if not 0 < length <= _LONGEST:
+        if not 0 < length <= _MAX_CONTENT:
             return None, 1
         if len(self._open) < length + 4:
             return None, 0
@@ -147,7 +143,7 @@ class ApiStream:
 
 
 def _frame(content: bytes) -> bytes:
-    if len(content) > _LONGEST:
-        raise FrameError(f"XBee frame of {len(content)} bytes; allowed are {_LONGEST}")
+    if len(content) > _MAX_CONTENT:
+        raise FrameError(f"XBee frame of {len(content)} bytes; allowed are {_MAX_CONTENT}")
     body = len(content).to_bytes(2, "big") + content + bytes([0xFF - sum(content) % 256])
     return bytes([START]) + body

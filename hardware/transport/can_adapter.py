@@ -18,8 +18,8 @@ from typing import Any, BinaryIO, cast
 from pydantic import Field
 
 from aerodima.hardware.transport.serial_link import reason_of
-from aerodima.workbench.config.checked_files import StrictModel
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.yaml_files import StrictModel
 
 try:
     import can as can
@@ -36,12 +36,12 @@ _READ_TIMEOUT = 0.02
 """s; a read returns with the first byte."""
 _LINE = re.compile(rb"[^\r\a]*[\r\a]")
 """A line of slcan."""
-_LONGEST = 64
+_MAX_LINE = 64
 """Most bytes that are kept without the end of their line: a frame takes 27."""
 _CONTAINER_BYTES = 2048
 """A block goes to the disk when it holds that much: about 20 frames, a tenth of a second of two
 motors at 100 Hz."""
-_MOST_WAITING = 10_000
+_MAX_WAITING = 10_000
 """Most messages that wait for the disk."""
 
 
@@ -109,9 +109,9 @@ class _Slcan(slcanBus):
         while not (found := _LINE.match(self._buffer)):
             if late:
                 return None
-            if len(self._buffer) > _LONGEST:
+            if len(self._buffer) > _MAX_LINE:
                 self._buffer.clear()
-                raise ValueError(f"more than {_LONGEST} bytes without an end of line")
+                raise ValueError(f"more than {_MAX_LINE} bytes without an end of line")
             with error_check("Could not read from serial device"):
                 self._buffer += port.read(max(1, port.in_waiting))
             late = time.monotonic() > end
@@ -121,7 +121,9 @@ class _Slcan(slcanBus):
 
 
 def _reach(settings: CanSettings) -> None:
-    """One attempt with a time limit: python-can would retry for ten seconds at full CPU load."""
+    """Makes one attempt to connect with a time limit: python-can would retry for ten seconds at
+    full CPU load.
+    """
     host = settings.options.get("host")
     port = settings.options.get("port")
     if not isinstance(host, str) or not isinstance(port, int):
@@ -147,13 +149,13 @@ class TrafficLog:
         self._file = file
         self.error = ""
         self.lost = 0
-        self._waiting: queue.Queue[can.Message | None] = queue.Queue(_MOST_WAITING)
+        self._waiting: queue.Queue[can.Message | None] = queue.Queue(_MAX_WAITING)
         self._thread = threading.Thread(target=self._write, name="can-traffic-log", daemon=True)
         self._thread.start()
 
     @classmethod
     def create(cls, path: Path) -> TrafficLog:
-        """A log in a new file, `.blf`.
+        """Opens a log in a new file, `.blf`.
 
         Raises `HardwareError` if it exists already or cannot be made.
         """

@@ -15,9 +15,9 @@ from collections.abc import Collection
 from enum import IntEnum
 from pathlib import Path
 
-from aerodima.hardware.protocol.can_frame import MOST_BYTES, CanFrame
+from aerodima.hardware.protocol.can_frame import MAX_BYTES, CanFrame, TimedFrames
 from aerodima.hardware.transport.can_adapter import CanSettings, TrafficLog, can, open_bus
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 
 _RECEIVE_TIMEOUT = 0.05
 """Longest wait of one read from the driver, s."""
@@ -33,7 +33,7 @@ _SEND_RETRY = 0.001
 _SEND_BLOCKED = 0.05
 """The driver takes no frame for that long: its buffer is full (ENOBUFS) since nobody acknowledges
 on the bus, s."""
-_MOST_GARBAGE = 200
+_MAX_GARBAGE = 200
 """Lines in a row that are no frame."""
 _ECHO_TIME = 0.05
 """A frame that equals one sent within this time is its echo, s."""
@@ -50,12 +50,12 @@ _GONE = (
 )
 _STALE_AFTER = 0.05
 """A command that has waited that long is not sent any more, s: five cycles of the loop."""
-_MOST_URGENT = 256
+_MAX_URGENT = 256
 """Most urgent frames that wait."""
 
 
 class BusFault(IntEnum):
-    """Why the bus cannot be trusted."""
+    """Reason why the bus cannot be trusted."""
 
     NONE = 0
     BUS_OFF = 1
@@ -78,7 +78,7 @@ class Outbox:
 
     def __init__(self) -> None:
         self._condition = threading.Condition()
-        self._urgent: deque[CanFrame] = deque(maxlen=_MOST_URGENT)
+        self._urgent: deque[CanFrame] = deque(maxlen=_MAX_URGENT)
         self._waiting: dict[tuple[int, bool], tuple[float, CanFrame]] = {}
         self._in_hand: tuple[float, CanFrame] | None = None
         self._taken = 0.0
@@ -124,15 +124,15 @@ class Outbox:
                 self._condition.wait()
 
     def done(self) -> None:
-        """The frame in hand was sent."""
+        """Notes that the frame in hand was sent."""
         with self._condition:
             self._in_hand = None
             if not self._urgent and not self._waiting:
                 self._condition.notify_all()
 
     def put_back(self, frame: CanFrame, may_have_left: bool = False) -> None:
-        """The frame in hand could not be sent: it goes first again, unless a newer one or an exit
-        came, or it is old.
+        """Puts back the frame in hand, which could not be sent: it goes first again, unless a newer
+        one or an exit came, or it is old.
 
         A command that may have left all the same is not sent twice, for the motor would answer
         twice.
@@ -161,7 +161,7 @@ class Outbox:
                 self._waiting = {key: (since, frame), **self._waiting}
 
     def age_in_hand(self) -> float:
-        """How long the sending thread holds its frame, s; 0 when it holds none."""
+        """Returns how long the sending thread holds its frame, s; 0 when it holds none."""
         with self._condition:
             if self._in_hand is None:
                 return 0.0
@@ -178,7 +178,7 @@ class Outbox:
             )
 
     def close(self) -> None:
-        """No more frames; `next` returns None."""
+        """Closes the box: no more frames; `next` returns None."""
         with self._condition:
             self._closed = True
             self._condition.notify_all()
@@ -256,7 +256,7 @@ class CanBus:
 
     @property
     def log_error(self) -> str:
-        """What stopped the traffic log, empty while it works."""
+        """Error that stopped the traffic log, empty while it works."""
         return "" if self._log is None else self._log.error
 
     def send(self, frame: CanFrame, urgent: bool = False) -> bool:
@@ -275,8 +275,10 @@ class CanBus:
         self._outbox.put(frame, urgent)
         return True
 
-    def poll(self) -> list[tuple[float, CanFrame]]:
-        """Frames that came in since the last call, oldest first, each with its `time.monotonic`."""
+    def poll(self) -> TimedFrames:
+        """Returns frames that came in since the last call, oldest first, each with its
+        `time.monotonic`.
+        """
         self._check_threads()
         return [self._inbox.popleft() for _ in range(len(self._inbox))]
 
@@ -352,7 +354,7 @@ class CanBus:
             self._log.add(message)
         if message.is_error_frame:
             self._take_error(message)
-        elif message.is_remote_frame or message.is_fd or len(message.data) > MOST_BYTES:
+        elif message.is_remote_frame or message.is_fd or len(message.data) > MAX_BYTES:
             self.garbage += 1
         else:
             self._take(now, message)
@@ -360,7 +362,7 @@ class CanBus:
     def _drop_garbage(self, error: Exception) -> None:
         """Goes on after a line of slcan that is no frame, or no text; raises everything else."""
         causes = (error, error.__cause__)
-        if self._garbage_in_a_row > _MOST_GARBAGE or not any(
+        if self._garbage_in_a_row > _MAX_GARBAGE or not any(
             isinstance(e, ValueError | IndexError) for e in causes
         ):
             raise error
@@ -427,8 +429,8 @@ class CanBus:
 
 
 def _may_have_left(error: BaseException | None) -> bool:
-    """Whether a frame may be on the bus although sending it failed: pyserial times out after a
-    whole write too.
+    """Returns whether a frame may be on the bus although sending it failed: pyserial times out
+    after a whole write too.
     """
     while error is not None:
         if type(error).__name__ == "SerialTimeoutException":
@@ -438,7 +440,7 @@ def _may_have_left(error: BaseException | None) -> bool:
 
 
 def _fault_of(error: BaseException, otherwise: BusFault) -> BusFault:
-    """`ADAPTER_LOST` if the cause, somewhere in the chain, is that the device has gone."""
+    """Returns `ADAPTER_LOST` if the cause, somewhere in the chain, is that the device has gone."""
     cause: BaseException | None = error
     while cause is not None:
         number = getattr(cause, "errno", None) or getattr(cause, "error_code", None)

@@ -21,28 +21,29 @@ from pathlib import Path
 from typing import Any
 
 from aerodima.hardware.transport.can_adapter import CanSettings
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 
 _FOLDERS = ("/run/lock", "/var/lock", tempfile.gettempdir())
 _UNKNOWN_WAIT = 1.0
 """s; for a holder that has not said yet who it is."""
-_LOOK = 0.02
+_POLL_PERIOD = 0.02
 """Time between two looks at a lock, s."""
 
 
 def can_address(settings: CanSettings) -> str:
-    """What the adapter of these settings is locked by: its device, or interface and address."""
+    """Returns what the adapter of these settings is locked by: its device, or interface and
+    address.
+    """
     if settings.interface == "slcan":
         return settings.channel.partition("@")[0]
     host = settings.options.get("host")
     if host is not None:
         with contextlib.suppress(OSError):
             host = socket.gethostbyname(str(host))
+    address = settings.channel
     if host is not None:
-        place = f"{host}:{settings.options.get('port', '')}:"
-    else:
-        place = ""
-    return f"{settings.interface}:{place}{settings.channel}"
+        address = f"{host}:{settings.options.get('port', '')}:{address}"
+    return f"{settings.interface}:{address}"
 
 
 def lock_devices(devices: Iterable[str], holder: str) -> contextlib.ExitStack:
@@ -78,13 +79,14 @@ def lock_devices(devices: Iterable[str], holder: str) -> contextlib.ExitStack:
 
 
 def _names(device: str) -> set[str]:
-    """What a device is known by.
+    """Returns what a device is known by.
 
     A pseudo-terminal's number is soon given to another one: only its name counts.
     """
     if not device.startswith(("/", ".")) and not os.path.exists(device):
         return {device}
-    named = os.path.join(os.path.realpath(os.path.dirname(device)), os.path.basename(device))
+    folder = os.path.realpath(os.path.dirname(device))
+    named = os.path.join(folder, os.path.basename(device))
     real = os.path.realpath(device)
     if real.startswith("/dev/pts/"):
         return {named}
@@ -97,14 +99,13 @@ def _lock_file(name: str) -> Path:
     with contextlib.suppress(FileExistsError):
         folder.mkdir()
         folder.chmod(0o1777)  # for every user of this computer
-    return (
-        folder / f"{os.path.basename(name)[-40:]}.{hashlib.sha256(name.encode()).hexdigest()[:12]}"
-    )
+    digest = hashlib.sha256(name.encode()).hexdigest()
+    return folder / f"{os.path.basename(name)[-40:]}.{digest[:12]}"
 
 
 def _open(path: Path) -> int:
-    """Without O_CREAT first: the kernel refuses it for files of others in a folder that all may
-    write to.
+    """Opens a lock file, without O_CREAT first: the kernel refuses it for files of others in a
+    folder that all may write to.
     """
     while True:
         try:
@@ -128,7 +129,7 @@ def _take(path: Path, device: str) -> int:
         if _lives(note.get("pid")) or time.monotonic() - begin > _UNKNOWN_WAIT:
             os.close(file)
             raise HardwareError(f"{device}: is in use by {_in_words(note)}; nothing was opened")
-        time.sleep(_LOOK)
+        time.sleep(_POLL_PERIOD)
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -148,7 +149,7 @@ def _in_words(note: dict[str, Any]) -> str:
 
 
 def _lives(process_id: object) -> bool:
-    """Whether there is such a process that is more than a remainder."""
+    """Returns whether there is such a process that is more than a remainder."""
     if not isinstance(process_id, int):
         return False
     try:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 from pydantic import Field
 
-from aerodima.workbench.config.checked_files import StrictModel
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.yaml_files import StrictModel
 
 if TYPE_CHECKING:
     from serial import Serial
@@ -28,7 +28,7 @@ _RECONNECT = 0.25
 """Wait between two attempts to open the port again, s."""
 _THREAD_SILENT = 0.5
 """A reading thread that has not come round for that long is taken for dead, s."""
-_MOST_CHUNKS = 4096
+_MAX_CHUNKS = 4096
 """Most pieces of received data that wait to be taken."""
 
 
@@ -74,7 +74,8 @@ def open_serial(settings: SerialSettings, timeout: float = _READ_TIMEOUT) -> Ser
 class SerialLink:
     """Bytes in and out of one serial device.
 
-    What is written replaces what still waits: each string of the Teensy carries everything, and an
+    What is written replaces what still waits: each text frame of the Teensy carries everything, and
+        an
     old one must not be sent after a newer one was made. The device is opened again when it was
     lost; nobody is told to go on by that.
 
@@ -86,7 +87,7 @@ class SerialLink:
         connected: whether the device is open.
         error: why it is not, or was not last time; empty before the first loss.
         losses: how often it was lost.
-        written, replaced: strings.
+        written, replaced: text frames.
     """
 
     def __init__(self, open_port: Callable[[], Serial]) -> None:
@@ -97,7 +98,7 @@ class SerialLink:
         self.losses = 0
         self.written = 0
         self.replaced = 0
-        self._inbox: deque[tuple[float, bytes]] = deque(maxlen=_MOST_CHUNKS)
+        self._inbox: deque[tuple[float, bytes]] = deque(maxlen=_MAX_CHUNKS)
         self._waiting: bytes | None = None
         self._condition = threading.Condition()
         self._closing = threading.Event()
@@ -111,12 +112,14 @@ class SerialLink:
 
     @classmethod
     def open(cls, settings: SerialSettings) -> SerialLink:
-        """A link to the device of these settings. Raises `HardwareError` as `open_serial` does."""
+        """Opens a link to the device of these settings. Raises `HardwareError` as `open_serial`
+        does.
+        """
         return cls(lambda: open_serial(settings))
 
     @property
     def fault(self) -> str:
-        """Why bytes do not go through now, in words; empty while they do."""
+        """Reason why bytes do not go through now, in words; empty while they do."""
         dead = next((thread.name for thread in self._threads if not thread.is_alive()), "")
         if dead and not self._closing.is_set():
             return f"its thread {dead} has died; start the program again"
@@ -134,8 +137,8 @@ class SerialLink:
             self._condition.notify_all()
 
     def poll(self) -> list[tuple[float, bytes]]:
-        """Bytes that came since the last call, in the pieces in which they came, each with its
-        `time.monotonic`.
+        """Returns bytes that came since the last call, in the pieces in which they came, each with
+        its `time.monotonic`.
         """
         return [self._inbox.popleft() for _ in range(len(self._inbox))]
 
@@ -231,7 +234,9 @@ class SerialLink:
 
 
 def reason_of(error: BaseException) -> str:
-    """What went wrong with a device and what to do, from the first system error in the chain."""
+    """Returns what went wrong with a device and what to do, from the first system error in the
+    chain.
+    """
     root: BaseException | None = error
     while root is not None and getattr(root, "errno", None) is None:
         root = root.__cause__ or root.__context__
@@ -248,6 +253,8 @@ def reason_of(error: BaseException) -> str:
 
 
 def _is_no_terminal(error: BaseException) -> bool:
-    """pyserial raises without a number what `termios` says of a file that is no terminal."""
+    """Returns whether pyserial, without an error number, says what `termios` says of a file that is
+    no terminal.
+    """
     causes = (error.__cause__, error.__context__)
     return any(cause is not None and cause.args[:1] == (errno.ENOTTY,) for cause in causes)

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from aerodima import optimisation, workbench
-from aerodima.workbench.atomic_write import make_folder
 from aerodima.workbench.cli import options as cli
-from aerodima.workbench.errors import FitError, UserError
+from aerodima.workbench.core.atomic_write import make_folder
+from aerodima.workbench.core.errors import FitError, UserError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from aerodima.optimisation.identify.fit_pipeline import FitResult
-    from aerodima.optimisation.identify.log_rig import FitOptions
+    from aerodima.optimisation.identify.fit_options import FitOptions
+    from aerodima.optimisation.identify.fit_result import FitResult
 
     Extra = tuple[dict[str, pd.DataFrame], list[str]]
     """Tables by name, and a line for each that is left out."""
@@ -31,9 +31,7 @@ _MOST_SHOWN = 20
 
 @dataclass(frozen=True)
 class LogFit:
-    """Which logs are fitted, on which rig they were made, what of it is an unknown, and where the
-    results go.
-    """
+    """Options of a fit of logs: logs, rig, unknowns, and the folder of the results."""
 
     logs: Annotated[list[Path], typer.Argument(help="Logs (Parquet).")]
     out: Out
@@ -63,16 +61,13 @@ class LogFit:
     ] = None
 
     def options(self, *kinds: str) -> FitOptions:
-        """The choices for logs of some kinds; what is wrong with them is refused here, once and not
-        for every log.
+        """Returns the choices for logs of some kinds; what is wrong with them is refused here, once
+        and not for every log.
         """
-        from aerodima.optimisation.identify.least_squares import LOSSES
-        from aerodima.optimisation.identify.log_rig import (
-            KNOWLEDGE,
-            constant_names,
-            named_rig,
-            require_constants,
-        )
+        from aerodima.optimisation.identify.fit_options import KNOWLEDGE
+        from aerodima.optimisation.identify.huber import LOSSES
+        from aerodima.optimisation.identify.log_rig import named_rig
+        from aerodima.optimisation.identify.rig_constants import constant_names, require_constants
 
         names = tuple(dict.fromkeys(name.strip() for name in self.free.split(",") if name.strip()))
         require_constants(
@@ -106,7 +101,7 @@ class LogFit:
         """
         from aerodima.optimisation.identify.fit_batch import fit_logs
         from aerodima.optimisation.identify.fit_report import write_report
-        from aerodima.workbench.batch.row_store import terminal
+        from aerodima.workbench.batch.row_store import terminal_progress
 
         settings = {"fit": title, **more, **asdict(options)}
         work = partial(work, options=options, **more)
@@ -117,7 +112,7 @@ class LogFit:
             settings=settings,
             workers=self.workers,
             force=self.force,
-            progress=terminal(),
+            progress=terminal_progress(),
         )
         results = fitted.results
         failed = fitted.failed
@@ -146,7 +141,7 @@ class LogFit:
 
 
 def show(results: list[FitResult]) -> None:
-    """The first results, with their warnings."""
+    """Prints the first results, with their warnings."""
     for result in results[:_MOST_SHOWN]:
         values = ", ".join(
             f"{e.name} {optimisation.format_estimate(e, unit=True)}" for e in result.free
@@ -162,14 +157,16 @@ def show(results: list[FitResult]) -> None:
 
 
 def averages(results: list[FitResult], out: Path) -> Extra:
-    """All averages of every parameter over the logs."""
+    """Computes all averages of every parameter over the logs."""
     from aerodima.optimisation.identify.coefficient_averages import averages_table
 
     return {"averages": averages_table(results)}, []
 
 
 def static_tables(results: list[FitResult], out: Path) -> Extra:
-    """Coefficient files of what the logs span; averages per tail, axis, angle and wind speed."""
+    """Writes coefficient files of what the logs span; averages per tail, axis, angle and wind
+    speed.
+    """
     from dataclasses import replace
 
     from aerodima.optimisation.identify.coefficient_averages import (
@@ -189,25 +186,25 @@ def static_tables(results: list[FitResult], out: Path) -> Extra:
 
 
 def robot_tables(results: list[FitResult], out: Path) -> Extra:
-    """A coefficient file of the bins, and all averages."""
+    """Writes a coefficient file of the bins, and all averages."""
     from aerodima.optimisation.identify.coefficient_averages import robot_tail_set, write_sets
 
-    found = robot_tail_set(results)
-    for path in write_sets(out, {"robot_tail_bins": found} if found else {}):
+    bins = robot_tail_set(results)
+    for path in write_sets(out, {"robot_tail_bins": bins} if bins else {}):
         typer.echo(f"wrote {path}")
     return averages(results, out)
 
 
 def choice(flag: str, given: str, allowed: tuple[Any, ...]) -> Any:
-    """`given`, when it is one of the allowed words; FitError otherwise."""
+    """Returns `given`, when it is one of the allowed words; FitError otherwise."""
     if given not in allowed:
-        raise FitError(f"{flag} {given}: allowed: {', '.join(allowed)}")
+        raise FitError(f"{flag} {given}: must be one of {', '.join(allowed)}")
     return given
 
 
 def bounds_of(given: list[str] | None) -> tuple[tuple[str, float, float], ...]:
-    """`name=low,high` as name and two numbers; FitError where that cannot be read."""
-    found = []
+    """Reads `name=low,high` as name and two numbers; FitError where that cannot be read."""
+    bounds = []
     for text in given or []:
         name, _, numbers = text.partition("=")
         try:
@@ -216,8 +213,8 @@ def bounds_of(given: list[str] | None) -> tuple[tuple[str, float, float], ...]:
             raise FitError(f"--bound {text}: write it as name=lowest,highest") from None
         if not low < high:
             raise FitError(f"--bound {text}: the lowest must be below the highest")
-        found.append((name, low, high))
-    return tuple(found)
+        bounds.append((name, low, high))
+    return tuple(bounds)
 
 
 def register(app: typer.Typer) -> None:
@@ -304,7 +301,7 @@ def car(
     Example: aerodima fit car run.parquet --out fits --set car.mass=6.4
     """
     from aerodima.optimisation.identify.car_fit import fit_car_log
-    from aerodima.workbench.config.scenario import scenario_from_dict
+    from aerodima.workbench.scenario.scenario import scenario_from_dict
 
     given: dict[str, Any] = {}
     for setting in settings or ():

@@ -14,11 +14,11 @@ import typer
 from aerodima import optimisation, workbench
 from aerodima.workbench.batch.dask_cluster import THREAD_VARIABLES
 from aerodima.workbench.cli import options as cli
-from aerodima.workbench.errors import SweepError
-from aerodima.workbench.text_table import text_table
+from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.core.text_table import text_table
 
 if TYPE_CHECKING:
-    from aerodima.optimisation.sweep.runs import Runs
+    from aerodima.optimisation.studies.runs import CachedRunner
     from aerodima.workbench.batch.engine import Engine
     from aerodima.workbench.batch.row_store import ProgressLine
 
@@ -40,10 +40,10 @@ def register(app: typer.Typer) -> None:
 def engine_for(
     out: Path | None, workers: int = 2, scheduler: str | None = None
 ) -> Iterator[tuple[Engine, ProgressLine]]:
-    """An engine whose workers record in a folder, and the terminal for lines of progress."""
-    from aerodima.workbench.batch.row_store import WORKER_RECORD, terminal
+    """Opens an engine whose workers record in a folder, and the terminal for lines of progress."""
+    from aerodima.workbench.batch.row_store import WORKER_RECORD, terminal_progress
 
-    progress = terminal()
+    progress = terminal_progress()
     with optimisation.open_run_engine(
         workers, scheduler, progress=progress, record=None if out is None else out / WORKER_RECORD
     ) as engine:
@@ -51,13 +51,13 @@ def engine_for(
 
 
 @contextmanager
-def runs_in(out: Path, work: cli.WorkOptions) -> Iterator[Runs]:
-    """Runs that are kept in a folder; its engine and who computes them are what the options say."""
-    from aerodima.optimisation.sweep.runs import kept_runs
+def runs_in(out: Path, work: cli.WorkOptions) -> Iterator[CachedRunner]:
+    """Runs that are kept in a folder; its engine and its workers are those of the options."""
+    from aerodima.optimisation.studies.runs import cached_runs
 
     with (
         engine_for(out, work.workers, work.scheduler) as (engine, progress),
-        kept_runs(out, engine, force=work.force, progress=progress) as runs,
+        cached_runs(out, engine, force=work.force, progress=progress) as runs,
     ):
         yield runs
 
@@ -74,8 +74,8 @@ def run(
 
     Example: aerodima sweep run mount --out sweeps/mount
     """
-    from aerodima.optimisation.sweep.run_study import TABLE
-    from aerodima.optimisation.sweep.study import plan_runs
+    from aerodima.optimisation.studies.run_study import TABLE
+    from aerodima.optimisation.studies.study import plan_runs
 
     loaded = optimisation.load_study(study)
     plan_runs(loaded)
@@ -114,21 +114,21 @@ def threshold(
 
     Example: aerodima sweep threshold friction turn_swing --set manoeuvre.speed=4.44
     """
-    from aerodima.optimisation.sweep.rollover_threshold import SEARCHES, Case, find_thresholds
-    from aerodima.optimisation.sweep.runs import Runs
+    from aerodima.optimisation.studies.rollover_threshold import SEARCHES, Case, find_thresholds
+    from aerodima.optimisation.studies.runs import CachedRunner
 
     if factor not in SEARCHES:
-        raise SweepError(f"{factor}: allowed: {', '.join(SEARCHES)}")
-    given = {"low": low, "high": high, "scan": scan, "tolerance": tolerance}
-    changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    search = replace(SEARCHES[factor], **changes)
+        raise SweepError(f"{factor}: must be one of {', '.join(SEARCHES)}")
+    changes: dict[str, Any] = {"low": low, "high": high, "scan": scan, "tolerance": tolerance}
+    given = {name: value for name, value in changes.items() if value is not None}
+    search = replace(SEARCHES[factor], **given)
     workbench.load_scenario(scenario, settings or ())
+    case = Case(scenario, scenario, tuple(settings or ()))
     with engine_for(None, workers, scheduler) as (engine, progress):
-        cases = [Case(scenario, scenario, tuple(settings or ()))]
-        (found,) = find_thresholds(
-            cases, search, Runs(engine), lambda done, known: progress(f"[{done}/{known}] runs")
-        )
-    typer.echo("\n".join(text_table(list(found.summary), [list(found.summary.values())])))
+        runs = CachedRunner(engine, progress=progress)
+        (result,) = find_thresholds([case], search, runs)
+    row = result.summary
+    typer.echo("\n".join(text_table(list(row), [list(row.values())])))
 
 
 @cli.grouped
@@ -152,9 +152,9 @@ def calibrate(
     # Before NumPy is loaded: with another number of BLAS threads the last digits differ, other cars
     # are drawn, and an interrupted calibration would not go on with its own runs.
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
-    from aerodima.optimisation.calibration.two_systems import load_plan
-    from aerodima.optimisation.calibration.validation_page import calibrate as carry_out
-    from aerodima.optimisation.calibration.validation_page import require_extra
+    from aerodima.optimisation.calibrate.calibration_plan import load_plan
+    from aerodima.optimisation.calibrate.validation_page import calibrate as carry_out
+    from aerodima.optimisation.calibrate.validation_page import require_extra
 
     require_extra()
     chosen = load_plan(plan)

@@ -1,37 +1,34 @@
 """`aerodima swing search`, `judge`, `train`, `bound` and `verify`: find laws and motions of the
-tail, judge them.
+tail, compare what they gain.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from aerodima import optimisation, workbench
 from aerodima.optimisation.commands.study_commands import runs_in
-from aerodima.workbench.atomic_write import refuse_existing
 from aerodima.workbench.cli import options as cli
-from aerodima.workbench.errors import SweepError, SwingError
+from aerodima.workbench.core.atomic_write import refuse_existing
+from aerodima.workbench.core.errors import SweepError, SwingError
 
 if TYPE_CHECKING:
-    from aerodima.workbench.config.ensemble import Member
-TaskArgument = Annotated[str, cli.named("Task", "tasks")]
+    import pandas as pd
+
+    from aerodima.optimisation.judge.entry_speed import Case
+    from aerodima.optimisation.studies.runs import CachedRunner
 TestCars = Annotated[int, typer.Option(help="So many of the test cars.", min=1)]
-SplitSeed = Annotated[int, typer.Option(help="Of the split of the cars.", min=0)]
-TailName = Annotated[
-    str, cli.chosen("Tail: that of each car, or the larger one.", "built", "designed")
-]
-Floors = Annotated[
-    list[float] | None,
-    typer.Option("--floor", help="Friction over that of the car; may be repeated; by default 1."),
-]
+Generations = Annotated[int, typer.Option(help="Of a search, beside the first one.", min=0)]
 
 
 def _suite(table: str) -> list[str]:
-    from aerodima.optimisation.entry import suite
+    from aerodima.optimisation.judge import suite
 
     return list(getattr(suite, table))
 
@@ -42,9 +39,60 @@ def _task_keys() -> list[str]:
     return [f"{name}=" for name in Task.model_fields if name != "schema_"]
 
 
-TaskSettings = Annotated[
-    list[str] | None, cli.setting("training=2 or speeds=[3.6,4.5]", _task_keys)
-]
+@dataclass(frozen=True)
+class CaseOptions:
+    """Cars, surfaces and tail of a comparison."""
+
+    ensemble: cli.Ensemble = "physical"
+    floors: Annotated[
+        list[float] | None,
+        typer.Option(
+            "--floor", help="Friction over that of the car; may be repeated; by default 1."
+        ),
+    ] = None
+    tail: Annotated[
+        str, cli.chosen("Tail: that of each car, or the larger one.", "built", "designed")
+    ] = "designed"
+    seed: Annotated[
+        int, typer.Option(help="Of the split of the cars, and of all draws.", min=0)
+    ] = 1
+
+    def cases(self, part: str, number: int) -> list[Case]:
+        """Returns the first cars of a part of the ensemble, `training` or `test`, on surfaces."""
+        from aerodima.optimisation.judge.suite import make_surfaces
+
+        split = workbench.load_ensemble(self.ensemble).split(self.seed)
+        cars = getattr(split, part)
+        most = len(cars)
+        if number > most:
+            raise SweepError(
+                f"--cars {number}: the part of the ensemble has {most}: must be 1 to {most}"
+            )
+        return make_surfaces(cars[:number], self.floors or [1.0])
+
+
+@dataclass(frozen=True)
+class ClimbOptions:
+    """Speeds of a climb."""
+
+    start: Annotated[float, typer.Option(help="First speed of a climb, m/s.")] = 2.0
+    step: Annotated[
+        float, typer.Option(help="Between two speeds of a climb, m/s; its last step is refined.")
+    ] = 0.1
+    ceiling: Annotated[float, typer.Option(help="Highest speed that is tried, m/s.")] = 8.0
+
+
+@dataclass(frozen=True)
+class MotionOptions:
+    """Search of a motion; fields as those of `MotionSearch`."""
+
+    starts: Annotated[int, typer.Option(help="Random starts of a motion.", min=1, max=1000)] = 7
+    seed: Annotated[int, typer.Option(help="Of all draws.", min=0)] = 1
+    knots: Annotated[int, typer.Option(help="Of the motion's rate.")] = 11
+    length: Annotated[float, typer.Option(help="Of the motion, s.")] = 0.8
+    iterations: Annotated[int, typer.Option(help="Most iterations of the motion from a start.")] = (
+        30
+    )
 
 
 def register(app: typer.Typer) -> None:
@@ -58,21 +106,17 @@ def register(app: typer.Typer) -> None:
 
 @cli.grouped
 def search(
-    task: TaskArgument,
+    task: Annotated[str, cli.named("Task", "tasks")],
     out: Annotated[
         Path, cli.written("Folder for what is found and its runs; a stopped search goes on in it.")
     ],
     work: cli.WorkOptions,
-    settings: TaskSettings = None,
-    seed: Annotated[int, typer.Option(help="Of all draws.", min=0)] = 1,
-    starts: Annotated[int, typer.Option(help="Random starts of a motion.", min=1, max=1000)] = 7,
-    knots: Annotated[int, typer.Option(help="Of the motion's rate.")] = 11,
-    length: Annotated[float, typer.Option(help="Of the motion, s.")] = 0.8,
-    iterations: Annotated[
-        int, typer.Option(help="Most iterations of the motion from a start.")
-    ] = 30,
+    motion: MotionOptions,
+    settings: Annotated[
+        list[str] | None, cli.setting("training=2 or speeds=[3.6,4.5]", _task_keys)
+    ] = None,
 ) -> None:
-    """Search motion and steering as one programme.
+    """Search motion and steering as one nonlinear program.
 
     On the training cars of a task; the motion is written as swing.yaml.
 
@@ -80,20 +124,15 @@ def search(
     """
     from aerodima.optimisation.swing.motion_search import search_motion
     from aerodima.optimisation.swing.task import load_task
-    from aerodima.workbench.config.swing_file import write_swing
+    from aerodima.workbench.scenario.swing_file import write_swing
 
-    asked = load_task(task, settings or ())
-    motion = optimisation.MotionSearch(starts, seed, knots, length, iterations)
+    loaded = load_task(task, settings or ())
+    effort = optimisation.MotionSearch(**vars(motion))
     path = out / "swing.yaml"
-    refuse_existing(path, work.force, SwingError)
-    with runs_in(out, work) as runs:
-        found = search_motion(out.name, asked, motion, runs, progress=runs.say)
-        write_swing(found, path, force=work.force)
-    typer.echo(f"found: {path}")
-    tail = workbench.load_scenario(asked.scenario).tail.name
-    typer.echo(
-        f"judge it: aerodima swing judge --tail {tail} --candidate {path} --out {out / 'judge'}"
-    )
+    with _new_file(path, work) as runs:
+        swing = search_motion(out.name, loaded, effort, runs, progress=runs.say)
+        write_swing(swing, path, force=work.force)
+    _suggest_judge(path, workbench.load_scenario(loaded.scenario).tail.name)
 
 
 @cli.grouped
@@ -101,7 +140,6 @@ def judge(
     out: Annotated[
         Path, cli.written("Folder for table, summary and runs; stopped climbs go on in it.")
     ],
-    work: cli.WorkOptions,
     manoeuvre: Annotated[
         list[str] | None,
         typer.Option(
@@ -118,22 +156,17 @@ def judge(
             "swing, or a file of "
             "candidates; may be repeated; by default the first seven. The car without tail always "
             "takes part.",
-            autocompletion=lambda: _suite("NAMED"),
+            autocompletion=lambda: _suite("NAMED_CANDIDATES"),
         ),
     ] = None,
     law: cli.Laws = None,
-    ensemble: cli.Ensemble = "physical",
     cars: TestCars = 4,
-    floors: Floors = None,
-    tail: TailName = "designed",
-    seed: SplitSeed = 1,
-    start: Annotated[float, typer.Option(help="First speed of a climb, m/s.")] = 2.0,
-    step: Annotated[
-        float, typer.Option(help="Between two speeds of a climb, m/s; its last step is refined.")
-    ] = 0.1,
-    ceiling: Annotated[float, typer.Option(help="Highest speed that is tried, m/s.")] = 8.0,
+    *,
+    options: CaseOptions,
+    climbs: ClimbOptions,
+    work: cli.WorkOptions,
 ) -> None:
-    """Judge candidates by the speed at which a car may enter.
+    """Compare candidates by the speed at which a car may enter.
 
     It is the highest one at which a manoeuvre is completed without tip-up. Exits with 1 when no
     candidate with a tail is faster than the car without one. Asked for again after Ctrl-C, or with
@@ -142,36 +175,35 @@ def judge(
     Example: aerodima swing judge --manoeuvre fishhook --cars 1 --candidate published --out
     out/judge
     """
-    from aerodima.optimisation.entry import suite
-    from aerodima.optimisation.entry.entry_speed import ERROR, EntrySearch, climb
-    from aerodima.optimisation.entry.entry_table import (
-        entry_lines,
-        entry_page,
-        has_gain,
-        summarise_entries,
-    )
-    from aerodima.workbench.report.report_page import write_files
+    from aerodima.optimisation.judge import suite
+    from aerodima.optimisation.judge.entry_rule import ERROR
+    from aerodima.optimisation.judge.entry_search import EntrySearch
 
-    search = EntrySearch(start=start, step=step, ceiling=ceiling)
-    driven = suite.manoeuvres(manoeuvre or suite.TRAINED_ON, tail)
-    who = suite.candidates(candidate or list(suite.CANDIDATES), law or ())
-    split = workbench.load_ensemble(ensemble).split(seed)
-    cases = suite.floors(_first(split.test, cars), floors or [1.0])
+    search = EntrySearch(**vars(climbs))
+    manoeuvres = suite.select_manoeuvres(manoeuvre or suite.TRAINING_MANOEUVRES, options.tail)
+    candidates = suite.select_candidates(candidate or list(suite.CANDIDATES), law or ())
+    cases = options.cases("test", cars)
     with runs_in(out, work) as runs:
-        table = climb(driven, who, cases, runs, search)
-    summary = summarise_entries(table)
-    page = entry_page(table, summary)
-    write_files(
-        out, {"entries.csv": table, "summary.csv": summary, "report.html": page}, error=SweepError
-    )
-    typer.echo("\n".join(entry_lines(summary)))
-    typer.echo(f"written: entries.csv, summary.csv and report.html in {out}")
-    ended_by = table["ended_by"].astype(str)
-    if ended_by.str.startswith(ERROR).any():
+        table = optimisation.find_entry_speeds(manoeuvres, candidates, cases, runs, search)
+    is_faster = _write_entries(out, table)
+    if table["ended_by"].astype(str).str.startswith(ERROR).any():
         raise typer.Exit(cli.Status.LEFT_OUT)
-    if not has_gain(summary):
+    if not is_faster:
         typer.echo("no candidate enters faster than the car without a tail", err=True)
         raise typer.Exit(cli.Status.NO)
+
+
+def _write_entries(out: Path, table: pd.DataFrame) -> bool:
+    """Writes the entry speeds and their summary; returns whether a tail is faster than none."""
+    from aerodima.optimisation.judge.entry_page import entry_lines, entry_page
+    from aerodima.optimisation.judge.entry_table import has_gain, summarise_entries
+
+    summary = summarise_entries(table)
+    page = entry_page(table, summary)
+    _write(out, {"entries.csv": table, "summary.csv": summary, "report.html": page})
+    typer.echo("\n".join(entry_lines(summary)))
+    typer.echo(f"written: entries.csv, summary.csv and report.html in {out}")
+    return has_gain(summary)
 
 
 @cli.grouped
@@ -181,17 +213,12 @@ def train(
         cli.written("Folder for candidates.yaml and the runs; a stopped search goes on in it."),
     ],
     work: cli.WorkOptions,
-    ensemble: cli.Ensemble = "physical",
+    options: CaseOptions,
     cars: Annotated[int, typer.Option(help="So many of the training cars.", min=1)] = 6,
-    floors: Floors = None,
-    tail: TailName = "designed",
-    seed: Annotated[
-        int, typer.Option(help="Of the split of the cars, and of all draws.", min=0)
-    ] = 1,
     laws: Annotated[
         int, typer.Option(help="Of a generation, for each number that is free.", min=3)
     ] = 4,
-    generations: Annotated[int, typer.Option(help="Beside the first one.", min=0)] = 8,
+    generations: Generations = 8,
     around: Annotated[
         float,
         typer.Option(
@@ -205,34 +232,21 @@ def train(
 
     Example: aerodima swing train --cars 2 --laws 3 --generations 1 --out out/train
     """
-    from aerodima.optimisation.entry import suite
-    from aerodima.optimisation.entry.feedback_search import LawSearch, search_feedback
-    from aerodima.optimisation.swing.candidate import write_candidates
+    from aerodima.optimisation.judge.candidate import write_candidates
+    from aerodima.optimisation.swing.feedback_training import LawSearch, train_feedback
 
     path = out / "candidates.yaml"
-    refuse_existing(path, work.force, SwingError)
-    split = workbench.load_ensemble(ensemble).split(seed)
-    cases = suite.floors(_first(split.training, cars), floors or [1.0])
-    asked = LawSearch(laws=laws, generations=generations, seed=seed, around=around)
-    with runs_in(out, work) as runs:
-        found = search_feedback(cases, tail, asked, runs)
-    options = {
-        "ensemble": ensemble,
-        "tail": tail,
-        "cars": cars,
-        "laws": laws,
-        "generations": generations,
-        "around": around,
-        "seed": seed,
-    }
-    asked_for = [*options.items(), *(("floor", share) for share in floors or [])]
-    words = [f"--{name} {value}" for name, value in asked_for]
-    how = " ".join(["aerodima swing train", *words])
-    write_candidates(path, [found], how, force=work.force)
-    typer.echo(f"found: {path}")
-    typer.echo(
-        f"judge it: aerodima swing judge --tail {tail} --candidate {path} --out {out / 'judge'}"
-    )
+    cases = options.cases("training", cars)
+    search = LawSearch(laws=laws, generations=generations, seed=options.seed, around=around)
+    with _new_file(path, work) as runs:
+        trained = train_feedback(cases, options.tail, search, runs)
+    chosen = f"aerodima swing train --ensemble {options.ensemble} --tail {options.tail}"
+    chosen += f" --cars {cars} --laws {laws} --generations {generations} --around {around}"
+    chosen += f" --seed {options.seed}"
+    for scale in options.floors or ():
+        chosen += f" --floor {scale}"
+    write_candidates(path, [trained], chosen, force=work.force)
+    _suggest_judge(path, options.tail)
 
 
 @cli.grouped
@@ -241,18 +255,13 @@ def bound(
         Path, cli.written("Folder for bound.csv and the runs; a stopped search goes on in it.")
     ],
     work: cli.WorkOptions,
+    options: CaseOptions,
     manoeuvre: Annotated[
         list[str] | None, typer.Option(help="lane-change or corner; by default both.")
     ] = None,
-    ensemble: cli.Ensemble = "physical",
     cars: TestCars = 6,
-    floors: Floors = None,
-    tail: TailName = "designed",
-    seed: SplitSeed = 1,
     starts: Annotated[int, typer.Option(help="Of the search of a motion.", min=1)] = 7,
-    generations: Annotated[
-        int, typer.Option(help="Of a search, beside the first one.", min=0)
-    ] = 80,
+    generations: Generations = 80,
 ) -> None:
     """Find what any motion of the tail can reach on a path.
 
@@ -262,28 +271,37 @@ def bound(
     Example: aerodima swing bound --manoeuvre corner --cars 1 --starts 1 --generations 3 --out
     out/bound
     """
-    from aerodima.optimisation.entry import bound as bounds
-    from aerodima.optimisation.entry import suite
-    from aerodima.workbench.report.report_page import write_files
+    from aerodima.optimisation.swing.bound import paths, search_bound
 
-    names = bounds.paths(manoeuvre or ())
-    split = workbench.load_ensemble(ensemble).split(seed)
-    cases = suite.floors(_first(split.test, cars), floors or [1.0])
+    names = paths(manoeuvre or ())
+    cases = options.cases("test", cars)
     with runs_in(out, work) as runs:
-        table = bounds.search_bound(names, cases, tail, starts, generations, runs)
-    write_files(out, {"bound.csv": table}, error=SweepError)
+        table = search_bound(names, cases, options.tail, starts, generations, runs)
+    _write(out, {"bound.csv": table})
     typer.echo("entry speeds of reduced cars, m/s")
     typer.echo(table.to_string(index=False))
     typer.echo(f"written: {out / 'bound.csv'}")
 
 
-def _first(there: Sequence[Member], number: int) -> tuple[Member, ...]:
-    most = len(there)
-    if number > most:
-        raise SweepError(
-            f"--cars {number}: the part of the ensemble has {most}: allowed: 1 to {most}"
-        )
-    return tuple(there[:number])
+@contextmanager
+def _new_file(path: Path, work: cli.WorkOptions) -> Iterator[CachedRunner]:
+    """Opens the runs of a search whose result is a file that does not exist yet, unless forced."""
+    refuse_existing(path, work.force, SwingError)
+    with runs_in(path.parent, work) as runs:
+        yield runs
+
+
+def _suggest_judge(path: Path, tail: str) -> None:
+    """Prints where a result is, and the command that compares it with others."""
+    typer.echo(f"found: {path}")
+    out = path.parent / "judge"
+    typer.echo(f"judge it: aerodima swing judge --tail {tail} --candidate {path} --out {out}")
+
+
+def _write(out: Path, files: dict[str, Any]) -> None:
+    from aerodima.workbench.view.report_page import write_files
+
+    write_files(out, files, error=SweepError)
 
 
 def verify(
@@ -317,11 +335,11 @@ def verify(
 
     for name in (VERDICT, PAGE):
         refuse_existing(out / name, force, SwingError)
-    found = verify_swing(swing, scenario, settings or (), step=step, other_car=other_car)
-    for file in write_verification(out, found, force=force):
+    result = verify_swing(swing, scenario, settings or (), step=step, other_car=other_car)
+    for file in write_verification(out, result, force=force):
         typer.echo(f"written: {file}")
-    subject = f"{found.swing.name} at {found.where}"
-    if found.complaints:
-        typer.echo(f"not verified: {subject}: {'; '.join(found.complaints)}", err=True)
+    subject = f"{result.swing.name} at {result.where}"
+    if result.complaints:
+        typer.echo(f"not verified: {subject}: {'; '.join(result.complaints)}", err=True)
         raise typer.Exit(cli.Status.NO)
     typer.echo(f"verified: {subject}")

@@ -16,28 +16,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from aerodima.optimisation.identify.car_log import CarDrive, car_drive
-from aerodima.optimisation.identify.fit_pipeline import FitResult, result_of
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
+from aerodima.optimisation.identify.fit_program import FitProgram
+from aerodima.optimisation.identify.fit_result import FitResult, make_result
+from aerodima.optimisation.identify.gauss_newton import SolverOptions, solve_from
 from aerodima.optimisation.identify.least_squares import (
-    Attempt,
     Parameter,
     Parameters,
     Problem,
     Solution,
+    StartResult,
 )
-from aerodima.optimisation.identify.least_squares_solvers import bounded_step, triangle
-from aerodima.optimisation.identify.log_rig import FREE, FitOptions
-from aerodima.optimisation.identify.uncertainty import Noise, serial_noise, uncertainty
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.errors import FitError
+from aerodima.optimisation.identify.noise import Noise, serial_noise
+from aerodima.optimisation.identify.uncertainty import uncertainty
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.scenario.scenario import Scenario
 
 CAR = ("tyre_friction", "tyre_slip_angle", "com_height")
 DELAY = "delay"
@@ -46,15 +48,15 @@ SPEED = "speed"
 DRIVEN = "driven_speed"
 """Speed that the throttle of the log drives to."""
 BIASES = {
-    "gyro_bias_z": "yaw_rate",
-    "gyro_bias_x": "roll_rate",
-    "acceleration_bias_y": "lateral_acceleration",
+    "yaw_rate": "gyro_bias_z",
+    "roll_rate": "gyro_bias_x",
+    "lateral_acceleration": "acceleration_bias_y",
 }
-"""Unknown -> channel that it is added to."""
+"""Channel -> unknown that is added to it."""
 UNITS = {"tyre_friction": "1", "tyre_slip_angle": "rad", "com_height": "m", DELAY: "s"}
-UNITS |= {name: "rad/s" if "gyro" in name else "m/s2" for name in BIASES}
-PRIORS = {DELAY: (0.0, 0.15)}
-"""Ranges where no file of `models/parameters` has one, s."""
+UNITS |= {name: "rad/s" if "gyro" in name else "m/s2" for name in BIASES.values()}
+DELAY_RANGE = (0.0, 0.15)
+"""Range of the delay, s; no file of `models/parameters` has one."""
 STEPS = {
     "tyre_friction": 2e-3,
     "tyre_slip_angle": 2e-3,
@@ -65,59 +67,48 @@ STEPS = {
 """Steps of the finite differences, about a standard deviation of each: within it contacts that come
 a step earlier or later do not count."""
 STEP_ERROR = (1.5, 0.5)
-"""How many times the change by half the plant's step is added to its motion, and the standard
-deviation of that: once is a plant of half the step, twice, to first order, one without."""
+"""Factor by which the change with half the plant's step is added to its motion, and its standard
+deviation: once is a plant of half the step, twice, to first order, one without."""
 _SPEED_REACH = 1.0
 """Bounds of the speeds about those of the GPS, m/s."""
-_TILTED = 0.01
+_TILT = 0.01
 """Error of the attitude with which the IMU takes gravity off, rad."""
 _SCAN = ((0.2, 0.2), (0.5, 0.35), (0.8, 0.2), (0.5, 0.6))
 """Slip angle and height of the cars that are tried first, as shares of their ranges."""
-_TOP = 0.9
-"""Quantile of the lateral acceleration over gravity that gives the friction of the starts."""
-_OF_FORCE = 1.35
-"""Their friction is so many times that quantile."""
-_LATENCIES = np.arange(0.0, 0.1501, 0.005)
-"""Their delays, s."""
-_WILD = {"yaw_rate": 1.0, "roll_rate": 1.0, "lateral_acceleration": 4.0, "speed": 0.5}
-"""Where a residual stops to count for the start, rad/s, m/s2 and m/s: what rolls over in one car
-and not in another."""
+_QUANTILE = 0.9
+"""Quantile of the lateral acceleration over gravity that gives their friction."""
+_FRICTION_FACTOR = 1.35
+"""Friction of the cars that are tried over that quantile."""
+_DELAYS = np.arange(0.0, 0.1501, 0.005)
+"""Delays that are tried, s."""
+_TRUNCATION = {"yaw_rate": 1.0, "roll_rate": 1.0, "lateral_acceleration": 4.0, "speed": 0.5}
+"""Residual by channel beyond which it counts no more for the start, rad/s, m/s2 and m/s: what rolls
+over in one car and not in another."""
 MISFIT = 1.5
 """Times what noise and the least error of the model allow, from which a misfit is reported."""
 OPEN = 0.8
 """Share of a prior's deviation from which a log does not determine a number."""
-_MOST_STEPS = 25
-"""Most steps of a fit."""
-_SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)
-"""Shares of a Gauss-Newton step that are tried in turn."""
-_FAR = 3.0
-"""A mean square of the residual above this is far from what noise leaves."""
+_OPTIONS = SolverOptions(max_steps=25, jacobian="secant", settled=0.01, roughness=2.0)
+"""A step that predicts less than a seventh of a standard deviation of all unknowns together ends a
+fit; contacts that come a step earlier or later may raise its cost by two."""
 _NEAR = 25.0
-"""Of the cost, in halves of a squared standard deviation: a next step that promises less is near;
-channels are weighed and derivatives kept from there on."""
-_SETTLED = 0.01
-"""Of the cost: a next step that promises less, a seventh of a standard deviation of all unknowns
-together, ends the fit."""
-_ROUGH = 2.0
-"""Of the cost, by which a step may raise it: contacts that come a step earlier or later make it
-rough."""
+"""A step that predicts less ends the fit with the noise of the sensors alone."""
 
 
-def prior_of(name: str) -> tuple[float, float]:
-    """Range of an unknown; NaN for one without."""
-    if name in (*CAR, DELAY):
-        return (Scenario.parameters("car")[name].prior if name in CAR else None) or PRIORS[name]
-    if name.startswith("gyro_bias"):
-        most = (Scenario.parameters("imu")["gyro_bias"].prior or (0.0, math.nan))[1]
-    elif name in BIASES:
-        most = 9.81 * _TILTED
-    else:
-        most = math.nan
-    return -most, most
+def prior_range(name: str) -> tuple[float, float]:
+    """Range of an unknown of `UNITS` that is known beforehand."""
+    if name == DELAY:
+        return DELAY_RANGE
+    if name == "acceleration_bias_y":
+        return -9.81 * _TILT, 9.81 * _TILT
+    section, key = ("car", name) if name in CAR else ("imu", "gyro_bias")
+    prior = Scenario.parameters(section)[key].prior
+    assert prior is not None
+    return prior if name in CAR else (-prior[1], prior[1])
 
 
 def unknowns(drive: CarDrive) -> Parameters:
-    """Unknowns of a fit; seeds in the middle of their ranges, bounds half a range beyond them."""
+    """Unknowns of a fit, from the middle of their ranges; bounds lie half a range beyond them."""
     gps = drive.channels["speed"]
     before = gps.value[gps.time < max(drive.turn, gps.time[1])]
     least = {
@@ -125,54 +116,61 @@ def unknowns(drive: CarDrive) -> Parameters:
         "tyre_slip_angle": 0.0,
         "com_height": 0.01,
     }
-    speeds = {SPEED: float(np.mean(before[:2])), DRIVEN: float(np.mean(before[-3:]))}
-    found = [
-        Parameter(name, "m/s", v, v - _SPEED_REACH, v + _SPEED_REACH, scale=0.05)
-        for name, v in speeds.items()
-    ]
+    parameters = []
+    for name, speeds in ((SPEED, before[:2]), (DRIVEN, before[-3:])):
+        v = float(np.mean(speeds))
+        parameters.append(Parameter(name, "m/s", v, v - _SPEED_REACH, v + _SPEED_REACH, scale=0.05))
     for name, unit in UNITS.items():
-        low, high = prior_of(name)
+        low, high = prior_range(name)
         half = 0.5 * (high - low)
         lower = max(low - half, least.get(name, -math.inf))
-        found.append(
-            Parameter(name, unit, low + half, lower, high + half, deviation=half / math.sqrt(3.0))
-        )
-    return Parameters.of(found)
+        sigma = half / math.sqrt(3.0)
+        parameters.append(Parameter(name, unit, low + half, lower, high + half, prior_std=sigma))
+    return Parameters.of(parameters)
 
 
 class CarModel:
-    """Residual of a drive and its derivatives: rows of the channels, then one of every prior.
+    """Residual of a drive: rows of the channels, then one of every prior.
 
     Attributes:
         drive: that is fitted.
         parameters: see `unknowns`.
+        latency: of the commands where there is no tail, whole ticks, s.
         scales: by channel, that its residual is divided by beside its deviation.
-        latency: of the runs, whole ticks, s; what a delay differs by shifts their motion in time.
+        noise: of the residual, as it was last weighed.
         finer: what half the plant's step changes in the rows, once `find_step_error` has found it.
     """
 
     def __init__(self, drive: CarDrive) -> None:
         self.drive = drive
         self.parameters = unknowns(drive)
-        self.scales = dict.fromkeys(drive.channels, 1.0)
         self.latency = 0.0
+        self.noise = Noise(np.ones(1))
+        self.scales = dict.fromkeys(drive.channels, 1.0)
         self._step = drive.scenario.simulation.step
         ends = np.cumsum([0, *(channel.time.size for channel in drive.channels.values())]).tolist()
         self.places = {
             name: slice(*span) for name, span in zip(drive.channels, pairwise(ends), strict=True)
         }
-        self._known = [p for p in self.parameters.free if math.isfinite(p.deviation)]
+        self._known = [p for p in self.parameters.free if p.has_prior]
         self.finer = np.zeros(ends[-1] + len(self._known))
         self._runs: dict[tuple[float, ...], Mapping[str, FloatArray]] = {}
 
-    def values(self, x: FloatArray) -> dict[str, float]:
-        """By name."""
-        return dict(zip(self.parameters.names, x.tolist(), strict=True))
+    def problem(self, x: FloatArray) -> Problem:
+        """The least-squares problem; its differences go from x to the middle of the ranges."""
+        steps = {**STEPS, DELAY: 2.0 * self._step} if self.drive.tailed else STEPS
+        sizes = np.array([steps.get(name, 1e-3) for name in self.parameters.names])
+        return Problem(
+            self.parameters,
+            lambda x: self.rows(x) / self.divisors,
+            name=self.drive.name,
+            steps=np.where(x > self.parameters.initial, -sizes, sizes),
+        )
 
     def run(
         self, values: dict[str, float], latency: float, step: float
     ) -> Mapping[str, FloatArray]:
-        """Signals of the car with these values, cached.
+        """Simulate the car with these values: its signals, cached.
 
         Another driven speed is another line of the throttle.
         """
@@ -189,254 +187,145 @@ class CarModel:
             self._runs[key] = self.drive.run(changes, latency, values[SPEED])
         return self._runs[key]
 
-    def rows(
-        self, x: FloatArray, step: float | None = None, latency: float | None = None
-    ) -> FloatArray:
-        """Model less log, then unknown less seed, in their units (m); of another step and latency
-        if they are named.
+    def rows(self, x: FloatArray, step: float | None = None) -> FloatArray:
+        """Model less log, then unknown less its prior, in their units (m).
+
+        Commands are late by whole ticks; what the delay differs by shifts the motion in time. That
+        is exact for the steering, but not for a tail, whose commands are not late.
+
+        Args:
+            step: of the plant, s; that of the scenario by default.
         """
-        values = self.values(x)
-        drive = self.drive
-        latency = self.latency if latency is None else latency
-        motion = drive.sampled(
+        values = self.parameters.values(x)
+        latency = self._whole_ticks(values[DELAY]) if self.drive.tailed else self.latency
+        motion = self.drive.sampled(
             self.run(values, latency, step or self._step), values[DELAY] - latency
         )
-        added = {channel: values[name] for name, channel in BIASES.items()}
-        rows = [
-            motion[name] + added.get(name, 0.0) - channel.value
-            for name, channel in drive.channels.items()
-        ]
-        return (
-            np.concatenate([*rows, [values[p.name] - p.seed for p in self._known]])
-            + STEP_ERROR[0] * self.finer
-        )
+        rows = []
+        for name, channel in self.drive.channels.items():
+            bias = values.get(BIASES.get(name, ""), 0.0)
+            rows.append(motion[name] + bias - channel.value)
+        priors = [values[p.name] - p.initial for p in self._known]
+        return np.concatenate([*rows, priors]) + STEP_ERROR[0] * self.finer
+
+    def _whole_ticks(self, time: float) -> float:
+        return round(time / self._step) * self._step
 
     @property
     def divisors(self) -> FloatArray:
-        """What divides the rows of the residual (m)."""
+        """Divisors of the rows of the residual (m)."""
         sizes = [
             self.scales[name] * channel.deviation for name, channel in self.drive.channels.items()
         ]
-        return np.concatenate([*sizes, [p.deviation for p in self._known]])
-
-    def slopes(self, x: FloatArray) -> FloatArray:
-        """Derivatives of the rows (m x p): a run per unknown of the car, and of the delay where a
-        tail is not late.
-        """
-        here = self.rows(x)
-        columns = []
-        for index, p in enumerate(self.parameters.free):
-            moved = x.copy()
-            latency = self.latency
-            value = x[index]
-            moved[index] += STEPS.get(p.name, 1e-3) * (-1.0 if value > p.seed else 1.0)
-            if p.name == DELAY and self.drive.tailed:
-                later = 2.0 * self._step
-                latency += later
-                moved[index] = value + later
-            rise = self.rows(moved, latency=latency) - here
-            columns.append(rise / (moved[index] - value))
-        return np.array(columns).T
-
-    def follow(self, x: FloatArray) -> None:
-        """Moves the latency of the runs to the delay, if it is off by more than a tick."""
-        delay = self.values(x)[DELAY]
-        if abs(delay - self.latency) > self._step:
-            self.latency = round(delay / self._step) * self._step
+        return np.concatenate([*sizes, [p.prior_std for p in self._known]])
 
     def find_step_error(self, x: FloatArray) -> None:
-        """Runs at half the plant's step."""
-        self.follow(x)
+        """Find what half the plant's step changes in the rows, with the latency of the delay."""
+        self.latency = self._whole_ticks(self.parameters.values(x)[DELAY])
         self.finer = self.rows(x, 0.5 * self._step) - self.rows(x)
 
     def start(self) -> FloatArray:
-        """The best of a few cars, with the friction that the acceleration tells, each with its best
-        latency (p).
+        """Choose the best of a few cars to start from (p).
+
+        Their friction is from the lateral acceleration, and each has its best delay.
         """
-        names = self.parameters.names
         drive = self.drive
-        best = math.inf
-        found = self.parameters.seed
-        low, high = np.array([prior_of(name) for name in CAR]).T
+        x = dict(zip(self.parameters.names, self.parameters.initial.tolist(), strict=True))
+        best, lowest = x, math.inf
+        low, high = np.array([prior_range(name) for name in CAR]).T
         acceleration = np.abs(drive.channels["lateral_acceleration"].value)
-        top = float(np.quantile(acceleration, _TOP))
-        friction = _OF_FORCE * top / (drive.scenario.environment.gravity or 9.81)
-        places = [names.index(name) for name in CAR]
+        gravity = drive.scenario.environment.gravity or 9.81
+        friction = _FRICTION_FACTOR * float(np.quantile(acceleration, _QUANTILE)) / gravity
         for shares in _SCAN:
-            x = self.parameters.seed
             others = low[1:] + np.array(shares) * (high - low)[1:]
-            x[places] = np.clip([friction, *others], low, high)
+            car = np.clip([friction, *others], low, high)
+            trial = {**x, **dict(zip(CAR, car.tolist(), strict=True))}
             try:
-                run = self.run(self.values(x), 0.0, self._step)
+                run = self.run(trial, 0.0, self._step)
             except FitError:
                 continue
-            for latency in _LATENCIES.tolist():
-                motion = drive.sampled(run, latency)
-                off = [
-                    np.abs(motion[name] - channel.value) / _WILD[name]
-                    for name, channel in drive.channels.items()
-                ]
-                cost = sum(float(np.sum(np.square(np.minimum(part, 1.0)))) for part in off)
-                if cost < best:
-                    best = cost
-                    found = x.copy()
-                    found[names.index(DELAY)] = latency
-        return found
+            for delay in _DELAYS.tolist():
+                cost = self._truncated_cost(drive.sampled(run, delay))
+                if cost < lowest:
+                    best, lowest = {**trial, DELAY: delay}, cost
+        return np.array(list(best.values()))
 
-    def weigh(self, x: FloatArray) -> Noise:
-        """Scales from the residual: a channel counts for as many samples as it is worth."""
-        residual = self.rows(x) / self.divisors
+    def _truncated_cost(self, motion: Mapping[str, FloatArray]) -> float:
+        """Squares of the residual, none larger than those at `_TRUNCATION`."""
+        cost = 0.0
+        for name, channel in self.drive.channels.items():
+            size = np.abs(motion[name] - channel.value) / _TRUNCATION[name]
+            cost += float(np.sum(np.square(np.minimum(size, 1.0))))
+        return cost
+
+    def weigh(self, x: FloatArray) -> FloatArray:
+        """Scale the channels by the residual: each counts for its effective samples.
+
+        Returns:
+            Factors by which the divisors grow (m).
+        """
+        before = self.divisors
+        residual = self.rows(x) / before
         noise = serial_noise(residual, list(self.places.values()), len(x))
-        rise = {name: math.sqrt(noise.covariance[place][0]) for name, place in self.places.items()}
-        self.scales = {name: max(s * rise[name], 1.0) for name, s in self.scales.items()}
-        return noise
-
-
-@dataclass
-class Descent:
-    """Gauss-Newton within the bounds, which ends when its next step is small against the intervals.
-
-    Whether a step lowers the cost does not decide: the contacts of a run make it rough. Far off the
-    derivatives are carried on by Broyden's update, and taken anew where it promises little; near
-    the end they are kept.
-
-    Attributes:
-        model: of the drive; its scales and its step error are set on the way.
-        x: unknowns (p).
-        slopes: of the rows there (m x p).
-        kept: whether they were taken elsewhere.
-        near: whether channels are weighed.
-        promised: by the last step near the end: derivatives are taken anew where the next one
-            promises more than half.
-        noise: of the residual as it was last weighed.
-    """
-
-    model: CarModel
-    x: FloatArray
-    slopes: FloatArray = field(default_factory=lambda: np.zeros(0))
-    kept: bool = False
-    near: bool = False
-    promised: float = math.inf
-    noise: Noise = field(default_factory=lambda: Noise(np.ones(1)))
-
-    def run(self) -> Attempt:
-        """Until it has settled, or cannot."""
-        begun = self.x
-        steps = 0
-        status = ""
-        while not status and steps < _MOST_STEPS:
-            steps = steps + 1
-            status = self._step()
-        r = self.model.rows(self.x) / self.model.divisors
-        cost = 0.5 * float(r @ r)
-        settled = status.startswith("the next")
-        reason = status or f"{steps} steps were not enough"
-        return Attempt(begun, self.x, cost, settled, reason, steps)
-
-    def _step(self) -> str:
-        """One step, or what must be known before it; says why it is the last."""
-        model = self.model
-        near = self.near
-        p = model.parameters
-        scales = p.scales
-        x = self.x
-        if model.drive.tailed:
-            model.follow(x)
-        if not self.kept:
-            self.slopes = model.slopes(x)
-        here = model.rows(x)
-        if near:
-            self.noise = model.weigh(x)
-        r = here / model.divisors
-        J = self.slopes / model.divisors[:, None]
-        cost = 0.5 * float(r @ r)
-        size = 1.0 if near else max(2.0 * cost / r.size, 1.0)
-        low = (p.lower - x) / scales
-        high = (p.upper - x) / scales
-        R, c = triangle(J * scales, r)
-        step = scales * bounded_step(R, c, 0.0, low, high)
-        promised = cost - 0.5 * float(np.sum(np.square(r + J @ step)))
-        if not near:
-            if self.kept and size > _FAR and promised < 0.5 * cost:
-                self.kept = False
-                return ""
-            enough = _NEAR if size < _FAR else _SETTLED
-            if promised / size < enough:
-                self.near = True
-                self.kept = False
-                model.find_step_error(x)
-                return ""
-        if promised < _SETTLED * size:
-            return "the next step is small against the intervals"
-        if near and self.kept and promised > 0.5 * self.promised:
-            self.kept = False
-            return ""
-        self.promised = promised if near else math.inf
-        for share in _SHARES:
-            moved = np.clip(x + share * step, p.lower, p.upper)
-            try:
-                there = model.rows(moved)
-            except FitError:
-                continue
-            squares = np.square(there / model.divisors)
-            rise = 0.5 * float(np.sum(squares)) - cost
-            if rise < _ROUGH * size:
-                break
-        else:
-            if not self.kept:
-                return "no step lowers the cost"
-            self.kept = False
-            return ""
-        allowed = _ROUGH if near else -0.5 * promised
-        self.kept = share == 1.0 and rise < allowed
-        if self.kept and not near:  # Broyden's update
-            way = moved - x
-            u = way / scales
-            missed = there - here - self.slopes @ way
-            self.slopes = self.slopes + np.outer(missed, u / scales) / (u @ u)
-        self.x = moved
-        return ""
+        for name, place in self.places.items():
+            rise = math.sqrt(noise.covariance[place][0])
+            self.scales[name] = max(self.scales[name] * rise, 1.0)
+        self.noise = noise
+        return self.divisors / before
 
 
 def fit_car(drive: CarDrive) -> FitResult:
-    """Estimates of one drive; FitError where no car of the ranges can be simulated."""
+    """Fit one drive; FitError where no car of the ranges can be simulated.
+
+    First with the noise of the sensors alone, then with the error of the plant's step and channels
+    that are weighed anew in every step.
+    """
     model = CarModel(drive)
-    descent = Descent(model, model.start())
-    best = descent.run()
-    p = model.parameters
+    far = replace(_OPTIONS, settled=_NEAR)
+    start = model.start()
+    first = solve_from(FitProgram(model.problem(start)), start, far)
+    model.find_step_error(first.x)
+    weighed = replace(_OPTIONS, reweigh=model.weigh)
+    best = solve_from(FitProgram(model.problem(first.x)), first.x, weighed)
+    return _result(model, replace(best, iterations=first.iterations + best.iterations))
+
+
+def _result(model: CarModel, best: StartResult) -> FitResult:
+    """The result of a model whose scales have settled."""
     x = best.x
-    noise = descent.noise
+    problem = model.problem(x)
     opened = []
-    for q, side in zip(p.free, p.sides(x).tolist(), strict=True):
-        lower = q.lower if side < 0 else -math.inf
-        upper = q.upper if side > 0 else math.inf
-        opened.append(replace(q, lower=lower, upper=upper, scale=q.size))
-    problem = Problem(
-        Parameters.of(opened), lambda x: model.rows(x) / model.divisors, name=drive.name
-    )
-    jacobian = descent.slopes / model.divisors[:, None]
+    for p, side in zip(model.parameters.free, model.parameters.sides(x).tolist(), strict=True):
+        lower = p.lower if side < 0 else -math.inf
+        upper = p.upper if side > 0 else math.inf
+        opened.append(replace(p, lower=lower, upper=upper, scale=p.size))
     residual = problem.residual(x)
+    jacobian = best.jacobian
+    if jacobian is None:
+        jacobian = problem.forward_jacobian(x, residual)
+    problem = replace(problem, parameters=Parameters.of(opened))
     solution = Solution(problem, x, residual, jacobian, best, (best,))
     stepped = STEP_ERROR[1] * model.finer / model.divisors
     covariance = np.eye(residual.size) + np.outer(stepped, stepped)
-    sure = uncertainty(solution, replace(noise, covariance=covariance))
-    warnings = [*drive.warnings]
+    intervals = uncertainty(solution, replace(model.noise, covariance=covariance))
+    warnings = [*model.drive.warnings]
     poor = [f"{name} by {scale:.2g}" for name, scale in model.scales.items() if scale > MISFIT]
     if poor:
         warnings.append(
             f"the model misses more than it may, and intervals are wider for it: {', '.join(poor)}"
         )
-    for q, deviation in zip(p.free, sure.standard_deviation.tolist(), strict=True):
-        if q.name in UNITS and deviation > OPEN * q.deviation:
+    deviations = intervals.standard_deviation.tolist()
+    for p, deviation in zip(model.parameters.free, deviations, strict=True):
+        if p.name in UNITS and deviation > OPEN * p.prior_std:
             warnings.append(
-                f"the log does not determine {q.name}; its interval is that of the prior"
+                f"the log does not determine {p.name}; its interval is that of the prior"
             )
     facts = {f"misfit_{name}": round(scale, 2) for name, scale in model.scales.items()}
-    return result_of(solution, sure, {}, facts, warnings)
+    return make_result(solution, intervals, {}, facts, warnings)
 
 
 def fit_car_log(path: Path | str, options: FitOptions = FREE) -> FitResult:
-    """Fits the log of one drive of the car, or of its simulation: friction, slip, centre of mass,
+    """Fit the log of one drive of the car, or of its simulation: friction, slip, centre of mass,
     delay, biases.
 
     Args:

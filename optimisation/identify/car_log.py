@@ -1,4 +1,4 @@
-"""A drive of the car as data of a fit: what its sensors said around the turn, and its commands,
+"""A drive of the car as data of a fit: sensor samples around the turn, and commands that are
 played to a model.
 """
 
@@ -13,17 +13,17 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from aerodima.optimisation.identify.log_rig import named
-from aerodima.workbench.actuators.chassis_actuators import steady_speed
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import IMU
-from aerodima.workbench.controllers.manoeuvre import TICK_TOLERANCE, DriverInput
-from aerodima.workbench.controllers.tail_law import Observation
-from aerodima.workbench.errors import FitError, UserError
+from aerodima.workbench.car.car_sensors import STEPS
+from aerodima.workbench.car.chassis_actuators import steady_speed
+from aerodima.workbench.car.turn_signals import STEERED
+from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE, DriverInput
+from aerodima.workbench.control.tail_law import Observation
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import FitError, UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals
-from aerodima.workbench.metrics.turn_signals import STEERED
-from aerodima.workbench.sensors.car_sensors import STEPS
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.signal_table import IMU
 
 LEAD = 0.6
 """The car of a model rolls from so long before the first steering command on, s."""
@@ -31,7 +31,7 @@ SETTLING = 0.1
 """Its motion is compared so much later, once pitch and tail have settled, s."""
 REACH = 0.5
 """Its motion is compared until so long after the last command, s."""
-LARGEST_TILT = 0.8
+MAX_TILT = 0.8
 """rad; what a car does that leans more is decided by what no model knows. Samples behind it are not
 fitted."""
 STOP_MARGIN = 0.03
@@ -41,12 +41,12 @@ MODEL_SHARE = 0.005
 """Least error of the model: share of the signal, by which the largest yaw rate at the plant's step
 is off."""
 MODEL_TIME = 0.1
-"""How long one such error lasts, s."""
-LEAST_SPAN = 0.5
+"""Duration of one such error, s."""
+MIN_SPAN = 0.5
 """Time that a log needs before and after the first steering command, s."""
-LEAST_SAMPLES = {"imu": 40, "speed": 5}
+MIN_SAMPLES = {"imu": 40, "speed": 5}
 """Samples that a log needs, by source."""
-LEAST_NOISE = 1e-4
+MIN_NOISE = 1e-4
 """Least noise of a signal whose unit is in rad/s or m/s2."""
 DRIVER = ("steering_command_rad", "throttle_command", "planned_turn")
 TAIL = {
@@ -113,7 +113,7 @@ class LoggedCommands:
     def step(
         self, memory: FloatArray, observation: Observation
     ) -> tuple[FloatArray, FloatArray, FloatArray, int]:
-        """What the log commands at this time."""
+        """Command the joints as the log does at this time."""
         pitch, roll = self.tail[:, self._row(observation.time)]
         return memory, pitch, roll, 0
 
@@ -153,8 +153,7 @@ class CarDrive:
     def run(
         self, changes: Mapping[str, Mapping[str, float]], latency: float, speed: float
     ) -> Mapping[str, FloatArray]:
-        """Channels of a run, and `time`, s of the log: what sensors without noise and bias would
-        say.
+        """Simulate the drive: channels without noise and bias, and `time`, s of the log.
 
         Args:
             changes: to the scenario, by section and key.
@@ -164,37 +163,36 @@ class CarDrive:
         Raises:
             FitError: there is no such car.
         """
-        from aerodima.workbench.simulate.car_run import LiveView, run_outcome
+        from aerodima.workbench.car.car_run import run_outcome
+        from aerodima.workbench.car.run_view import LiveView
 
         scenario = self.scenario
         played = replace(self.commands, latency=latency)
         step = changes["simulation"]["step"]
-        end = (
-            max(float(channel.time[-1]) for channel in self.channels.values())
-            + 2.0 * step
-            - played.begin
-        )
-        fixed: dict[str, dict[str, Any]] = {"manoeuvre": {"kind": "straight", "duration": end}}
-        fixed |= {"servo": {"frame_rate": 1.0 / step}, "controller": {"rate": 1.0 / step}}
-        sections = {
-            key: {**fixed.get(key, {}), **changes.get(key, {})} for key in {*fixed, *changes}
+        last = max(float(channel.time[-1]) for channel in self.channels.values())
+        sections: dict[str, dict[str, Any]] = {
+            **{section: dict(values) for section, values in changes.items()},
+            "servo": {"frame_rate": 1.0 / step},
+            "controller": {"rate": 1.0 / step},
         }
+        sections["manoeuvre"] |= {"kind": "straight", "duration": last + 2.0 * step - played.begin}
         tail = played if self.tailed else None
         try:
             changed = scenario.varied(**sections)
             table = run_outcome(changed, False, tail, LiveView(), played, speed).table
         except (UserError, RuntimeError) as error:
             raise FitError(str(error)) from error
-        columns = {
-            name: table[column].to_numpy() for name, (_, _, column) in CHANNELS.items() if column
-        }
-        columns["speed"] = np.hypot(
-            *(table[f"velocity_{axis}_truth_m_per_s"].to_numpy() for axis in "xy")
-        )
-        return columns | {"time": table["time_s"].to_numpy() + played.begin}
+        columns = {}
+        for name, (_, _, column) in CHANNELS.items():
+            if column:
+                columns[name] = table[column].to_numpy()
+        velocity = [table[f"velocity_{axis}_truth_m_per_s"].to_numpy() for axis in "xy"]
+        columns["speed"] = np.hypot(*velocity)
+        columns["time"] = table["time_s"].to_numpy() + played.begin
+        return columns
 
     def sampled(self, run: Mapping[str, FloatArray], late: float) -> dict[str, FloatArray]:
-        """At the times of the samples, all of it so much later, s."""
+        """Sample a run at the times of the log, all of it `late` seconds later."""
         return {
             name: np.interp(channel.time - late, run["time"], run[name])
             for name, channel in self.channels.items()
@@ -202,7 +200,7 @@ class CarDrive:
 
 
 def car_drive(log: RunLog, settings: tuple[str, ...] = ()) -> CarDrive:
-    """Takes from a log of a drive what a fit needs; no truth.
+    """Take from a log of a drive what a fit needs; no truth.
 
     Args:
         log: of the car or of its simulation.
@@ -230,43 +228,36 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
         Scenario.apply_setting(content, setting)
     scenario = Scenario.from_dict(content, "its scenario")
     time = log.time
-    signal = log.signal
     tailed = scenario.tail.mode != "none"
     names = [*DRIVER, "imu_roll_rad", "imu_pitch_rad"]
     if tailed:
-        names[len(DRIVER) : len(DRIVER)] = TAIL["pitch"] + TAIL["roll"]
-        names.append("tail_roll_angle_rad")
-    check_signals(time, {name: signal(name) for name in names})
-    steered = np.flatnonzero(np.abs(signal(DRIVER[0])) > STEERED)
+        names += [*TAIL["pitch"], *TAIL["roll"], "tail_roll_angle_rad"]
+    signals = {name: log.signal(name) for name in names}
+    check_signals(time, signals)
+    steered = np.flatnonzero(np.abs(signals[DRIVER[0]]) > STEERED)
     if not steered.size:
         raise FitError(f"column {DRIVER[0]!r} stays within {STEERED:g} rad; a fit needs a turn")
     turn = float(time[steered[0]])
     end = float(time[steered[-1]]) + REACH
-    upright = np.cos(signal("imu_roll_rad")) * np.cos(signal("imu_pitch_rad"))
-    lost = {f"the car leans beyond {LARGEST_TILT:g} rad": upright < math.cos(LARGEST_TILT)}
-    if tailed:
-        angle = signal("tail_roll_angle_rad")
-        across = -np.sign(angle[steered[0]]) * angle
-        lost["the tail strikes its stop"] = across > scenario.tail.roll_stop - STOP_MARGIN
     warnings = []
-    for what, where in lost.items():
-        over = time[where & (time >= turn)]
+    for reason, lost in _losses(scenario, signals, int(steered[0])).items():
+        over = time[lost & (time >= turn)]
         if over.size and over[0] < end:
             end = float(over[0])
-            warnings.append(f"{what} at {end:g} s; samples until then are used")
+            warnings.append(f"{reason} at {end:g} s; samples until then are used")
     rate = scenario.controller.rate
     first = float(time[0])
     last = float(time[-1])
     begin = max(math.floor((turn - LEAD) * rate) / rate, first)
-    if min(turn - begin, last - turn) < LEAST_SPAN:
+    if min(turn - begin, last - turn) < MIN_SPAN:
         span = f"{first:g} to {last:g} s, steered from {turn:g} s on"
-        raise FitError(f"holds {span}; a fit needs {LEAST_SPAN:g} s to either side")
+        raise FitError(f"holds {span}; a fit needs {MIN_SPAN:g} s to either side")
     channels = {name: _channel(log, name, scenario, (begin + SETTLING, end)) for name in CHANNELS}
     tail: FloatArray = np.zeros((2, time.size, 5))
     if tailed:
-        of_joints = [[signal(name) for name in columns] for columns in TAIL.values()]
-        tail = np.array(of_joints).swapaxes(1, 2)
-    driver = np.array([signal(name) for name in DRIVER])
+        joints = [[signals[name] for name in columns] for columns in TAIL.values()]
+        tail = np.array(joints).swapaxes(1, 2)
+    driver = np.array([signals[name] for name in DRIVER])
     commands = LoggedCommands(time=time, driver=driver, tail=tail, rate=rate, begin=begin)
     line_speed = steady_speed(commands.at(turn - begin).throttle, scenario.drive)
     if line_speed <= 0.0:
@@ -275,6 +266,23 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
             "needs a driven one"
         )
     return CarDrive(log.name, scenario, commands, channels, turn, line_speed, tuple(warnings))
+
+
+def _losses(
+    scenario: Scenario, signals: Mapping[str, FloatArray], turn: int
+) -> dict[str, np.ndarray]:
+    """Where no model can follow the car any more (n): reason -> flags.
+
+    Args:
+        turn: row of the first steering command.
+    """
+    upright = np.cos(signals["imu_roll_rad"]) * np.cos(signals["imu_pitch_rad"])
+    losses = {f"the car leans beyond {MAX_TILT:g} rad": upright < math.cos(MAX_TILT)}
+    if "tail_roll_angle_rad" in signals:
+        angle = signals["tail_roll_angle_rad"]
+        across = -np.sign(angle[turn]) * angle
+        losses["the tail strikes its stop"] = across > scenario.tail.roll_stop - STOP_MARGIN
+    return losses
 
 
 def _channel(log: RunLog, name: str, scenario: Scenario, span: tuple[float, float]) -> Channel:
@@ -290,20 +298,19 @@ def _channel(log: RunLog, name: str, scenario: Scenario, span: tuple[float, floa
     sensor = scenario.imu if source == "imu" else scenario.gps
     new = np.diff(taken, prepend=-np.inf) > 0.5 / sensor.rate
     count = np.count_nonzero(new)
-    least = LEAST_SAMPLES[source]
+    least = MIN_SAMPLES[source]
     if count < least:
         raise FitError(f"only {count} samples of {column!r} around the turn; a fit needs {least}")
-    noise, step = {
-        "speed": (scenario.gps.noise, 0.0),
-        "lateral_acceleration": (
-            scenario.imu.accelerometer_noise,
-            STEPS[IMU.index("acceleration_y")],
-        ),
-    }.get(name, (scenario.imu.gyro_noise, STEPS[IMU.index("gyro_z")]))
+    if name == "speed":
+        noise, step = scenario.gps.noise, 0.0
+    elif name == "lateral_acceleration":
+        noise, step = scenario.imu.accelerometer_noise, STEPS[IMU.index("acceleration_y")]
+    else:
+        noise, step = scenario.imu.gyro_noise, STEPS[IMU.index("gyro_z")]
     time = taken[new]
     value = values[used][new]
     alike = max(MODEL_TIME * (time.size - 1) / float(np.ptp(time)), 1.0)
     size = maximum_filter1d(np.abs(value), 2 * round(alike) + 1)
     # Rounding is evenly spread.
     squares = noise**2 + step**2 / 12.0 + alike * np.square(MODEL_SHARE * size)
-    return Channel(time, value, np.sqrt(np.maximum(squares, LEAST_NOISE**2)))
+    return Channel(time, value, np.sqrt(np.maximum(squares, MIN_NOISE**2)))

@@ -1,4 +1,4 @@
-"""From several fits to one number, and from many to coefficient files
+"""Averages over several fits, and coefficient files of many
 (`aerodima.workbench.aero.coefficient_files`).
 
 The thesis' weighted average, and robust ones beside it: eps_i = sum(res) / res_i, w_i = eps_i /
@@ -17,14 +17,16 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from aerodima.optimisation.identify.fit_pipeline import FitResult
-from aerodima.optimisation.identify.least_squares import LIMIT, spread
+from aerodima.optimisation.identify.fit_result import FitResult
+from aerodima.optimisation.identify.huber import LIMIT, spread
 from aerodima.workbench.aero.coefficient_files import SCHEMA, coefficients_from_dict
-from aerodima.workbench.aero.laws import CHEETAH_LIMIT, ROBOT_LIMIT
-from aerodima.workbench.atomic_write import write_atomically
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.aero.section_laws import CHEETAH_LIMIT, ROBOT_LIMIT
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.atomic_write import write_atomically
+from aerodima.workbench.core.errors import FitError
 
+Grid = dict[tuple[float, float], list[FitResult]]
+"""Speed (m/s) and angle (degrees) of a node -> its tests."""
 _ANGLE_STEP = 1.0
 """Holds within half of this (degrees) of each other are one node."""
 
@@ -60,16 +62,15 @@ def averages(values: FloatArray, resnorms: FloatArray) -> dict[str, float]:
     if not (len(x) and np.all(np.isfinite(x))):
         raise FitError("weighted average: there are no values, or one is not finite")
     low, high = np.percentile(x, (10.0, 90.0))
-    found = {
-        "weighted": weights(resnorms) @ x,
-        "mean": np.mean(x),
-        "median": np.median(x),
+    return {
+        "weighted": float(weights(resnorms) @ x),
+        "mean": float(np.mean(x)),
+        "median": float(np.median(x)),
         "huber": huber_location(x),
-        "p10": low,
-        "p90": high,
+        "p10": float(low),
+        "p90": float(high),
+        "samples": len(x),
     }
-    numbers = {name: float(value) for name, value in found.items()}
-    return numbers | {"samples": len(x)}
 
 
 def averages_table(results: Sequence[FitResult], keys: Sequence[str] = ()) -> pd.DataFrame:
@@ -137,49 +138,43 @@ def static_sets(results: Sequence[FitResult]) -> tuple[dict[str, dict[str, Any]]
         Contents by name of the file, and a line for each that is left out because its grid has
         holes.
     """
-    cells: dict[tuple[str, str], dict[tuple[float, float], list[FitResult]]] = defaultdict(
-        lambda: defaultdict(list)
-    )
+    grids: dict[tuple[str, str], Grid] = defaultdict(lambda: defaultdict(list))
     for result in results:
         if result["cd"].identifiable and result["cl"].identifiable:
             facts = result.facts
             node = (float(facts["wind_speed_m_per_s"]), node_angle(result))
-            cells[facts["tail"], facts["axis"]][node].append(result)
-    found = {}
+            grids[facts["tail"], facts["axis"]][node].append(result)
+    sets = {}
     left_out = []
-    for (tail, axis), nodes in cells.items():
+    for (tail, axis), grid in grids.items():
         name = f"cheetah_tail_{tail}_{axis}"
-        speeds = sorted({speed for speed, _ in nodes})
-        angles = sorted({angle for _, angle in nodes})
+        speeds = sorted({speed for speed, _ in grid})
+        angles = sorted({angle for _, angle in grid})
         if len(speeds) < 2 or len(angles) < 2:
             continue
-        holes = [
-            f"{v:g} m/s at {a:g} degrees" for a in angles for v in speeds if (v, a) not in nodes
-        ]
+        holes = [(v, a) for a in angles for v in speeds if (v, a) not in grid]
         if holes:
+            speed, angle = holes[0]
             more = f" and {len(holes) - 1} more" if len(holes) > 1 else ""
             left_out.append(
-                f"{name}.yaml is left out: its grid of speed and angle lacks {holes[0]}{more}"
+                f"{name}.yaml is left out: its grid of speed and angle lacks {speed:g} m/s at "
+                f"{angle:g} degrees{more}"
             )
             continue
-        found[name] = {
+        ordered = [(v, a) for a in angles for v in speeds]
+        number = sum(map(len, grid.values()))
+        limits = [round(math.radians(angle), 9) for angle in (angles[0], angles[-1])]
+        sets[name] = {
             "schema": SCHEMA,
             "law": "polar",
             "quasi_steady_limit_m_per_s": CHEETAH_LIMIT,
             "name": f"cheetah tail {tail}, {axis} axis",
-            "source": f"aerodima fit static over {sum(len(group) for group in nodes.values())} "
-            "holds",
+            "source": f"aerodima fit static over {number} holds",
             "kind": "table",
-            "range": {
-                "speed_m_per_s": [speeds[0], speeds[-1]],
-                "angle_rad": [round(math.radians(angle), 9) for angle in (angles[0], angles[-1])],
-            },
-            "nodes": [
-                _static_node(speed, angle, nodes[speed, angle])
-                for speed, angle in sorted(nodes, key=lambda place: (place[1], place[0]))
-            ],
+            "range": {"speed_m_per_s": [speeds[0], speeds[-1]], "angle_rad": limits},
+            "nodes": [_static_node(*node, grid[node]) for node in ordered],
         }
-    return found, left_out
+    return sets, left_out
 
 
 def _static_node(speed: float, angle: float, group: list[FitResult]) -> dict[str, Any]:
@@ -194,13 +189,11 @@ def _static_node(speed: float, angle: float, group: list[FitResult]) -> dict[str
 
 
 def _average(name: str, pairs: Sequence[tuple[float, float]]) -> dict[str, float]:
-    """Weighted average of values with resnorms under the name itself, the others beside it."""
-    found = averages(*np.array(pairs).T)
-    del found["samples"]
-    numbers = {name: round(found.pop("weighted"), 5)}
-    for key, value in found.items():
-        numbers[f"{name}_{key}"] = round(value, 5)
-    return numbers
+    """Average values with resnorms: weighted under the name itself, the others beside it."""
+    numbers = averages(*np.array(pairs).T)
+    del numbers["samples"]
+    keys = {"weighted": name}
+    return {keys.get(key, f"{name}_{key}"): round(value, 5) for key, value in numbers.items()}
 
 
 def robot_tail_set(results: Sequence[FitResult]) -> dict[str, Any] | None:
@@ -231,7 +224,7 @@ def robot_tail_set(results: Sequence[FitResult]) -> dict[str, Any] | None:
 
 
 def write_sets(folder: Path, sets: dict[str, dict[str, Any]]) -> list[Path]:
-    """Writes coefficient files, each after reading its text back: none is left that the
+    """Write coefficient files, each after reading its text back: none is left that the
     aerodynamics refuse.
     """
     paths = []

@@ -17,17 +17,17 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from aerodima.optimisation.identify.fit_pipeline import FitResult
+from aerodima.optimisation.identify.fit_result import FitResult
 from aerodima.workbench.batch.dask_engine import run_batch
 from aerodima.workbench.batch.row_store import (
     WORKER_RECORD,
     ProgressBar,
     ProgressLine,
     RowStore,
-    saying_how_to_go_on,
-    silent,
+    no_progress,
+    print_resume_hint,
 )
-from aerodima.workbench.errors import FitError, UserError
+from aerodima.workbench.core.errors import FitError, UserError
 from aerodima.workbench.logs.schema import software_versions
 
 JOURNAL = "fits.jsonl"
@@ -59,9 +59,9 @@ def fit_logs(
     settings: dict[str, Any],
     workers: int = 1,
     force: bool = False,
-    progress: ProgressLine = silent,
+    progress: ProgressLine = no_progress,
 ) -> BatchResult:
-    """Fits every log and keeps what is finished in `out`.
+    """Fit every log and keep what is finished in `out`.
 
     Args:
         work: fits the log of a path; a function of a module, or a `functools.partial` of one.
@@ -76,30 +76,25 @@ def fit_logs(
         FitError: a log is named twice, none is named, or the folder holds results of other
             settings.
     """
-    names = [str(path) for path in logs]
-    if not names:
-        raise FitError("no log is named")
-    for name in sorted(names):
-        if names.count(name) > 1:
-            raise FitError(f"{name}: named twice")
+    names = _unique(logs)
     versions = json.dumps(software_versions(), sort_keys=True)
     keys = {name: _key(name, versions) for name in names}
     with RowStore(out / JOURNAL, {"settings": settings}, force=force, error=FitError) as store:
         done = {name: store.rows[key] for name, key in keys.items() if key in store.rows}
         missing = [name for name in names if name not in done]
         reused = len(done)
-        bar = ProgressBar(progress, len(names), len(done))
+        bar = ProgressBar(progress, len(names), reused)
 
-        def keep(_place: int, line: dict[str, Any]) -> None:
+        def keep(_index: int, line: dict[str, Any]) -> None:
             name = line["log"]
             if line["error"] != WORKER_KILLED:  # a second call tries it again
                 store.add(keys[name], line)
             done[name] = line
-            bar.one_more(Path(name).name)
+            bar.advance(Path(name).name)
 
-        with saying_how_to_go_on(progress, lambda: f"{bar.done} of {len(names)} fits"):
+        with print_resume_hint(progress, lambda: f"{bar.done} of {len(names)} fits"):
             run_batch(
-                partial(_one, work),
+                partial(_fit_log, work),
                 missing,
                 workers,
                 keep,
@@ -115,7 +110,18 @@ def fit_logs(
     )
 
 
-def _one(work: Fit, name: str) -> dict[str, Any]:
+def _unique(logs: Sequence[Path | str]) -> list[str]:
+    """Names of the logs; FitError when one is named twice, or none is named."""
+    names = [str(path) for path in logs]
+    if not names:
+        raise FitError("no log is named")
+    for name in sorted(names):
+        if names.count(name) > 1:
+            raise FitError(f"{name}: named twice")
+    return names
+
+
+def _fit_log(work: Fit, name: str) -> dict[str, Any]:
     """The outcome of one log as plain data; errors of the log included."""
     try:
         return {"log": name, "result": asdict(work(name)), "error": ""}
@@ -130,7 +136,7 @@ def _failed(name: str, reason: str = WORKER_KILLED) -> dict[str, Any]:
 
 
 def _key(name: str, versions: str) -> str:
-    """Changes with the log, its file or the versions of the software."""
+    """Hash that changes with the log, its file or the versions of the software."""
     try:
         state = Path(name).stat()
     except OSError:

@@ -10,60 +10,53 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from aerodima.optimisation.identify.fit_pipeline import FitResult, short_name
-from aerodima.workbench.figures.figure_style import BLUE, GREY, SKY, VERMILION, new_figure, styled
+from aerodima.optimisation.identify.fit_result import FitResult, short_name
+from aerodima.workbench.view.figure_style import BLUE, GREY, SKY, VERMILION, new_figure, styled
 
-_MOST_CURVES = 12
-"""Panels of a figure."""
-_MOST_NAMED = 16
+_MAX_CURVES = 12
+"""Most panels of a figure."""
+_MAX_NAMED = 16
 """Most fits whose names stand below the axis."""
 
 
 def figures_of(results: Sequence[FitResult]) -> dict[str, Figure]:
-    """All figures of a report by name: the estimates of more than one fit, and the curves of the
-    first ones.
+    """Draw all figures of a report by name.
+
+    They are the estimates of more than one fit, and the curves of the first ones.
     """
+    figures = {}
     if len(results) > 1:
-        figures = {"estimates": plot_estimates(results)}
-    else:
-        figures = {}
+        figures["estimates"] = plot_estimates(results)
     curves = [result for result in results if result.curves]
-    return figures | ({"curves": plot_curves(*curves[:_MOST_CURVES])} if curves else {})
+    if curves:
+        figures["curves"] = plot_curves(*curves[:_MAX_CURVES])
+    return figures
 
 
 @styled()
 def plot_estimates(results: Sequence[FitResult]) -> Figure:
-    """Every free parameter over the fits, with its interval; what is not determined is left out."""
-    free = {
-        e.name: e.unit for result in results for e in result.free if not e.name.startswith("start_")
-    }
+    """Draw the free parameters over the fits, with intervals, as far as they are determined."""
+    free: dict[str, str] = {}
+    for result in results:
+        free |= {e.name: e.unit for e in result.free if not e.name.startswith("start_")}
     figure, grid = new_figure(10.0, 1.9 * len(free) + 1.2, len(free), sharex=True)
     axes = grid[:, 0]
     for ax, name in zip(axes, free, strict=True):
-        found = [
-            (i, e)
-            for i, result in enumerate(results)
-            for e in result.free
-            if e.name == name and e.identifiable
-        ]
-        if found:
-            values = np.array([e.value for _, e in found])
-            low = np.maximum(values - [e.lower for _, e in found], 0.0)
-            high = np.maximum([e.upper for _, e in found] - values, 0.0)
-            places = [i for i, _ in found]
+        points = []
+        for index, result in enumerate(results):
+            for e in result.free:
+                if e.name == name and e.identifiable:
+                    points.append((index, e.value, e.value - e.lower, e.upper - e.value))
+        if points:
+            indices, values, low, high = np.array(points).T
+            widths = np.maximum([low, high], 0.0)
             ax.errorbar(
-                places, values, yerr=[low, high], fmt="o", ms=3.5, capsize=2, color=BLUE, ecolor=SKY
+                indices, values, yerr=widths, fmt="o", ms=3.5, capsize=2, color=BLUE, ecolor=SKY
             )
             ax.ticklabel_format(axis="y", useOffset=False)
         else:
-            ax.text(
-                0.5,
-                0.5,
-                "not determined in any fit",
-                transform=ax.transAxes,
-                ha="center",
-                color=VERMILION,
-            )
+            text = ax.text(0.5, 0.5, "not determined in any fit", transform=ax.transAxes)
+            text.set(ha="center", color=VERMILION)
             ax.set_yticks([])
         ax.set_ylabel(name if free[name] == "1" else f"{name} [{free[name]}]", fontsize=8)
     _name_fits(axes[-1], results)
@@ -72,9 +65,9 @@ def plot_estimates(results: Sequence[FitResult]) -> Figure:
 
 
 def _name_fits(ax: Axes, results: Sequence[FitResult]) -> None:
-    """The fits along the x axis: by name while there is room, else by their place in the table."""
+    """Label the fits along the x axis: by name while there is room, else by their index."""
     ax.set_xlim(-0.5, len(results) - 0.5)
-    if len(results) > _MOST_NAMED:
+    if len(results) > _MAX_NAMED:
         ax.set_xlabel("fit, in the order of the table (from 0)")
         return
     ax.set_xticks(
@@ -88,17 +81,16 @@ def _name_fits(ax: Axes, results: Sequence[FitResult]) -> None:
 
 @styled()
 def plot_curves(*results: FitResult) -> Figure:
-    """Measurement and model, such as a swing's angle, a panel per fit; below it the residual."""
-    curves = [
-        (short_name(result.name), name, curve)
-        for result in results
-        for name, curve in result.curves.items()
-    ]
+    """Draw measurement and model, such as a swing's angle, and below the residual, for each fit."""
+    curves = []
+    for result in results:
+        for name, curve in result.curves.items():
+            curves.append((f"{short_name(result.name)}: {name}", curve))
     columns = min(3, len(curves))
     rows = math.ceil(len(curves) / columns)
     figure = Figure(figsize=(5.0 * columns, 4.2 * rows))
     grid = figure.add_gridspec(rows, columns)
-    for number, (fit, name, curve) in enumerate(curves):
+    for number, (title, curve) in enumerate(curves):
         pair = grid[number // columns, number % columns].subgridspec(2, 1, height_ratios=(3, 1))
         upper = figure.add_subplot(pair[0])
         lower = figure.add_subplot(pair[1], sharex=upper)
@@ -108,7 +100,7 @@ def plot_curves(*results: FitResult) -> Figure:
         upper.plot(x, measured, mark, color=GREY, lw=2.4, label="measured")
         upper.plot(x, model, lw=1.3, color=BLUE, linestyle="--", label="model")
         upper.tick_params(labelbottom=False)
-        upper.set_title(f"{fit}: {name}", fontsize=9)
+        upper.set_title(title, fontsize=9)
         upper.set_ylabel(y_label)
         upper.legend(fontsize=8)
         lower.plot(x, measured - model, mark, ms=3, lw=0.8, color=GREY)

@@ -1,5 +1,5 @@
-"""What a fit leaves in its folder: one CSV row per fit, the whole results as YAML, figures as PNG,
-one HTML page.
+"""The files of a fit: one CSV row per fit, the whole results as YAML, figures as PNG, one HTML
+page.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import pandas as pd
 import yaml
 
 from aerodima.optimisation.identify.fit_figures import figures_of
-from aerodima.optimisation.identify.fit_pipeline import Estimate, FitResult, short_name
-from aerodima.workbench.errors import FitError
+from aerodima.optimisation.identify.fit_result import Estimate, FitResult, short_name
+from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.logs.schema import software_versions
-from aerodima.workbench.report.report_page import (
+from aerodima.workbench.view.report_page import (
     Bullets,
     Content,
     Finding,
@@ -31,10 +31,15 @@ from aerodima.workbench.report.report_page import (
 )
 
 SCHEMA = "aerodima/fit-report/1"
-_MOST_DECIMALS = 9
+_MAX_DECIMALS = 9
 """Most decimals of a number that is not written as a power of ten."""
-_LEAST_SHARE = 0.01
+_MIN_SHARE = 0.01
 """Least share of a variance that is shown."""
+_BUDGET_TEXT = (
+    "Percent of the variance, median over the fits; the rig's constants by its section "
+    "uncertainty. Noise counts more than with exact constants, since the log helps to find them, "
+    "too. Per fit in"
+)
 
 
 def write_report(
@@ -46,7 +51,7 @@ def write_report(
     tables: Mapping[str, pd.DataFrame] | None = None,
     left_out: Sequence[str] = (),
 ) -> list[Path]:
-    """Writes `fits.csv`, `fits.yaml`, `*.png` and `report.html`; files of an earlier report are
+    """Write `fits.csv`, `fits.yaml`, `*.png` and `report.html`; files of an earlier report are
     replaced.
 
     Args:
@@ -63,7 +68,7 @@ def write_report(
     plots = {
         name: zoomable(figure, "", _heading(name)) for name, figure in figures_of(results).items()
     }
-    written = {
+    whole = {
         "schema": SCHEMA,
         "title": title,
         "versions": software_versions(),
@@ -72,84 +77,77 @@ def write_report(
         "tables": {name: table.to_dict("records") for name, table in tables.items()},
         "fits": [_plain(result) for result in results],
     }
-    warned = [
-        f"{result.name}: {'; '.join(result.warnings)}" for result in results if result.warnings
-    ]
-    findings = {
-        f"{len(failed)} could not be fitted": [
-            f"{name}: {reason}" for name, reason in failed.items()
-        ],
-        "Left out": left_out,
-        "Warnings": warned,
-    }
     sections = [
-        Section(head, [Finding([Bullets(lines)])]) for head, lines in findings.items() if lines
-    ]
-    sections += [
+        *_findings(results, failed, left_out),
         Section("Results", [_estimates(results)]),
         Section("Fits", [_frame(_facts(results))]),
+        *_origins(results, budget),
     ]
-    if len(budget):
-        shares = budget.drop(columns="fit").groupby("parameter", sort=False).median()
-        shown = (
-            (100.0 * shares.loc[:, shares.max() >= _LEAST_SHARE]).round().astype(int).reset_index()
-        )
-        words = (
-            "Percent of the variance, median over the fits; the rig's constants by its section "
-            "uncertainty. Noise "
-            "counts more than with exact constants, since the log helps to find them, too. Per "
-            "fit in"
-        )
-        sections.append(
-            Section("What the intervals are made of", [(words, Link("budget.csv")), _frame(shown)])
-        )
-    rig = pd.DataFrame(
-        [(key, value) for r in results for key, value in r.rig.items()], columns=["key", "value"]
-    )
-    if len(rig):
-        sections.append(
-            Section("What of the rig is not as in models/", [_frame(rig.drop_duplicates())])
-        )
-    for name, table in tables.items():
-        sections.append(
-            Section(_heading(name), [_frame(table), ("The same in", Link(f"{name}.csv"))])
-        )
-    sections += [Section(plot.alternative, [plot]) for plot in plots.values()]
     contents: dict[str, Content] = {
         "fits.csv": pd.DataFrame([result.row() for result in results]),
         "fits.yaml": yaml.safe_dump(
-            _numbers(written), sort_keys=False, allow_unicode=True, width=120
+            _numbers(whole), sort_keys=False, allow_unicode=True, width=120
         ),
-        **({"budget.csv": budget} if len(budget) else {}),
-        **{f"{name}.csv": table for name, table in tables.items()},
-        "report.html": Page(title, "", sections),
-        **{f"{name}.png": plot.data for name, plot in plots.items()},
     }
+    if len(budget):
+        contents["budget.csv"] = budget
+    for name, table in tables.items():
+        link = "The same in", Link(f"{name}.csv")
+        sections.append(Section(_heading(name), [_frame(table), link]))
+        contents[f"{name}.csv"] = table
+    for name, plot in plots.items():
+        sections.append(Section(plot.alternative, [plot]))
+        contents[f"{name}.png"] = plot.data
+    contents["report.html"] = Page(title, "", sections)
     return write_files(folder, contents, error=FitError)
+
+
+def _findings(
+    results: Sequence[FitResult], failed: Mapping[str, str], left_out: Sequence[str]
+) -> list[Section]:
+    """Make sections of what failed, what was left out, and warnings."""
+    findings = {
+        f"{len(failed)} could not be fitted": [f"{log}: {text}" for log, text in failed.items()],
+        "Left out": left_out,
+        "Warnings": [f"{r.name}: {'; '.join(r.warnings)}" for r in results if r.warnings],
+    }
+    return [Section(head, [Finding([Bullets(lines)])]) for head, lines in findings.items() if lines]
+
+
+def _origins(results: Sequence[FitResult], budget: pd.DataFrame) -> list[Section]:
+    """Shares of the variances, and what of the rig differs from `models/`."""
+    sections = []
+    if len(budget):
+        shares = budget.drop(columns="fit").groupby("parameter", sort=False).median()
+        shown = 100.0 * shares.loc[:, shares.max() >= _MIN_SHARE]
+        percent = _frame(shown.round().astype(int).reset_index())
+        link = _BUDGET_TEXT, Link("budget.csv")
+        sections.append(Section("What the intervals are made of", [link, percent]))
+    rig = [(key, value) for result in results for key, value in result.rig.items()]
+    if rig:
+        table = pd.DataFrame(rig, columns=["key", "value"]).drop_duplicates()
+        sections.append(Section("What of the rig is not as in models/", [_frame(table)]))
+    return sections
 
 
 def budget_table(results: Sequence[FitResult]) -> pd.DataFrame:
     """Shares of the variance of every determined parameter: a row each, a column for noise and each
     constant.
     """
-    rows = [
-        {
-            "fit": short_name(result.name),
-            "parameter": name,
-            **{key: round(share, 4) for key, share in shares.items()},
-        }
-        for result in results
-        for name, shares in result.budget.items()
-    ]
+    rows = []
+    for result in results:
+        for name, shares in result.budget.items():
+            row = {"fit": short_name(result.name), "parameter": name}
+            rows.append(row | {key: round(share, 4) for key, share in shares.items()})
     return pd.DataFrame(rows).fillna(0.0)
 
 
 def _plain(result: FitResult) -> dict[str, Any]:
+    """The content of the YAML file for one fit; the order of its keys is part of it."""
     content = asdict(result)
     del content["curves"]
-    return {
-        {"unidentifiable": "not_determined"}.get(key, key): value for key, value in content.items()
-    }
+    renamed = {"unidentifiable": "not_determined"}
+    return {renamed.get(key, key): value for key, value in content.items()}
 
 
 def _numbers(value: Any) -> Any:
@@ -194,46 +192,32 @@ def _estimates(results: Sequence[FitResult]) -> Table:
 
 def _facts(results: Sequence[FitResult]) -> pd.DataFrame:
     """A row per fit: what was fitted, how large the residuals are, how the search ended."""
-    rows = [
-        {
-            "fit": short_name(r.name),
-            **r.facts,
-            **{f"rms of {k}": v for k, v in r.residual_rms.items()},
-            "end": r.status,
-        }
-        for r in results
-    ]
+    rows = []
+    for r in results:
+        rms = {f"rms of {channel}": value for channel, value in r.residual_rms.items()}
+        rows.append({"fit": short_name(r.name), **r.facts, **rms, "end": r.status})
     return pd.DataFrame(rows).fillna("")
 
 
 def _frame(table: pd.DataFrame) -> Table:
-    return Table(
-        list(map(str, table.columns)),
-        [[_short(value) for value in row] for row in table.to_numpy(object)],
-    )
+    rows = [list(map(_short, row)) for row in table.to_numpy(object)]
+    return Table(list(map(str, table.columns)), rows)
 
 
 def _short(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:.5g}"
-    return str(value)
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
 def format_estimate(estimate: Estimate, unit: bool = False) -> str:
-    """Value and interval in one cell; with the unit on request."""
+    """Format value and interval for one cell; with the unit on request."""
     if not estimate.identifiable:
         return "not determined"
-    if unit and estimate.unit != "1":
-        behind = f" {estimate.unit}"
-    else:
-        behind = ""
+    behind = f" {estimate.unit}" if unit and estimate.unit != "1" else ""
     if estimate.frozen:
         return f"{estimate.value:.5g}{behind} (frozen)"
     digits = _digits(estimate.upper - estimate.lower)
-    value, low, high = (
-        f"{number:{digits}}" for number in (estimate.value, estimate.lower, estimate.upper)
-    )
-    text = f"{value} ({low} .. {high}){behind}"
+    interval = f"{estimate.lower:{digits}} .. {estimate.upper:{digits}}"
+    text = f"{estimate.value:{digits}} ({interval}){behind}"
     if estimate.bound:
         return f"{text}, one-sided: at its {estimate.bound} bound"
     return text
@@ -241,9 +225,8 @@ def format_estimate(estimate: Estimate, unit: bool = False) -> str:
 
 def _digits(width: float) -> str:
     """Format of numbers whose interval is that wide: it keeps two digits."""
-    if not (0.0 < width < math.inf):
-        return ".6g"
-    decimals = 1 - math.floor(math.log10(width))
-    if decimals <= _MOST_DECIMALS:
-        return f".{max(decimals, 0)}f"
+    if 0.0 < width < math.inf:
+        decimals = 1 - math.floor(math.log10(width))
+        if decimals <= _MAX_DECIMALS:
+            return f".{max(decimals, 0)}f"
     return ".6g"

@@ -1,5 +1,5 @@
-"""What the published tables allow to recompute (`aerodima fit published`); what is odd in them:
-ERRATA.md.
+"""Recomputation of the published tables (`aerodima fit published`); ERRATA.md lists what is odd in
+them.
 
 The rig constants that the thesis does not give are fitted jointly to its 200 published holding
 currents. Given C_D, C_L and psi3 of a test, the current that holds the tail still follows from the
@@ -18,21 +18,22 @@ import numpy as np
 import pandas as pd
 
 from aerodima.optimisation.identify.coefficient_averages import averages
-from aerodima.optimisation.identify.fit_pipeline import FitResult, fit
-from aerodima.optimisation.identify.least_squares import Loss, Parameter, Parameters, Problem, huber
-from aerodima.optimisation.identify.least_squares_solvers import solve_formula, solve_rollout
-from aerodima.optimisation.identify.log_rig import with_values
-from aerodima.optimisation.identify.static_fit import StaticBalance
-from aerodima.optimisation.identify.uncertainty import Noise, independent_noise
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.rig_scenario import RigScenario, rig_scenario_from_dict
-from aerodima.workbench.resources import published_rows, published_table
+from aerodima.optimisation.identify.fit_pipeline import fit
+from aerodima.optimisation.identify.fit_result import FitResult, make_curve
+from aerodima.optimisation.identify.huber import Loss, huber
+from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution
+from aerodima.optimisation.identify.noise import Noise, independent_noise
+from aerodima.optimisation.identify.rig_constants import with_values
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.resources import published_rows, published_table
+from aerodima.workbench.rig.pendulum import StaticBalance
+from aerodima.workbench.scenario.rig_scenario import RigScenario, rig_scenario_from_dict
 
 OUTLIER = 0.03
 """Relative error of a predicted current above which a row is listed."""
 _TOLERANCE = 0.02
 """Relative error of a current above which the fit weighs it less."""
-_LEAST_CURRENT = 0.5
+_MIN_CURRENT = 0.5
 """The fit takes errors of smaller currents relative to this, A: the tests without wind held almost
 nothing."""
 _TAILS = (1, 2, 3)
@@ -41,7 +42,7 @@ _CELL = ["tail", "axis", "angle_of_attack_deg", "wind_speed_m_per_s"]
 
 
 def check_published() -> tuple[list[FitResult], dict[str, pd.DataFrame]]:
-    """Recomputes everything: the fits of the rig constants and of the robot tail's line, and all
+    """Recompute everything: the fits of the rig constants and of the robot tail's line, and all
     tables by name.
     """
     constants = fit_rig_constants()
@@ -56,14 +57,16 @@ def check_published() -> tuple[list[FitResult], dict[str, pd.DataFrame]]:
         "weighted averages": len(table),
         "robot tail: mean C_N": float(robot_tail_rows().cd.mean()),
     }
-    cells = currents.assign(absolute=np.abs(currents.relative_error)).groupby(_CELL[:3])["absolute"]
-    return [constants.fit, line], {
+    errors = currents.assign(absolute=np.abs(currents.relative_error))
+    cells = errors.groupby(_CELL[:3])["absolute"]
+    tables = {
         "summary": pd.DataFrame(summary.items(), columns=["quantity", "value"]),
         "currents_by_cell": cells.agg(["median", "max", "size"]).reset_index(),
         "current_outliers": constants.outliers,
         "weighted_averages": table,
         "static_cells": static_cells(),
     }
+    return [constants.fit, line], tables
 
 
 def static_rows() -> pd.DataFrame:
@@ -93,7 +96,9 @@ def published_twin(rows: pd.DataFrame, table: str) -> str:
 
 
 def duplicated_robot_tables() -> list[str]:
-    """Of each pair of equal tables the one whose lowest relative speed exceeds the wind speed."""
+    """Find of each pair of equal tables the one whose lowest relative speed exceeds the wind
+    speed.
+    """
     rows = published_table("robot_tail_drag")
     return [
         str(table)
@@ -116,41 +121,33 @@ def recompute_averages() -> pd.DataFrame:
         A row per average: table, quantity, published, its `averages`, and `agrees`: whether they
         differ by no more than half a unit of the last printed digit.
     """
-    entries: list[tuple[str, str, str, pd.Series, pd.Series]] = []
+    rows = []
     for name in ("bar_friction", "robot_tail_friction"):
         swings = published_table(name).query("record == 'swing'")
         final = next(row for row in published_rows(name) if row["record"].startswith("published_"))
         for column in ("coulomb_friction_n_m", "viscous_friction_n_m_s_per_rad"):
-            entries.append(
-                (swings.source_table.iloc[0], column, final[column], swings[column], swings.resnorm)
-            )
+            rows.append(_average_row(swings, column, column, final[column]))
     texts = [row["published_weighted_average_kg"] for row in published_rows("added_mass")]
     cells = ["source_table", "tail", "axis", "wind_speed_m_per_s"]
-    for (source, tail, axis, speed), group in published_table("added_mass").groupby(
-        cells, sort=False
-    ):
+    groups = published_table("added_mass").groupby(cells, sort=False)
+    for (_, tail, axis, speed), group in groups:
         label = f"added_mass_kg tail {tail} {axis} {speed:g} m/s"
-        entries.append(
-            (str(source), label, texts[group.index[0]], group.added_mass_kg, group.resnorm)
-        )
-    rows = []
-    for table, quantity, text, values, resnorms in entries:
-        found = averages(values.to_numpy(), resnorms.to_numpy())
-        published = float(text)
-        half = 0.5 * 10.0 ** -len(text.partition(".")[2])
-        agrees = math.isclose(
-            published, found["weighted"], abs_tol=half * (1.0 + 1e-9), rel_tol=0.0
-        )
-        rows.append(
-            {
-                "table": table,
-                "quantity": quantity,
-                "published": published,
-                **found,
-                "agrees": agrees,
-            }
-        )
+        rows.append(_average_row(group, "added_mass_kg", label, texts[group.index[0]]))
     return pd.DataFrame(rows)
+
+
+def _average_row(fits: pd.DataFrame, column: str, quantity: str, text: str) -> dict[str, Any]:
+    """Recompute one average; `text` is the printed one."""
+    average = averages(fits[column].to_numpy(), fits.resnorm.to_numpy())
+    published = float(text)
+    half = 0.5 * 10.0 ** -len(text.partition(".")[2])
+    return {
+        "table": fits.source_table.iloc[0],
+        "quantity": quantity,
+        "published": published,
+        **average,
+        "agrees": abs(published - average["weighted"]) <= half * (1.0 + 1e-9),
+    }
 
 
 def fit_line(
@@ -173,18 +170,20 @@ def fit_line(
     """
     height = float(np.std(y)) or float(np.max(np.abs(y))) or 1.0
     steepness = height / (float(np.std(x)) or 1.0)
-    parameters = Parameters.of(
-        [Parameter(*slope, 0.0, scale=steepness), Parameter(*offset, 0.0, scale=height)]
-    )
+    unknowns = [Parameter(*slope, 0.0, scale=steepness), Parameter(*offset, 0.0, scale=height)]
     design = np.column_stack([x, np.ones_like(x)]) / height
-    return fit(
-        Problem(parameters, lambda p: design @ p - y / height, lambda p: design, name=name),
-        solve_formula,
-        lambda solution: independent_noise(solution.residual, len(parameters.free)),
-        channels={channel: (slice(None), height)},
-        facts={"points": len(x)},
-        loss=loss,
-    )
+
+    def residual(p: FloatArray) -> FloatArray:
+        return design @ p - y / height
+
+    problem = Problem(Parameters.of(unknowns), residual, lambda _: design, name=name)
+    channels = {channel: (slice(None), height)}
+    facts = {"points": len(x)}
+    return fit(problem, _independent, channels=channels, facts=facts, loss=loss)
+
+
+def _independent(solution: Solution) -> Noise:
+    return independent_noise(solution.residual, len(solution.x))
 
 
 def robot_tail_line() -> FitResult:
@@ -203,26 +202,23 @@ def robot_tail_line() -> FitResult:
         name="robot tail, Tables 6.3 and 11.4-11.7",
         channel="cn",
     )
-    curve = {
-        "x": speed.tolist(),
-        "measured": values.tolist(),
-        "model": (line["slope"].value * speed + line["intercept"].value).tolist(),
-        "labels": ["relative speed, m/s", "C_N"],
-    }
+    model = line["slope"].value * speed + line["intercept"].value
+    curve = make_curve(speed, values, model, "relative speed, m/s", "C_N")
     return replace(line, curves={"C_N": curve})
 
 
 def static_cells() -> pd.DataFrame:
     """C_D and C_L per cell: weighted (eqs. 4.29-4.31), mean, median, Huber and percentiles."""
-    found = []
+    cells = []
     rows = static_rows()
     for cell, group in rows[~rows.published_bold_outlier.eq(True)].groupby(_CELL):
         row = dict(zip(_CELL, cell, strict=True))
         for name in ("cd", "cl"):
-            found_here = averages(group[name].to_numpy(), group.resnorm.to_numpy())
-            row |= {f"{name}_{key}": value for key, value in found_here.items() if key != "samples"}
-        found.append({**row, "samples": len(group)})
-    return pd.DataFrame(found)
+            average = averages(group[name].to_numpy(), group.resnorm.to_numpy())
+            samples = average.pop("samples")
+            row |= {f"{name}_{key}": value for key, value in average.items()}
+        cells.append({**row, "samples": samples})
+    return pd.DataFrame(cells)
 
 
 @dataclass(frozen=True)
@@ -250,10 +246,10 @@ class RigConstants:
 
 def constants_parameters() -> Parameters:
     """Unknown constants; seed and physical bounds: value and prior in `models/parameters/rig`."""
-    found = [_unknown("maxon", "torque_constant"), _unknown("tunnel", "jet_edge_depth")]
+    unknowns = [_unknown("maxon", "torque_constant"), _unknown("tunnel", "jet_edge_depth")]
     for tail in _TAILS:
-        found += [_unknown(f"tail_{tail}", "com_distance"), _unknown(f"tail_{tail}", "gap")]
-    return Parameters.of(found)
+        unknowns += [_unknown(f"tail_{tail}", key) for key in ("com_distance", "gap")]
+    return Parameters.of(unknowns)
 
 
 def _unknown(section: str, key: str) -> Parameter:
@@ -267,7 +263,7 @@ def _unknown(section: str, key: str) -> Parameter:
 def balances() -> dict[int, StaticBalance]:
     """The held rig with each of the three tails, with the parameters of `models/`."""
     return {
-        tail: StaticBalance.of(
+        tail: StaticBalance.from_scenario(
             rig_scenario_from_dict({"experiment": {"kind": "static", "tail": tail}})
         )
         for tail in _TAILS
@@ -281,7 +277,7 @@ def with_constants(balance: StaticBalance, tail: int, values: dict[str, float]) 
         "tunnel": {"jet_edge_depth": values["jet_edge_depth"]},
         f"tail_{tail}": {key: values[f"tail_{tail}_{key}"] for key in ("com_distance", "gap")},
     }
-    return StaticBalance.of(with_values(balance.scenario, changes))
+    return StaticBalance.from_scenario(with_values(balance.scenario, changes))
 
 
 def predicted_currents(rigs: dict[int, StaticBalance], rows: pd.DataFrame) -> FloatArray:
@@ -308,16 +304,18 @@ def fit_rig_constants(rows: pd.DataFrame | None = None) -> RigConstants:
     parameters = constants_parameters()
     rigs = balances()
     published = rows.current_a.to_numpy(float)
-    size = np.maximum(np.abs(published), _LEAST_CURRENT)
+    size = np.maximum(np.abs(published), _MIN_CURRENT)
 
     def errors(x: FloatArray) -> FloatArray:
         values = parameters.values(x)
         trial = {tail: with_constants(rig, tail, values) for tail, rig in rigs.items()}
         return (predicted_currents(trial, rows) - published) / size
 
+    def residual(x: FloatArray) -> FloatArray:
+        return huber(errors(x) / _TOLERANCE, 1.0)
+
     result = fit(
-        Problem(parameters, lambda x: huber(errors(x) / _TOLERANCE, 1.0), name="rig constants"),
-        solve_rollout,
+        Problem(parameters, residual, name="rig constants"),
         lambda solution: _cell_noise(solution.residual, rows, len(parameters.free)),
         channels={"current": (slice(None), _TOLERANCE)},
         facts={"rows": len(rows)},
@@ -328,12 +326,9 @@ def fit_rig_constants(rows: pd.DataFrame | None = None) -> RigConstants:
     )
     table["relative_error"] = predicted / published - 1.0
     ordered = table.sort_values("published_a")
-    curve = {
-        "x": ordered.published_a.tolist(),
-        "measured": ordered.predicted_a.tolist(),
-        "model": ordered.published_a.tolist(),
-        "labels": ["published current, A", "current from the published coefficients, A"],
-    }
+    labels = "published current, A", "current from the published coefficients, A"
+    currents = ordered.published_a.to_numpy(), ordered.predicted_a.to_numpy()
+    curve = make_curve(*currents, currents[0], *labels)
     return RigConstants(replace(result, curves={"holding current": curve}), table)
 
 

@@ -8,36 +8,27 @@ which the tail would creep against its friction if the current did not hold it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.identify.fit_pipeline import FitResult, UncertainRig, fit
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
+from aerodima.optimisation.identify.fit_pipeline import fit
+from aerodima.optimisation.identify.fit_result import FitResult
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution
-from aerodima.optimisation.identify.least_squares_solvers import solve_formula
-from aerodima.optimisation.identify.log_rig import (
-    BIASES,
-    FREE,
-    FitOptions,
-    accuracies,
-    differences,
-    shifted,
-    speed_accuracy,
-)
+from aerodima.optimisation.identify.log_rig import differences
+from aerodima.optimisation.identify.noise import Noise
+from aerodima.optimisation.identify.rig_constants import BIASES, accuracies, shifted, speed_accuracy
 from aerodima.optimisation.identify.static_log import REACTIONS, StaticData, static_data
-from aerodima.optimisation.identify.uncertainty import Noise
-from aerodima.workbench.aero.polar_law import PolarLaw
-from aerodima.workbench.aero.sections import Jet, SectionLayout
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.rig_scenario import RigScenario
-from aerodima.workbench.errors import FitError
+from aerodima.optimisation.identify.uncertain_constants import UncertainRig
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.resources import published_table
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.plants.rig_layout import bar_layout, pivot_position, tail_layout
-from aerodima.workbench.resources import published_table
+from aerodima.workbench.rig.pendulum import StaticBalance
 
 UNKNOWNS = {
     "cd": Parameter("cd", "1", 0.0, -0.1, 3.0, scale=1.0),
@@ -47,54 +38,43 @@ UNKNOWNS = {
 }
 """Within bounds that the published results themselves respect (they break the printed ones: ERRATA
 E5, E6)."""
-_SURE = 3.0
+_MAX_SIGMA = 3.0
 """Standard deviations beyond which a prediction is not that of the log."""
 _TURN = 1e-5
 """Step of the central difference over psi3, rad: its error is of the order of 1e-11."""
-Vector3 = tuple[float, float, float]
-UPRIGHT_MARGIN = math.radians(0.5)
-"""A tail that hangs straight within this has its lift to the root, on whichever side of 0 an
-encoder reads it."""
-_DRAG = PolarLaw(1.0, 0.0)
-"""Drag alone, with a coefficient of 1."""
-_LIFT = PolarLaw(0.0, 1.0, lift_blend=0.0)
-"""Lift alone, with a coefficient of 1."""
 
 
 def static_parameters(data: StaticData, options: FitOptions = FREE) -> Parameters:
     """Unknowns, from the seeds of Tables 4.9 and 10.1-10.5 at the nearest angle and wind speed."""
-    table = _seed_table()
     angle = abs(math.degrees(data.angle))
-    nodes = [node for node in table if str(node[0]) == data.facts["tail"]]
-    seeds = table[
-        min(nodes, key=lambda node: (abs(node[1] - angle) / 15.0, abs(node[2] - data.wind_speed)))
-    ]
-    seeded = [
-        replace(p, seed=min(max(seeds[name], p.lower), p.upper)) for name, p in UNKNOWNS.items()
-    ]
+    nodes = [node for node in _seed_table() if str(node[0]) == data.facts["tail"]]
+    nearest = min(
+        nodes, key=lambda node: (abs(node[1] - angle) / 15.0, abs(node[2] - data.wind_speed))
+    )
+    seeds = _seed_table()[nearest]
+    seeded = [p.starting_at(seeds[name]) for name, p in UNKNOWNS.items()]
     return Parameters.of(options.bounded(seeded))
 
 
 @cache
 def _seed_table() -> dict[Any, dict[str, float]]:
     """Tail, angle (degrees) and wind speed -> name -> seed."""
-    cells = published_table("static_seeds").groupby(
-        ["tail", "angle_of_attack_deg", "wind_speed_m_per_s"], sort=False
-    )
-    return {
-        node: dict(zip(group.variable, group.x0.tolist(), strict=True)) for node, group in cells
-    }
+    keys = ["tail", "angle_of_attack_deg", "wind_speed_m_per_s"]
+    table = {}
+    for node, group in published_table("static_seeds").groupby(keys, sort=False):
+        table[node] = dict(zip(group.variable, group.x0.tolist(), strict=True))
+    return table
 
 
 class StaticResidual:
-    """The weighted residual of one hold, with its exact Jacobian.
+    """The weighted residual of one hold.
 
     Rows: the present reactions over the accuracy of Table 4.8, then the speed over its own.
     """
 
     def __init__(self, data: StaticData) -> None:
         self._data = data
-        self._balance = StaticBalance.of(data.scenario)
+        self._balance = StaticBalance.from_scenario(data.scenario)
         self._rows = [i for i in range(6) if data.present[i]]
         self._weights = accuracies()[self._rows]
         speed = speed_accuracy()
@@ -113,13 +93,11 @@ class StaticResidual:
 
     @property
     def channels(self) -> dict[str, tuple[slice, float]]:
-        """Where each channel stands and what its residual was divided by."""
+        """Rows of each channel and the weight that they were divided by."""
         names = [*(REACTIONS[i] for i in self._rows), "speed"]
         weights = [*self._weights.tolist(), speed_accuracy()]
-        return {
-            name: (slice(i, i + 1), w)
-            for i, (name, w) in enumerate(zip(names, weights, strict=True))
-        }
+        rows = [slice(i, i + 1) for i in range(len(names))]
+        return dict(zip(names, zip(rows, weights, strict=True), strict=True))
 
     def _effect(self, psi: float) -> FloatArray:
         """Weighted rows of bar, unit C_D and unit C_L (3 x m)."""
@@ -137,18 +115,8 @@ class StaticResidual:
         bar, drag, lift = self._effect(psi)
         return self._constant + bar + cd * drag + cl * lift + current * self._motor
 
-    def jacobian(self, x: FloatArray) -> FloatArray:
-        """d residual / d unknowns: exact in C_D, C_L and current, central difference over psi3."""
-        cd, cl, psi, _ = x.tolist()
-        here = self._effect(psi)
-        change = self._effect(psi + _TURN) - self._effect(psi - _TURN)
-        turn = np.array([1.0, cd, cl]) @ change / (2.0 * _TURN)
-        self._last = (psi, here)
-        _, drag, lift = here
-        return np.array([drag, lift, turn, self._motor]).T
-
     def noise(self, solution: Solution) -> Noise:
-        """What is left of the sensor's errors, and the encoder's."""
+        """Noise from the errors of the force sensor and the encoder."""
         data = self._data
         rows = self._rows
         weights = self._weights
@@ -190,12 +158,11 @@ class StaticResidual:
 
 def static_problem(data: StaticData, options: FitOptions = FREE) -> Problem:
     """The least-squares problem of one hold on a rig that is known exactly."""
-    residual = StaticResidual(data)
-    return Problem(static_parameters(data, options), residual, residual.jacobian, name=data.name)
+    return Problem(static_parameters(data, options), StaticResidual(data), name=data.name)
 
 
 def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:
-    """Fits one hold.
+    """Fit one hold.
 
     Raises:
         FitError: fewer axes than unknowns, or the problem could not be solved.
@@ -205,10 +172,11 @@ def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:
     facts: dict[str, Any] = dict(data.facts)
     if math.isfinite(data.current):
         facts["logged_current_a"] = data.current
-    facts["exposed_length_m"] = exposed = StaticBalance.of(data.scenario).exposed_length(data.angle)
+    facts["exposed_length_m"] = exposed = StaticBalance.from_scenario(data.scenario).exposed_length(
+        data.angle
+    )
     result = fit(
         problem,
-        solve_formula,
         residual.noise,
         channels=residual.channels,
         facts=facts,
@@ -219,8 +187,7 @@ def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:
     if data.still and exposed > 0.0:
         warnings.append(
             "the readings change after the rest phase by no more than noise and drift can do, "
-            "although the wind of "
-            f"{data.wind_speed:g} m/s meets the tail: is the wind off in it?"
+            f"although the wind of {data.wind_speed:g} m/s meets the tail: is the wind off in it?"
         )
     return replace(result, rig=differences(data.scenario), warnings=tuple(warnings))
 
@@ -229,16 +196,14 @@ def _uncertain_rig(data: StaticData) -> UncertainRig:
     """The hold with the rig's constants as unknowns; biases of the readings are then no noise."""
     exact = data
     if any(p.name in BIASES for p in data.constants):
-        exact = replace(
-            data, covariance=data.covariance - np.diag(np.square(data.offset_deviation))
-        )
+        biases = np.diag(np.square(data.offset_deviation))
+        exact = replace(data, covariance=data.covariance - biases)
 
     def problem(parameters: Parameters) -> Problem:
         def residual(x: FloatArray) -> FloatArray:
             values = parameters.values(x)
-            return StaticResidual(shifted_data(exact, values))(
-                np.array([values[name] for name in UNKNOWNS])
-            )
+            unknowns = np.array([values[name] for name in UNKNOWNS])
+            return StaticResidual(shifted_data(exact, values))(unknowns)
 
         return Problem(parameters, residual, name=data.name)
 
@@ -264,31 +229,29 @@ def shifted_data(data: StaticData, values: Mapping[str, float]) -> StaticData:
 
 
 def _against_logged_current(result: FitResult, data: StaticData) -> list[str]:
-    """A warning when the holding current is not the logged one, which no fit has used.
+    """Warn when the holding current is not the logged one, which no fit has used.
 
     A held tail sticks: within its Coulomb friction the motor need not hold it.
     """
-    found = result["current"]
-    if not (math.isfinite(data.current) and found.identifiable) or found.frozen:
+    current = result["current"]
+    if not (math.isfinite(data.current) and current.identifiable) or current.frozen:
         return []
     motor = data.scenario.maxon.torque_constant
     stuck = data.scenario.friction.coulomb / motor
-    reach = _SURE * math.hypot(found.standard_deviation, data.current_deviation)
-    if abs(found.value - data.current) <= reach + stuck:
+    reach = _MAX_SIGMA * math.hypot(current.standard_deviation, data.current_deviation)
+    if abs(current.value - data.current) <= reach + stuck:
         return []
     return [
-        f"the fit holds the tail with {found.value:.4g} A, the log has {data.current:.4g} A: they "
-        "differ by more than "
-        f"their uncertainty ({reach:.2g} A) and Coulomb friction ({stuck:.2g} A); is "
-        "maxon.torque_constant "
-        f"{motor:g} N m/A that of this rig (--set)?"
+        f"the fit holds the tail with {current.value:.4g} A, the log has {data.current:.4g} A: "
+        f"they differ by more than their uncertainty ({reach:.2g} A) and Coulomb friction "
+        f"({stuck:.2g} A); is maxon.torque_constant {motor:g} N m/A that of this rig (--set)?"
     ]
 
 
 def fit_static_log(
     path: str | Path, *, rest: tuple[float, float] | None = None, options: FitOptions = FREE
 ) -> FitResult:
-    """C_D, C_L, psi3 and holding current of a static hold.
+    """Fit C_D, C_L, psi3 and holding current of a static hold.
 
     Args:
         path: of the log.
@@ -300,146 +263,3 @@ def fit_static_log(
     """
     options.require_known(list(UNKNOWNS))
     return fit_static(static_data(read_run_log(path), rest, options), options)
-
-
-@dataclass(frozen=True)
-class StaticBalance:
-    """A held rig.
-
-    Attributes:
-        scenario: masses, places, air.
-        pivot: p_WP (3), m.
-        tail, bar: sections, each in its own frame with the axis hanging down.
-    """
-
-    scenario: RigScenario
-    pivot: Vector3
-    tail: SectionLayout
-    bar: SectionLayout
-
-    @classmethod
-    def of(cls, scenario: RigScenario) -> StaticBalance:
-        """The balance of a scenario with a cheetah tail."""
-        if not scenario.has_cheetah_tail:
-            raise FitError(
-                f"static fit: experiment {scenario.experiment.kind!r} has no cheetah tail on the "
-                "rig"
-            )
-        x, y, z = pivot_position(scenario.mount).tolist()
-        return cls(scenario, (x, y, z), tail_layout(scenario), bar_layout(scenario))
-
-    @property
-    def torque_constant(self) -> float:
-        """Torque constant of the motor at the bar, N m/A."""
-        return self.scenario.maxon.torque_constant
-
-    @property
-    def root_distance(self) -> float:
-        """From the pivot to the root of the tail, m."""
-        return self.scenario.bar.tail_distance + self.scenario.cheetah_tail.gap
-
-    def tail_axis(self, angle: float) -> Vector3:
-        """Unit vector from root to tip in W (3): that of the bar and the misalignment."""
-        return hanging_axis(angle + self.scenario.tunnel.misalignment)
-
-    def jet(self, psi: float) -> Jet:
-        """The jet below the pivot, turned by psi (rad) about z."""
-        tunnel = self.scenario.tunnel
-        return Jet.below_pivot(self.pivot, tunnel.jet_edge_depth, psi, tunnel.jet_slope)
-
-    def hanging(self, angle: float) -> tuple[FloatArray, float]:
-        """Reactions (6: N, N m) and the torque about the motor axis (positive downstream, N m) of
-        the weight alone.
-        """
-        a = np.array(hanging_axis(angle))
-        root = self.root_distance * a
-        pivot = np.asarray(self.pivot)
-        scenario = self.scenario
-        mount = scenario.mount
-        bar = scenario.bar
-        tail = scenario.cheetah_tail
-        bodies = [
-            (mount.mass, np.array([mount.com_x, mount.com_y, mount.com_z])),
-            (bar.mass, pivot + bar.com_distance * a),
-            (tail.mass, pivot + root + tail.com_distance * np.array(self.tail_axis(angle))),
-        ]
-        mass = sum(m for m, _ in bodies)
-        first = np.sum([m * p for m, p in bodies], axis=0)
-        g = scenario.environment.gravity
-        swinging = sum(m * (p[1] - pivot[1]) for m, p in bodies[1:])
-        reactions = np.array([0.0, 0.0, mass * g, g * first[1], -g * first[0], 0.0])
-        return reactions, float(g * swinging)
-
-    def wind_effect(self, angle: float, wind_speed: float, psi: float) -> FloatArray:
-        """What the wind adds: rows bar, unit C_D and unit C_L of the tail; columns reactions (6)
-        and axis torque.
-
-        Args:
-            angle: rad; a tail that hangs within half a degree of straight down has its lift to the
-                root.
-            wind_speed: m/s.
-            psi: rad.
-        """
-        wind = (wind_speed * math.sin(psi), -wind_speed * math.cos(psi), 0.0)
-        jet = self.jet(psi)
-        misalignment = self.scenario.tunnel.misalignment
-        a = hanging_axis(angle)
-        b = self.tail_axis(angle)
-        bar = self._forces((_DRAG,), self.bar, 0.0, a, a, wind, jet)[0]
-        tail = self._forces((_DRAG, _LIFT), self.tail, self.root_distance, a, b, wind, jet)
-        if -UPRIGHT_MARGIN < angle < 0.0 <= misalignment and angle + misalignment < 0.0:
-            tail[1] = [-value for value in tail[1]]
-        return np.array([[self.scenario.bar.drag_coefficient * value for value in bar], *tail])
-
-    def _forces(
-        self,
-        laws: Sequence[PolarLaw],
-        layout: SectionLayout,
-        root: float,
-        a: Vector3,
-        b: Vector3,
-        wind: Vector3,
-        jet: Jet,
-    ) -> list[list[float]]:
-        """Rows of reactions and axis torque per law, for sections along b that begin at the
-        distance `root` along a.
-        """
-        p_WR = tuple(p + root * d for p, d in zip(self.pivot, a, strict=True))
-        interval = jet.exposed_interval(layout, p_WR, b)
-        if interval is None:
-            return [[0.0] * 7] * len(laws)
-        begin, end = interval
-        area = (end - begin) * layout.chord
-        middle = 0.5 * (begin + end)
-        x, y, z = (p + middle * d for p, d in zip(p_WR, b, strict=True))
-        _, pivot_y, pivot_z = self.pivot
-        arm_y = y - pivot_y
-        arm_z = z - pivot_z
-        density = self.scenario.environment.air_density
-        rows = []
-        for law in laws:
-            f, g, h = law.section_force(wind, b, layout.normal_B, area, density)
-            moment = (z * g - y * h, x * h - z * f, y * f - x * g)
-            rows.append([-f, -g, -h, *moment, arm_z * g - arm_y * h])
-        return rows
-
-    def exposed_length(self, angle: float, psi: float = 0.0) -> float:
-        """How much of the tail is in the jet, m."""
-        root = np.asarray(self.pivot) + self.root_distance * np.array(hanging_axis(angle))
-        interval = self.jet(psi).exposed_interval(self.tail, root.tolist(), self.tail_axis(angle))
-        if interval is None:
-            return 0.0
-        return float(interval[1] - interval[0])
-
-    def holding_current(
-        self, angle: float, wind_speed: float, cd: float, cl: float, psi: float
-    ) -> float:
-        """The current that holds the tail still, A."""
-        effect = self.wind_effect(angle, wind_speed, psi)
-        torque = self.hanging(angle)[1] + float(np.array([1.0, cd, cl]) @ effect[:, 6])
-        return torque / self.torque_constant
-
-
-def hanging_axis(angle: float) -> Vector3:
-    """Unit vector from the pivot to the tip in W (3): down at 0, downstream (-y) at 90 degrees."""
-    return (0.0, -math.sin(angle), -math.cos(angle))

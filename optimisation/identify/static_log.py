@@ -17,33 +17,29 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.identify.least_squares import LIMIT, Loss, Parameter, spread
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
+from aerodima.optimisation.identify.hold_mean import (
+    MAX_CORRELATED,
+    HoldMean,
+    hold_mean,
+    residual_warnings,
+)
+from aerodima.optimisation.identify.least_squares import Parameter
 from aerodima.optimisation.identify.log_rig import (
-    BIASES,
     CURRENT,
-    FREE,
-    LARGEST_SPEED,
-    FitOptions,
+    MAX_WIND_SPEED,
     checked_angle,
-    constant_parameters,
     named,
     rig_of,
     wind_speed,
 )
-from aerodima.optimisation.identify.uncertainty import (
-    CHANCE,
-    FAR_OFF,
-    FEW_FAR_OFF,
-    ResidualCheck,
-    chance_of,
-    check_residual,
-    correlation_time,
-)
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.rig_scenario import RigScenario
-from aerodima.workbench.errors import FitError
+from aerodima.optimisation.identify.noise import correlation_time
+from aerodima.optimisation.identify.rig_constants import BIASES, constant_parameters
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals, stated_rest
+from aerodima.workbench.scenario.rig_scenario import RigScenario
 
 REACTIONS = ("fx", "fy", "fz", "tx", "ty", "tz")
 COLUMNS = {c: f"force_{c[1]}_n" if c[0] == "f" else f"torque_{c[1]}_n_m" for c in REACTIONS}
@@ -55,29 +51,29 @@ OFFSETS_UNCERTAINTY = "offsets_uncertainty"
 m."""
 TARED = "tared_angle_rad"
 """Key in a log's `extra`: angle at which the sensor was zeroed without wind just before, rad."""
-LEAST_SAMPLES = 100
+MIN_SAMPLES = 100
 """Fewest samples of a hold, and of a rest."""
-_LARGEST_WANDER = math.radians(1.0)
+_MAX_WANDER = math.radians(1.0)
 """Largest change of the angle within a hold, rad."""
 CURRENT_MARGIN = 2.0
 """Logged currents beyond this many times the motor's limit are of another unit."""
+_UNKNOWN_OFFSET = (
+    "no rest phase: bias and drift stay in the readings; the sensor's accuracy is taken as their "
+    f"standard deviation (state {OFFSETS_UNCERTAINTY} or {TARED} in the log if it was tared or "
+    "calibrated)"
+)
+"""Warning of a log that does not say how well its offsets are known."""
 _NO_CHANGE = 4.0
 """Standard deviations of noise and drift within which readings of hold and rest are the same."""
-_LARGEST_FORCE = 1000.0
+_MAX_FORCE = 1000.0
 """About twice the range of the Axia80-M20, N: larger readings are of another unit."""
-_LARGEST_TORQUE = 40.0
+_MAX_TORQUE = 40.0
 """About twice the range of the Axia80-M20, N m."""
-_ROUNDS = 40
-"""Most rounds of the robust regression."""
-_SETTLED = 1e-4
-"""Change, in scales, below which it has settled."""
-_MOST_CORRELATED = 8192
-"""Samples that the correlation time of a noise is taken from."""
 
 
 @dataclass(frozen=True)
 class StaticData:
-    """One static hold.
+    """A static hold.
 
     Attributes:
         name: of the log.
@@ -151,54 +147,42 @@ def static_data(
 def _static_data(
     log: RunLog, rest: tuple[float, float] | None, name: str, options: FitOptions
 ) -> StaticData:
-    time, angle = checked_angle(log, "static", LEAST_SAMPLES)
+    time, angle = checked_angle(log, "static", MIN_SAMPLES)
     scenario = rig_of(log, "static", options)
-    speed = wind_speed(log, 1e-3, LARGEST_SPEED)
-    if np.ptp(angle) > _LARGEST_WANDER:
-        raise FitError(
-            f"the angle moves by {math.degrees(float(np.ptp(angle))):.2f} degrees; a static log "
-            "holds it "
-            f"within {math.degrees(_LARGEST_WANDER):g} degree"
-        )
-    if rest is None:
-        hold = np.ones(len(time), bool)
-    else:
-        hold = _hold_mask(time, rest)
-    columns, warnings = _readings(log, time)
-    if rest is None:
-        used = hold
-        step = None
-    else:
-        used = hold | ((time >= rest[0]) & (time <= rest[1]))
-        step = hold[used].astype(float)
-    mean = hold_mean(time[used], np.stack(list(columns.values()))[:, used], step, options.loss)
+    speed = wind_speed(log, 1e-3, MAX_WIND_SPEED)
+    _require_held(angle)
+    hold = _hold_mask(time, rest)
     held = float(np.mean(angle[hold]))
+    readings, warnings = _readings(log, time)
     # Refused where it cannot be right, also if a rest makes it unneeded.
     log.stated(OFFSETS, len(REACTIONS))
     if rest is None:
-        added, deviation, tare = _stated_offset(log, scenario, warnings)
+        used = hold
+        step = None
+        offset = _stated_offset(log, scenario)
     else:
-        added = np.zeros(6)
-        deviation = np.zeros(6)
-        tare = held
-    channels = [i for i, channel in enumerate(REACTIONS) if channel in columns]
+        used = hold | ((time >= rest[0]) & (time <= rest[1]))
+        step = hold[used].astype(float)
+        offset = Offset(np.zeros(6), np.zeros(6), held)
+    warnings += offset.warnings
+    columns = np.stack(list(readings.values()))
+    mean = hold_mean(time[used], columns[:, used], step, options.loss)
+    warnings += residual_warnings(mean, list(readings), time[used])
+    channels = [i for i, channel in enumerate(REACTIONS) if channel in readings]
     wrench = np.full(6, np.nan)
     variance = np.zeros(6)
-    wrench[channels] = mean.value + added[channels]
-    variance[channels] = mean.variance + np.square(deviation[channels])
-    warnings += _residual_warnings(mean, list(columns), time[used])
+    wrench[channels] = mean.value + offset.added[channels]
+    variance[channels] = mean.variance + np.square(offset.deviation[channels])
     rate, rate_deviation = _mean_rate(log, time, hold, scenario.count_angle)
     current, current_deviation = _mean_current(log, hold, scenario, warnings)
-    biases = {
-        name: value for name, value in zip(BIASES, deviation.tolist(), strict=True) if value > 0.0
-    }
+    biases = dict(zip(BIASES, offset.deviation.tolist(), strict=True))
     return StaticData(
         name=name,
         scenario=scenario,
         angle=held,
         wind_speed=speed,
         wrench=wrench,
-        tare=tare,
+        tare=offset.tare,
         covariance=np.diag(variance),
         present=np.isin(np.arange(6), channels),
         speed=rate,
@@ -207,29 +191,45 @@ def _static_data(
         current=current,
         current_deviation=current_deviation,
         effective_samples=float(np.count_nonzero(hold) / mean.lags.max()),
-        facts={
-            "tail": str(log.extra["tail"]),
-            "axis": str(log.extra["axis"]),
-            "angle_deg": round(math.degrees(held), 3),
-            "wind_speed_m_per_s": speed,
-        },
-        offset_deviation=deviation,
+        facts=_facts(log, held, speed),
+        offset_deviation=offset.deviation,
         constants=constant_parameters(log, scenario, "static", options, biases),
         still=rest is not None and _is_still(mean, scenario, channels, time, hold),
         warnings=tuple(warnings),
     )
 
 
-def _hold_mask(time: FloatArray, rest: tuple[float, float]) -> np.ndarray:
-    """What comes after the rest phase."""
+def _facts(log: RunLog, held: float, speed: float) -> dict[str, Any]:
+    """Labels of the hold for reports."""
+    return {
+        "tail": str(log.extra["tail"]),
+        "axis": str(log.extra["axis"]),
+        "angle_deg": round(math.degrees(held), 3),
+        "wind_speed_m_per_s": speed,
+    }
+
+
+def _require_held(angle: FloatArray) -> None:
+    moved = float(np.ptp(angle))
+    if moved > _MAX_WANDER:
+        raise FitError(
+            f"the angle moves by {math.degrees(moved):.2f} degrees; a static log holds it within "
+            f"{math.degrees(_MAX_WANDER):g} degree"
+        )
+
+
+def _hold_mask(time: FloatArray, rest: tuple[float, float] | None) -> np.ndarray:
+    """Samples of the hold (n): all of them, or those after the rest phase."""
+    if rest is None:
+        return np.ones(len(time), bool)
     begin, end = rest
     resting = np.count_nonzero((time >= begin) & (time <= end))
     hold = time > end
     holding = np.count_nonzero(hold)
-    if min(resting, holding) < LEAST_SAMPLES:
+    if min(resting, holding) < MIN_SAMPLES:
         raise FitError(
             f"{resting} samples in the rest phase {begin:g} to {end:g} s and {holding} after it; "
-            f"at least {LEAST_SAMPLES} of each are needed"
+            f"at least {MIN_SAMPLES} of each are needed"
         )
     return hold
 
@@ -244,7 +244,7 @@ def _readings(log: RunLog, time: FloatArray) -> tuple[dict[str, FloatArray], lis
             continue
         values = log.signal(column)
         check_signals(time, {column: values}, largest_step=np.inf)
-        limit = _LARGEST_FORCE if channel.startswith("f") else _LARGEST_TORQUE
+        limit = _MAX_FORCE if channel.startswith("f") else _MAX_TORQUE
         largest = np.max(np.abs(values))
         if largest > limit:
             raise FitError(f"column {column!r} reaches {largest:g}, beyond {limit:g}; wrong unit?")
@@ -272,7 +272,7 @@ def _mean_current(
     mean = float(np.mean(values))
     limit = CURRENT_MARGIN * scenario.maxon.current_limit
     if abs(mean) <= limit:
-        lag = correlation_time(values[:_MOST_CORRELATED])
+        lag = correlation_time(values[:MAX_CORRELATED])
         return mean, float(np.std(values)) * math.sqrt(lag / len(values))
     warnings.append(
         f"{CURRENT} is {mean:.4g} in the mean, beyond {limit:g} A (is it in mA?): not compared"
@@ -296,163 +296,61 @@ def _mean_rate(
     return float(np.mean(rate[hold])), deviation
 
 
-def _stated_offset(
-    log: RunLog, scenario: RigScenario, warnings: list[str]
-) -> tuple[FloatArray, FloatArray, float | None]:
-    """Offsets of a hold without rest: those that the log states, else those of the scenario.
+@dataclass(frozen=True)
+class Offset:
+    """Offset that is added to the readings of a hold.
 
-    Returns:
-        What is added to the readings (6), the standard deviation of what is then left (6), and
-        `StaticData.tare`.
+    Attributes:
+        added: to the readings (6), N and N m.
+        deviation: standard deviation of what is then left (6).
+        tare: see `StaticData.tare`.
+        warnings: where the deviation is not known.
+    """
+
+    added: FloatArray
+    deviation: FloatArray
+    tare: float | None
+    warnings: tuple[str, ...] = ()
+
+
+def _stated_offset(log: RunLog, scenario: RigScenario) -> Offset:
+    """Offset of a hold without rest: the one that the log states, else that of the scenario.
 
     Raises:
         LogError, FitError: nonsense in the metadata.
     """
-    accuracy = np.asarray(scenario.force_sensor.accuracies)
+    sensor = scenario.force_sensor
+    deviation = np.asarray(sensor.accuracies)
     tared = log.extra.get(TARED)
-    stated = log.stated(OFFSETS_UNCERTAINTY, len(REACTIONS))
     if tared is not None and (isinstance(tared, bool) or not isinstance(tared, int | float)):
         raise FitError(f"metadata {TARED!r} is {tared!r}; an angle in rad is needed")
-    if stated is not None and min(stated) < 0.0:
-        raise FitError(
-            f"metadata {OFFSETS_UNCERTAINTY!r} is {list(stated)}; six numbers of at least 0 are "
-            "needed"
-        )
+    stated = log.stated(OFFSETS_UNCERTAINTY, len(REACTIONS))
+    warnings: tuple[str, ...] = ()
     if stated is not None:
+        if min(stated) < 0.0:
+            raise FitError(
+                f"metadata {OFFSETS_UNCERTAINTY!r} is {list(stated)}; six numbers of at least 0 "
+                "are needed"
+            )
         deviation = np.asarray(stated)
     elif tared is not None:
         lasted = float(log.time[-1] - min(log.time[0], 0.0))
-        deviation = accuracy * scenario.force_sensor.drift_fraction * lasted
+        deviation = deviation * sensor.drift_fraction * lasted
     else:
-        deviation = accuracy
-        warnings.append(
-            "no rest phase: bias and drift stay in the readings; the sensor's accuracy is taken "
-            "as their standard "
-            f"deviation (state {OFFSETS_UNCERTAINTY} or {TARED} in the log if it was tared or "
-            "calibrated)"
-        )
+        warnings = (_UNKNOWN_OFFSET,)
     if tared is not None:
-        return np.zeros(6), deviation, float(tared)
-    offsets = log.stated(OFFSETS, len(REACTIONS)) or scenario.cheetah_tail.offsets
-    return np.asarray(offsets, float), deviation, None
-
-
-@dataclass(frozen=True)
-class HoldMean:
-    """Mean of readings over a hold (k).
-
-    Attributes:
-        value: their step at the end of the rest; without a rest their mean (k).
-        variance: of its error from noise (k).
-        lags: samples that count as one (k).
-        checks: of what is left of each (k).
-    """
-
-    value: FloatArray
-    variance: FloatArray
-    lags: FloatArray
-    checks: tuple[ResidualCheck, ...]
-
-
-def hold_mean(
-    time: FloatArray, values: FloatArray, step: FloatArray | None, loss: Loss = "squares"
-) -> HoldMean:
-    """Fits a line of time, and the step.
-
-    Args:
-        time: s (n).
-        values: readings (k x n).
-        step: 0 in the rest and 1 in the hold (n); None without a rest.
-        loss: squares; `huber` holds samples back that lie far off.
-    """
-    columns = [np.ones_like(time), time - time.mean()]
-    place = 0
-    if step is not None:
-        place = len(columns)
-        columns.append(step)
-    design = np.stack(columns)
-    count = len(columns)
-    inverse = np.linalg.inv(design @ design.T)
-    value = []
-    variance = []
-    lags = []
-    checks = []
-    for row in values:
-        found, scatter, spoilt = _coefficients(row, design, loss)
-        lag = correlation_time(scatter[:_MOST_CORRELATED])
-        freedom = max(len(row) / lag - count, 1.0)
-        noise = float(scatter @ scatter) / freedom * spoilt
-        value.append(found[place])
-        variance.append(noise * inverse[place, place])
-        lags.append(lag)
-        check = check_residual(scatter, count)
-        if loss == "squares" and (check.far_off or chance_of([check]) < CHANCE):
-            # What lies far off has bent the fit: how far shows against one that it has bent less.
-            robust, _, _ = _coefficients(row, design, "huber")
-            check = check_residual(row - robust @ design, count)
-        checks.append(check)
-    return HoldMean(np.array(value), np.array(variance), np.array(lags), tuple(checks))
-
-
-def _coefficients(
-    row: FloatArray, design: FloatArray, loss: Loss
-) -> tuple[FloatArray, FloatArray, float]:
-    """Coefficients; the residual, clipped by `huber`; by how much that widens the variance."""
-    found = row @ design.T @ np.linalg.inv(design @ design.T)
-    residual = row - found @ design
-    if loss == "squares":
-        return found, residual, 1.0
-    for _ in range(_ROUNDS):
-        scale = spread(residual)
-        if scale == 0.0:
-            return found, residual, 1.0
-        weight = _huber_weight(residual / scale)
-        before = found
-        found = (row * weight) @ design.T @ np.linalg.inv((design * weight) @ design.T)
-        residual = row - found @ design
-        if np.max(np.abs((found - before) @ design)) < _SETTLED * scale:
-            break
-    sizes = residual / scale
-    within = float(np.mean(np.abs(sizes) <= LIMIT))
-    return found, residual * _huber_weight(sizes), 1.0 / within**2
-
-
-def _huber_weight(size: FloatArray) -> FloatArray:
-    return np.minimum(1.0, LIMIT / np.maximum(np.abs(size), LIMIT))
-
-
-def _residual_warnings(mean: HoldMean, channels: list[str], time: FloatArray) -> list[str]:
-    """What the readings do that noise does not."""
-    checks = dict(zip(channels, mean.checks, strict=True))
-    far = {name: check for name, check in checks.items() if check.far_off >= FEW_FAR_OFF}
-    warnings = []
-    if far:
-        worst = max(far.values(), key=lambda check: check.far_off)
-        warnings.append(
-            f"{', '.join(far)}: up to {worst.far_off} samples lie more than {FAR_OFF:g} standard "
-            "deviations off, the "
-            f"first at {time[worst.first]:g} s: no noise does that (try --loss huber)"
-        )
-    if chance_of(mean.checks) < CHANCE:
-        name, check = max(checks.items(), key=lambda pair: pair[1].wander)
-        warnings.append(
-            f"the readings wander about the fitted drift as noise does not ({name}: by up to "
-            f"{check.swing:.2g}, slow "
-            f"power {check.wander:.3g} times that of its noise): the intervals are too narrow"
-        )
-    return warnings
+        return Offset(np.zeros(6), deviation, float(tared), warnings)
+    added = log.stated(OFFSETS, len(REACTIONS)) or scenario.cheetah_tail.offsets
+    return Offset(np.asarray(added, float), deviation, None, warnings)
 
 
 def _is_still(
     mean: HoldMean, scenario: RigScenario, channels: list[int], time: FloatArray, hold: np.ndarray
 ) -> bool:
-    """Whether no reading steps by more than noise, the drift of the sensor and the wander that is
-    seen can do.
-    """
+    """Tells whether noise, the drift of the sensor and its wander explain all steps."""
     sensor = scenario.force_sensor
     between = float(time[hold].mean() - time[~hold].mean())
     drift = np.asarray(sensor.accuracies)[channels] * sensor.drift_fraction * between
-    seen = np.array([check.swing for check in mean.checks])
-    return bool(
-        np.all(np.abs(mean.value) < _NO_CHANGE * np.sqrt(mean.variance + drift**2) + 2.0 * seen)
-    )
+    wander = np.array([check.swing for check in mean.checks])
+    reach = _NO_CHANGE * np.sqrt(mean.variance + drift**2) + 2.0 * wander
+    return bool(np.all(np.abs(mean.value) < reach))

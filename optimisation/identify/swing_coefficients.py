@@ -1,4 +1,4 @@
-"""What swings are fitted for: friction of bar and robot tail, added mass of a cheetah tail, C_N of
+"""Fits of swings: friction of bar and robot tail, added mass of a cheetah tail, C_N of
 the robot tail.
 
 Friction from free or motor-driven swings: thesis eq. 4.12 corrected, Tables 4.7 and 6.2. Added mass
@@ -16,37 +16,37 @@ from typing import Literal
 
 import numpy as np
 
-from aerodima.optimisation.identify.fit_pipeline import FitResult
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
+from aerodima.optimisation.identify.fit_result import FitResult
 from aerodima.optimisation.identify.least_squares import Parameter
-from aerodima.optimisation.identify.log_rig import FREE, FitOptions
-from aerodima.optimisation.identify.pendulum import (
-    Pendulum,
+from aerodima.optimisation.identify.swing_fit import SwingModel, TorqueLaw, Values
+from aerodima.optimisation.identify.swing_log import SwingData, swing_data
+from aerodima.workbench.aero.section_laws import NormalForceLaw, SpeedLine, SpeedTable
+from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS, LEAST_INERTIA_LEFT
+from aerodima.workbench.core.errors import FitError
+from aerodima.workbench.core.resources import published_table
+from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.rig.pendulum import (
+    PendulumModel,
     Torque,
     air_torque,
     friction_torque,
     known_friction,
 )
-from aerodima.optimisation.identify.swing_fit import SwingModel, TorqueLaw, Values
-from aerodima.optimisation.identify.swing_log import SwingData, swing_data
-from aerodima.workbench.aero.laws import NormalForceLaw, SpeedLine, SpeedTable
-from aerodima.workbench.config.rig_scenario import RigScenario
-from aerodima.workbench.errors import FitError
-from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.plants.tail import ADDED_MASS_PARTS, LEAST_INERTIA_LEFT
-from aerodima.workbench.resources import published_table
+from aerodima.workbench.scenario.rig_scenario import RigScenario
 
 Shape = Literal["constant", "line", "bins"]
 SHAPES: tuple[Shape, ...] = ("constant", "line", "bins")
 BIN = 2.0
 """Distance of the nodes of a table over the relative speed, m/s."""
 _NODE = "cn_at_"
-_SEED = 2.0
+_INITIAL = 2.0
 """Start of a normal-force coefficient."""
 _LOW = 0.0
 """Lower bound of a normal-force coefficient."""
 _HIGH = 10.0
 """Upper bound of a normal-force coefficient."""
-_MOST_ADDED_MASS = 1.0
+_MAX_ADDED_MASS = 1.0
 """kg per part: twice the bound of Table 4.12, at which one published swing stopped."""
 _SCANNED = 24
 """Masses that are scanned."""
@@ -55,8 +55,7 @@ _SCANNED_LENGTH = 1.0
 
 
 def fit_friction_log(path: str | Path, *, options: FitOptions = FREE) -> FitResult:
-    """Coulomb and viscous friction of a free swing, see `fit_friction`; of a bar swing or a robot
-    swing.
+    """Fit Coulomb and viscous friction of a bar swing or a robot swing, see `fit_friction`.
 
     Raises:
         UserError: what is wrong with the log or the options.
@@ -67,7 +66,7 @@ def fit_friction_log(path: str | Path, *, options: FitOptions = FREE) -> FitResu
 
 
 def fit_added_mass_log(path: str | Path, *, options: FitOptions = FREE) -> FitResult:
-    """Added mass per part of a swing (kg), see `fit_added_mass`.
+    """Fit the added mass per part of a swing (kg), see `fit_added_mass`.
 
     Raises:
         UserError: what is wrong with the log or the options.
@@ -78,7 +77,7 @@ def fit_added_mass_log(path: str | Path, *, options: FitOptions = FREE) -> FitRe
 def fit_robot_tail_log(
     path: str | Path, *, shape: Shape = "constant", options: FitOptions = FREE
 ) -> FitResult:
-    """Normal-force coefficient of a robot swing as a function of the relative speed, see
+    """Fit the normal-force coefficient of a robot swing over the relative speed, see
     `fit_robot_tail`.
     """
     return fit_robot_tail(
@@ -87,7 +86,7 @@ def fit_robot_tail_log(
 
 
 def fit_friction(data: SwingData, options: FitOptions = FREE) -> FitResult:
-    """Coulomb and viscous friction of one swing.
+    """Fit Coulomb and viscous friction of one swing.
 
     Args:
         data: a bar swing, or a robot swing (its air and motor are taken from its scenario).
@@ -107,14 +106,17 @@ def fit_friction(data: SwingData, options: FitOptions = FREE) -> FitResult:
 
 
 def friction_parameters(robot: bool = False) -> list[Parameter]:
-    """Cf and Vf, from the seeds of Table 4.7 (bar) or Table 6.2 (the robot's tail)."""
-    table = published_table("robot_tail_friction" if robot else "bar_friction")
-    row = table[table.record == ("published_final_value" if robot else "seed")].iloc[0]
+    """Coulomb and viscous friction, from Table 4.7 (bar) or Table 6.2 (the robot's tail)."""
+    name, record = "bar_friction", "seed"
+    if robot:
+        name, record = "robot_tail_friction", "published_final_value"
+    table = published_table(name)
+    row = table[table.record == record].iloc[0]
+    coulomb = float(row.coulomb_friction_n_m)
+    viscous = float(row.viscous_friction_n_m_s_per_rad)
     return [
-        Parameter("coulomb", "N m", float(row.coulomb_friction_n_m), 0.0, 2.0, scale=0.05),
-        Parameter(
-            "viscous", "N m s/rad", float(row.viscous_friction_n_m_s_per_rad), 0.0, 1.0, scale=0.02
-        ),
+        Parameter("coulomb", "N m", coulomb, 0.0, 2.0, scale=0.05),
+        Parameter("viscous", "N m s/rad", viscous, 0.0, 1.0, scale=0.02),
     ]
 
 
@@ -127,7 +129,7 @@ def friction_law(data: SwingData) -> TorqueLaw:
         fixed.append(air)
     if scenario.is_robot:
         fixed.append(motor_of(scenario))
-    gain = (scenario.robot_friction if scenario.is_robot else scenario.friction).tanh_gain
+    gain = scenario.joint_friction.tanh_gain
     return lambda values: [*fixed, friction_torque(values["coulomb"], values["viscous"], gain)]
 
 
@@ -165,13 +167,13 @@ def still_tail_law(data: SwingData) -> TorqueLaw:
 
 def added_mass_parameter(data: SwingData) -> Parameter:
     """Seed 0, up to 1 kg per part; at least 3 % of the inertia must be left."""
-    least = (1.0 - LEAST_INERTIA_LEFT) * Pendulum.of(data.scenario).least_added_mass
-    return Parameter("added_mass", "kg", 0.0, least, _MOST_ADDED_MASS, scale=0.02)
+    least = (1.0 - LEAST_INERTIA_LEFT) * PendulumModel.from_scenario(data.scenario).min_added_mass
+    return Parameter("added_mass", "kg", 0.0, least, _MAX_ADDED_MASS, scale=0.02)
 
 
 def fit_added_mass(data: SwingData, options: FitOptions = FREE) -> FitResult:
-    """Added mass per part of one swing, whichever start ends lowest: zero, Table 4.12 at the
-    nearest wind, a scan.
+    """Fit the added mass per part of one swing from zero, Table 4.12 at the nearest wind, and a
+    scan; the start that ends lowest counts.
 
     The published one is no start where it takes away more inertia than the tail has (tail 1 at 10
     m/s).
@@ -184,11 +186,10 @@ def fit_added_mass(data: SwingData, options: FitOptions = FREE) -> FitResult:
     table = published_table("added_mass_seeds")
     nearest = np.argmin(np.abs(table.wind_speed_m_per_s - data.scenario.experiment.wind_speed))
     starts = [float(table.x0_kg.iloc[int(nearest)]), coarse_scan(model, free.lower, free.upper)]
-    seeds = [{"added_mass": mass} for mass in starts if free.lower <= mass <= free.upper]
-    result = model.fit([free], seeds, options=options)
-    without = model.fit(
-        [replace(free, seed=0.0, frozen=True)], options=replace(options, bounds=()), exact=True
-    )
+    starts = [mass for mass in starts if free.lower <= mass <= free.upper]
+    result = model.fit([free], [{"added_mass": mass} for mass in starts], options=options)
+    none = replace(free, initial=0.0, fixed=True)
+    without = model.fit([none], options=replace(options, bounds=()), exact=True)
     facts = {
         "times_potential_flow": result["added_mass"].value / potential_flow_mass(data),
         "angle_rms_without_rad": without.residual_rms["angle"],
@@ -198,32 +199,26 @@ def fit_added_mass(data: SwingData, options: FitOptions = FREE) -> FitResult:
 
 
 def coarse_scan(model: SwingModel, low: float, high: float) -> float:
-    """The mass (kg) of the least cost over the first second of the swing, among some whose
-    frequencies are even.
+    """Find the mass (kg) of the least cost over the first second of the swing, among some whose
+    frequencies are evenly spaced.
 
     Beyond that a swing of another frequency has slipped by a whole period, where the cost has other
     minima.
     """
     data = model.data
     pendulum = model.pendulum
-    arms = sum(s * s for s in pendulum.part_distances)
     inertia = np.array([pendulum.total_inertia(low), pendulum.total_inertia(high)])
     frequencies = np.linspace(inertia[1] ** -0.5, inertia[0] ** -0.5, _SCANNED)
-    masses = np.clip((frequencies**-2.0 - pendulum.inertia) / arms, low, high)
+    masses = np.clip((frequencies**-2.0 - pendulum.inertia) / pendulum.added_arms, low, high)
     count = min(int(_SCANNED_LENGTH / data.step) + 1, len(data.time))
     start = {"start_angle": data.angle[0], "start_rate": data.start_rate}
 
     def cost(mass: float) -> float:
         try:
-            return float(
-                np.sum(
-                    np.square(
-                        model.motion({"added_mass": mass, **start}, count)[0] - data.angle[:count]
-                    )
-                )
-            )
+            angles, _ = model.motion({"added_mass": mass, **start}, count)
         except FitError:
             return math.inf
+        return float(np.sum(np.square(angles - data.angle[:count])))
 
     return float(min(masses.tolist(), key=cost))
 
@@ -231,7 +226,7 @@ def coarse_scan(model: SwingModel, low: float, high: float) -> float:
 def fit_robot_tail(
     data: SwingData, shape: Shape = "constant", options: FitOptions = FREE
 ) -> FitResult:
-    """C_N of one swing as a constant, a line over the relative speed, or a table of bins.
+    """Fit C_N of one swing as a constant, a line over the relative speed, or a table of bins.
 
     Raises:
         FitError: not a robot swing, or no rollout exists.
@@ -263,7 +258,7 @@ def speed_range(data: SwingData) -> tuple[float, float]:
 def shape_parameters(shape: Shape, data: SwingData) -> list[Parameter]:
     """The unknowns of a shape; nodes of `bins` stand every 2 m/s over the speeds of the swing."""
     if shape == "constant":
-        return [Parameter("cn", "1", _SEED, _LOW, _HIGH, scale=1.0)]
+        return [Parameter("cn", "1", _INITIAL, _LOW, _HIGH, scale=1.0)]
     if shape == "line":
         # Line over 160 published values: ERRATA E26.
         return [
@@ -272,7 +267,7 @@ def shape_parameters(shape: Shape, data: SwingData) -> list[Parameter]:
         ]
     low, high = speed_range(data)
     nodes = np.arange(BIN * math.floor(low / BIN), BIN * math.ceil(high / BIN) + 0.5 * BIN, BIN)
-    return [Parameter(f"{_NODE}{node:g}", "1", _SEED, _LOW, _HIGH, scale=1.0) for node in nodes]
+    return [Parameter(f"{_NODE}{node:g}", "1", _INITIAL, _LOW, _HIGH, scale=1.0) for node in nodes]
 
 
 def normal_force_law(shape: Shape, values: Values, speeds: tuple[float, float]) -> NormalForceLaw:
@@ -281,12 +276,9 @@ def normal_force_law(shape: Shape, values: Values, speeds: tuple[float, float]) 
         return NormalForceLaw(values["cn"])
     if shape == "line":
         return NormalForceLaw(SpeedLine(values["cn_slope"], values["cn_intercept"], speeds))
-    nodes = {
-        float(name.removeprefix(_NODE)): value
-        for name, value in values.items()
-        if name.startswith(_NODE)
-    }
-    return NormalForceLaw(SpeedTable(tuple(nodes), tuple(nodes.values())))
+    names = [name for name in values if name.startswith(_NODE)]
+    speeds_of_nodes = tuple(float(name.removeprefix(_NODE)) for name in names)
+    return NormalForceLaw(SpeedTable(speeds_of_nodes, tuple(values[name] for name in names)))
 
 
 def robot_tail_law(shape: Shape, data: SwingData) -> TorqueLaw:

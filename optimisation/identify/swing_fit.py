@@ -15,33 +15,31 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.identify.fit_pipeline import FitResult, UncertainRig, fit
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
+from aerodima.optimisation.identify.fit_pipeline import fit
+from aerodima.optimisation.identify.fit_result import FitResult, make_curve
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution
-from aerodima.optimisation.identify.least_squares_solvers import solve_rollout
-from aerodima.optimisation.identify.log_rig import (
-    FREE,
-    FitOptions,
-    differences,
-    shifted,
-    speed_accuracy,
-)
-from aerodima.optimisation.identify.pendulum import Pendulum, Torque, roll_out, torque_response
+from aerodima.optimisation.identify.log_rig import differences
+from aerodima.optimisation.identify.noise import Noise, serial_noise
+from aerodima.optimisation.identify.rig_constants import shifted, speed_accuracy
 from aerodima.optimisation.identify.swing_log import SwingData, motor_torque
-from aerodima.optimisation.identify.uncertainty import Noise, serial_noise
-from aerodima.workbench.config.array_types import FloatArray
+from aerodima.optimisation.identify.uncertain_constants import UncertainRig
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.rig.pendulum import PendulumModel, Torque
+from aerodima.workbench.rig.swing_motion import simulate_swing, torque_response
 
 Values = Mapping[str, float]
 TorqueLaw = Callable[[Values], Sequence[Torque]]
 """Values of parameters -> torques of air, friction and motor."""
 _START_ANGLE = 0.02
-"""How far the start may lie from what the log says, rad."""
+"""Bound of the start angle to either side of the logged one, rad."""
 _START_RATE = 1.0
-"""How far its rate may lie from what the log says, rad/s."""
+"""Bound of the start rate to either side of the logged one, rad/s."""
 
 
 @dataclass(frozen=True)
 class SwingModel:
-    """How values of parameters become a rollout.
+    """A swing as a function of parameters.
 
     Attributes:
         data: the swing.
@@ -52,9 +50,9 @@ class SwingModel:
     law: Callable[[SwingData], TorqueLaw]
 
     @cached_property
-    def pendulum(self) -> Pendulum:
+    def pendulum(self) -> PendulumModel:
         """Its inertia and weight."""
-        return Pendulum.of(self.data.scenario)
+        return PendulumModel.from_scenario(self.data.scenario)
 
     @cached_property
     def torques(self) -> TorqueLaw:
@@ -64,7 +62,7 @@ class SwingModel:
     def motion(self, values: Values, count: int | None = None) -> tuple[FloatArray, FloatArray]:
         """Angles (rad), rates (rad/s) on the data's grid, or its first `count` times (n each)."""
         data = self.data
-        return roll_out(
+        return simulate_swing(
             self.pendulum,
             self.torques(values),
             (values["start_angle"], values["start_rate"]),
@@ -77,42 +75,42 @@ class SwingModel:
 
     def problem(self, parameters: Sequence[Parameter]) -> Problem:
         """The least-squares problem in these parameters and the start."""
-        data = self.data
-        start = []
-        for name, unit, seed, reach, scale in (
-            ("start_angle", "rad", data.angle[0], _START_ANGLE, 0.002),
-            ("start_rate", "rad/s", data.start_rate, _START_RATE, 0.05),
-        ):
-            start.append(Parameter(name, unit, seed, seed - reach, seed + reach, scale=scale))
-        return self.problem_in(Parameters.of([*parameters, *start]))
+        angle = self.data.angle[0]
+        rate = self.data.start_rate
+        limits = angle - _START_ANGLE, angle + _START_ANGLE
+        start_angle = Parameter("start_angle", "rad", angle, *limits, scale=0.002)
+        limits = rate - _START_RATE, rate + _START_RATE
+        start_rate = Parameter("start_rate", "rad/s", rate, *limits, scale=0.05)
+        return self.problem_in(Parameters.of([*parameters, start_angle, start_rate]))
 
     def problem_in(self, parameters: Parameters) -> Problem:
         """The same in all parameters with those of the start, constants of the rig too or not."""
 
         def residual(x: FloatArray) -> FloatArray:
             values = parameters.values(x)
-            return (self.shifted(values).readings(values) - self.data.angle) / speed_accuracy()
+            readings = self.shifted(values).readings(values)
+            return (readings - self.data.angle) / speed_accuracy()
 
         return Problem(parameters, residual, name=self.data.name)
 
     def fit(
         self,
         parameters: Sequence[Parameter],
-        seeds: Sequence[Values] = (),
+        starts: Sequence[Values] = (),
         facts: Mapping[str, Any] | None = None,
         options: FitOptions = FREE,
         exact: bool = False,
     ) -> FitResult:
-        """Solves and adds the curve of the angle.
+        """Solve and add the curve of the angle.
 
         Args:
-            parameters, seeds: of the fit, and further starts.
+            parameters, starts: of the fit, and further starts.
             facts: added to those of the data.
             options: loss and bounds.
             exact: leave the constants of the rig as they are.
 
         Raises:
-            FitError: bounds that exclude a seed or name no parameter, or no rollout exists.
+            FitError: bounds that exclude a start or name no parameter, or no rollout exists.
         """
         data = self.data
         fitted = [p.name for p in parameters]
@@ -121,9 +119,8 @@ class SwingModel:
         problem = model.problem(options.bounded(parameters))
         result = fit(
             problem,
-            solve_rollout,
             model.noise,
-            starts=problem.parameters.starts(seeds),
+            starts=problem.parameters.starts(starts),
             channels={"angle": (slice(None), speed_accuracy())},
             facts={**data.facts, **(facts or {})},
             warnings=data.warnings,
@@ -133,12 +130,8 @@ class SwingModel:
         values = {e.name: e.value for e in result.estimates}
         values |= {name: constant["shift"] for name, constant in result.constants.items()}
         readings = model.shifted(values).readings(values)
-        curve = {
-            "x": data.time.tolist(),
-            "measured": data.angle.tolist(),
-            "model": readings.tolist(),
-            "labels": ["time after the release, s", "angle, rad"],
-        }
+        labels = "time after the release, s", "angle, rad"
+        curve = make_curve(data.time, data.angle, readings, *labels)
         return replace(result, curves={"angle": curve}, rig=differences(data.scenario))
 
     def shifted(self, values: Values) -> SwingModel:
@@ -158,13 +151,13 @@ class SwingModel:
         return replace(self, data=replace(data, scenario=scenario, motor=motor, ramp=ramp))
 
     def readings(self, values: Values) -> FloatArray:
-        """What the encoder shows of the motion (n), rad."""
+        """Simulate what the encoder reads of the motion (n), rad."""
         angles, _ = self.motion(values)
         gain = 1.0 + values.get("encoder_gain", 0.0)
         return (angles - values.get("encoder_zero", 0.0)) / gain
 
     def least_noise(self, solution: Solution) -> Noise:
-        """What the noise would be if the model were right: what changes from sample to sample, no
+        """Estimate the noise as if the model were right: what changes from sample to sample, no
         slow part.
         """
         if self.data.motor_deviation:

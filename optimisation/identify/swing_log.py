@@ -11,31 +11,24 @@ from typing import Any
 
 import numpy as np
 
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.least_squares import Parameter
-from aerodima.optimisation.identify.log_rig import (
-    CURRENT,
-    FREE,
-    FitOptions,
-    checked_angle,
-    constant_parameters,
-    is_ours,
-    named,
-    rig_of,
-)
+from aerodima.optimisation.identify.log_rig import CURRENT, checked_angle, is_ours, named, rig_of
+from aerodima.optimisation.identify.rig_constants import constant_parameters
 from aerodima.optimisation.identify.static_log import CURRENT_MARGIN
-from aerodima.workbench.config.array_types import FloatArray, IntArray
-from aerodima.workbench.config.rig_scenario import RigScenario
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.car.car_sensors import MotorReply
+from aerodima.workbench.core.array_types import FloatArray, IntArray
+from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals, earlier_shift, stated_rest
-from aerodima.workbench.sensors.car_sensors import MotorReply
+from aerodima.workbench.scenario.rig_scenario import RigScenario
 
 CURRENT_SAMPLING = "current_sampling"
 """Key in a log's `extra`: whether a sample of the current is its value then or its mean since the
 sample before."""
-LARGEST_STEP = 0.004
+MAX_STEP = 0.004
 """Step of the rollouts, s."""
-LEAST_SAMPLES = 50
+MIN_SAMPLES = 50
 """Fewest samples of a swing that are fitted."""
 _COUNTS_MOVED = 20
 """Steps of the angle's reading beyond which the tail has moved."""
@@ -44,9 +37,13 @@ _DWELL = 0.1
 chosen on simulated swings."""
 _DWELL_STEPS = 2.5
 """In steps of the reading."""
+_DRIVEN = 5.0
+"""A current whose steps are this many times its noise drives the swing."""
+_MIN_NOISE = 1e-3
+"""Smallest noise of a logged current, A."""
 _WHOLE = 0.01
 """Readings this near to whole steps are counts: a log may have been through degrees and text."""
-_LONGEST_SAMPLING = 0.05
+_MAX_SAMPLING = 0.05
 """Samples further apart than this show no swing of about a second, s."""
 
 
@@ -67,8 +64,8 @@ class LoggedCurrent:
     ends: FloatArray
 
     def mean(self, delay: float = 0.0) -> FloatArray:
-        """Over each step (m - 1), A; a sample that comes late by `delay` (s) tells of an earlier
-        time.
+        """Averages over each step (m - 1), A; a sample that comes late by `delay` (s) tells of an
+        earlier time.
 
         Outside the log the first and last sample hold.
         """
@@ -81,15 +78,11 @@ class LoggedCurrent:
             integral = np.concatenate([[0.0], np.cumsum(current[1:] * np.diff(time))])
             inside = np.interp(ends, time, integral)
         else:
-            inside = Akima1DInterpolator(time, current).antiderivative()(
-                np.clip(ends, time[0], time[-1])
-            )
-        inside = (
-            inside
-            + np.minimum(ends - time[0], 0.0) * current[0]
-            + np.maximum(ends - time[-1], 0.0) * current[-1]
-        )
-        return np.diff(inside) / np.diff(ends)
+            charge = Akima1DInterpolator(time, current).antiderivative()
+            inside = charge(np.clip(ends, time[0], time[-1]))
+        before = np.minimum(ends - time[0], 0.0) * current[0]
+        after = np.maximum(ends - time[-1], 0.0) * current[-1]
+        return np.diff(inside + before + after) / np.diff(ends)
 
     def ramp(self, delay: float = 0.0) -> FloatArray:
         """Change over each step (m - 1), A; none where samples are means."""
@@ -119,7 +112,7 @@ def motor_torque(
 
 @dataclass(frozen=True)
 class SwingData:
-    """One swing from its release on.
+    """A swing from its release on.
 
     Attributes:
         name: of the log.
@@ -184,21 +177,21 @@ def swing_data(
 def _swing_data(
     log: RunLog, kind: str, longest: float, name: str, options: FitOptions
 ) -> SwingData:
-    time, angle = checked_angle(log, kind, LEAST_SAMPLES)
+    time, angle = checked_angle(log, kind, MIN_SAMPLES)
     scenario = rig_of(log, kind, options)
     sampling = float(np.median(np.diff(time)))
-    if sampling > _LONGEST_SAMPLING:
+    if sampling > _MAX_SAMPLING:
         raise FitError(
-            f"the samples stand {sampling:g} s apart, a swing needs at most {_LONGEST_SAMPLING:g} "
+            f"the samples stand {sampling:g} s apart, a swing needs at most {_MAX_SAMPLING:g} "
             "s; is the time in ms?"
         )
     first = _release(time, angle, scenario, log)
-    stride = max(1, round(LARGEST_STEP / sampling))
+    stride = max(1, round(MAX_STEP / sampling))
     last = int(np.searchsorted(time, time[first] + longest, side="right"))
     picked = np.arange(first, last, stride)
-    if len(picked) < LEAST_SAMPLES:
+    if len(picked) < MIN_SAMPLES:
         raise FitError(
-            f"only {len(picked)} samples of the motion; at least {LEAST_SAMPLES} are needed"
+            f"only {len(picked)} samples of the motion; at least {MIN_SAMPLES} are needed"
         )
     step = reading_step(scenario)
     readings = angle[picked]
@@ -265,7 +258,7 @@ def reading_step(scenario: RigScenario) -> float:
 
 
 def _is_rounded(angle: FloatArray, step: float) -> bool:
-    """Whether the readings differ by whole steps."""
+    """Tells whether the readings differ by whole steps."""
     steps = (angle - angle[0]) / step
     return bool(np.all(np.abs(steps - np.round(steps)) < _WHOLE))
 
@@ -278,9 +271,12 @@ def _end_of_motion(angle: FloatArray, step: float, sampling: float) -> int:
     would count as many.
     """
     window = max(round(_DWELL / sampling), 1)
-    moving = np.flatnonzero(np.abs(angle[window:] - angle[:-window]) > _DWELL_STEPS * step)
-    end = int(moving[-1]) + window + 1 if moving.size else len(angle)
-    return max(end, LEAST_SAMPLES)
+    change = np.abs(angle[window:] - angle[:-window])
+    moving = np.flatnonzero(change > _DWELL_STEPS * step)
+    end = len(angle)
+    if moving.size:
+        end = int(moving[-1]) + window + 1
+    return max(end, MIN_SAMPLES)
 
 
 def _current(
@@ -302,7 +298,8 @@ def _current(
         raise FitError(
             f"metadata {CURRENT_SAMPLING!r} is {sampling!r}; allowed: mean, instantaneous"
         )
-    found = LoggedCurrent(log.time, current, sampling == "mean", log.time[picked])
-    if np.sqrt(np.mean(np.square(found.mean()))) < 5.0 * max(scenario.maxon.current_noise, 1e-3):
+    logged = LoggedCurrent(log.time, current, sampling == "mean", log.time[picked])
+    rms = np.sqrt(np.mean(np.square(logged.mean())))
+    if rms < _DRIVEN * max(scenario.maxon.current_noise, _MIN_NOISE):
         return None, []
-    return found, []
+    return logged, []

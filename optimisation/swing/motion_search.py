@@ -14,29 +14,34 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.sweep.runs import Runs
-from aerodima.optimisation.swing.candidate import HELD
-from aerodima.optimisation.swing.task import AFTER, Floor, Task, find_floors
-from aerodima.optimisation.swing.turn_programme import (
-    FEASIBLE,
-    TurnProgramme,
+from aerodima.optimisation.judge.candidate import HELD
+from aerodima.optimisation.studies.runs import CachedRunner
+from aerodima.optimisation.swing.task import RUN_OUT_TIME, Task, TaskSurface, find_surfaces
+from aerodima.optimisation.swing.turn_nlp import (
+    FEASIBILITY_TOL,
+    TurnNlp,
     TurnSolution,
     best_of,
 )
-from aerodima.optimisation.swing.turn_shooting import FOLLOW, HOLD, RELEASE_STEERING, TurnShooting
-from aerodima.workbench.actuators.ak70 import torque_speed_limits
-from aerodima.workbench.batch.row_store import ProgressLine, silent
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.ensemble import Member
-from aerodima.workbench.config.scenario import Scenario, load_scenario
-from aerodima.workbench.config.swing_file import SCHEMA, SwingFile, swing_from_dict
-from aerodima.workbench.errors import SwingError
+from aerodima.optimisation.swing.turn_shooting import (
+    FOLLOW_GAINS,
+    HOLD_GAINS,
+    RELEASE_STEERING,
+    TurnShooting,
+)
+from aerodima.workbench.batch.row_store import ProgressLine, no_progress
+from aerodima.workbench.car.ak70 import torque_speed_limits
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import SwingError
 from aerodima.workbench.logs.schema import software_versions
+from aerodima.workbench.scenario.ensemble import Member
+from aerodima.workbench.scenario.scenario import Scenario, load_scenario
+from aerodima.workbench.scenario.swing_file import SCHEMA, SwingFile, swing_from_dict
 
-FASTEST_TICK = 0.005
-"""Longest step of the reduced cars, s; the controller's ticks must be whole steps."""
+MAX_STEP = 0.005
+"""Largest step of the reduced cars, s; the controller's ticks must be whole steps."""
 KNOT_ROUNDING = 1e-2
-"""How far the curve between two knots on a stop may bulge beyond it, rad: the tail then rests on
+"""How far the curve between two knots on a stop may bulge beyond it, rad: the tail then lies on
 the stop."""
 
 CAR_KEYS = (
@@ -57,18 +62,18 @@ CAR_KEYS = (
     "tail.pitch_limit",
 )
 """Parameters that make it another car for a swing."""
-OWN_CAR = Member("car", 1.0, {})
+SCENARIO_CAR = Member("car", 1.0, {})
 """The car of the scenario, for a task without training cars."""
 
 
 @dataclass(frozen=True)
 class MotionSearch:
-    """How a motion is searched.
+    """Effort of the search of a motion.
 
     Attributes:
         starts: random ones; `seed` of them.
         knots: of the tail's rate, the first and the last included; `length` of the motion, s.
-        iterations: most major iterations of the solver from a start.
+        iterations: largest number of major iterations of the solver from a start.
     """
 
     starts: int = 7
@@ -78,21 +83,27 @@ class MotionSearch:
     iterations: int = 30
 
     def __post_init__(self) -> None:
-        allowed = {
-            "starts": (self.starts, self.starts >= 1, "at least 1"),
-            "knots": (self.knots, 4 <= self.knots <= 41, "4 to 41"),
-            "length": (self.length, 0.2 <= self.length <= 1.2, "0.2 to 1.2 s"),
-            "iterations": (self.iterations, self.iterations >= 1, "at least 1"),
-        }
-        for name, (value, good, words) in allowed.items():
-            if not good:
-                raise SwingError(f"{name}: {value:g}; allowed: {words}")
+        for name, low, high in (
+            ("starts", 1, math.inf),
+            ("knots", 4, 41),
+            ("length", 0.2, 1.2),
+            ("iterations", 1, math.inf),
+        ):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise SwingError(f"{name}: {value:g}; must be from {low:g} to {high:g}")
 
 
 def search_motion(
-    name: str, task: Task, search: MotionSearch, runs: Runs, *, progress: ProgressLine = silent
+    name: str,
+    task: Task,
+    search: MotionSearch,
+    runs: CachedRunner,
+    *,
+    progress: ProgressLine = no_progress,
 ) -> SwingFile:
-    """The swing with which the training cars of a task turn furthest, each with its own steering.
+    """Searches the swing with which the training cars of a task turn furthest, each with its own
+    steering.
 
     Args:
         name: of the swing.
@@ -104,29 +115,29 @@ def search_motion(
     Raises:
         UserError: what the reduced car does not know, no floor, no turn that keeps all limits.
     """
-    floors, without = find_floors(task, task.training_cars or (OWN_CAR,), runs)
+    surfaces, without = find_surfaces(task, task.training_cars or (SCENARIO_CAR,), runs)
     for words in without:
         progress(f"{words}: no floor; left out")
-    turns = [turn_on(task, floor) for floor in floors]
-    programme = turn_programme(turns, search, task)
+    turns = [turn_on(task, surface) for surface in surfaces]
+    program = make_turn_nlp(turns, search, task)
     solutions = []
     for number in range(search.starts):
         generator = np.random.default_rng([search.seed, number])
-        start = programme.shooting.random_start(generator)
-        solution = programme.solve(start, search.iterations)
+        start = program.shooting.random_start(generator)
+        solution = program.solve(start, search.iterations)
         solutions.append(solution)
         progress(_line(number, solution))
     best = best_of(solutions)
-    if best.violation > FEASIBLE:
-        raise SwingError(f"no start came to a turn that keeps its limits; nearest: {best.worst}")
-    return swing_of(name, task, list(zip(floors, turns, strict=True)), programme, solutions, search)
+    if best.violation > FEASIBILITY_TOL:
+        raise SwingError(f"no start reached a turn that keeps its limits; nearest: {best.worst}")
+    return swing_of(name, task, list(zip(surfaces, turns, strict=True)), program, solutions, search)
 
 
-def turn_programme(
+def make_turn_nlp(
     turns: Sequence[Scenario], search: MotionSearch | None = None, task: Task | None = None
-) -> TurnProgramme:
-    """The programme of turns, not solved yet: costs and constraints may be added to its `prog` over
-    its `x`.
+) -> TurnNlp:
+    """Makes the nonlinear program of turns, not solved yet: costs and constraints may be added to
+    its `prog` over its `x`.
 
     Args:
         turns: cars on their floors, with a tail.
@@ -140,35 +151,40 @@ def turn_programme(
     search = search or MotionSearch()
     task = task or Task()
     if any(turn.tail.mode == "none" for turn in turns):
-        raise SwingError("tail.mode: none; allowed: a tail that can swing")
+        raise SwingError("tail.mode: none; must be a tail that can swing")
     rate = turns[0].controller.rate
-    steps = math.ceil(1.0 / (rate * FASTEST_TICK) - 1e-9)
+    steps = math.ceil(1.0 / (rate * MAX_STEP) - 1e-9)
     length = 1.0 / (rate * steps)
     interval = search.length / (search.knots - 1)
     shooting = TurnShooting.of(turns, search.knots - 2, interval, task, length)
-    return TurnProgramme(shooting)
+    return TurnNlp(shooting)
 
 
-def turn_on(task: Task, floor: Floor) -> Scenario:
-    """The turn of a task's car on its floor, with the tail of the scenario."""
-    settings = task.settings(HELD, floor.car, floor.speed)
-    turn = load_scenario(task.scenario, (*settings, floor.setting))
-    duration = turn.manoeuvre.turn_start + task.pulse + AFTER
+def turn_on(task: Task, surface: TaskSurface) -> Scenario:
+    """Returns the turn of a task's car on its surface, with the tail of the scenario."""
+    settings = task.settings(HELD, surface.car, surface.speed)
+    turn = load_scenario(task.scenario, (*settings, surface.setting))
+    duration = turn.manoeuvre.turn_start + task.pulse + RUN_OUT_TIME
     return turn.varied(manoeuvre={"turn_hold": task.pulse, "duration": duration})
+
+
+turn_programme = make_turn_nlp
+"""Deprecated alias, to be dropped in 0.5."""
 
 
 def swing_of(
     name: str,
     task: Task,
-    turns: Sequence[tuple[Floor, Scenario]],
-    programme: TurnProgramme,
+    turns: Sequence[tuple[TaskSurface, Scenario]],
+    program: TurnNlp,
     solutions: list[TurnSolution],
     search: MotionSearch,
 ) -> SwingFile:
-    """The best solution as a swing file: steering of the first car as settings, all in `found`."""
+    """Returns the best solution as a swing file: steering of the first car as settings, all in
+    `found`.
+    """
     best = best_of(solutions)
-    shooting = programme.shooting
-    time, roll, rate = shooting.variables.motion(best.x)
+    shooting = program.shooting
     facts: dict[str, Any] = {
         "starts_converged": sum(one.converged for one in solutions),
         "starts": len(solutions),
@@ -176,33 +192,33 @@ def swing_of(
         "wall_time_s": round(sum(one.wall_time for one in solutions), 1),
         "course_rad": float(np.mean(best.course)),
     }
-    for member, ((floor, _), predicted) in enumerate(zip(turns, best.course, strict=True)):
-        own = f"{floor.car.name}_{floor.speed:g}_{floor.share:g}"
-        steering = steering_of(shooting, best.x, member)
-        for key, value in steering.items():
+    for member, (surface, _) in enumerate(turns):
+        prefix = f"{surface.car.name}_{surface.speed:g}_{surface.share:g}"
+        for key, value in steering_of(shooting, best.x, member).items():
             unit = "s" if key.endswith("hold") else "rad"
-            facts[f"{own}_{key}_{unit}"] = value
-        facts[f"{own}_friction"] = floor.friction
-        facts[f"{own}_course_rad"] = float(predicted)
-    floor, turn = turns[0]
-    steering = {**steering_of(shooting, best.x, 0), "turn_hold": task.pulse, "speed": floor.speed}
-    settings = (*floor.car.settings_on(task.scenario), floor.setting)
-    made = {
+            facts[f"{prefix}_{key}_{unit}"] = value
+        facts[f"{prefix}_friction"] = surface.friction
+        facts[f"{prefix}_course_rad"] = float(best.course[member])
+    surface, turn = turns[0]
+    steering = steering_of(shooting, best.x, 0)
+    steering |= {"turn_hold": task.pulse, "speed": surface.speed}
+    settings = [*surface.car.settings_on(task.scenario), surface.setting]
+    settings += [f"manoeuvre.{key}={value!r}" for key, value in steering.items()]
+    members = ", ".join(dict.fromkeys(one.car.name for one, _ in turns))
+    provenance = {
         "source": "aerodima swing search",
         "scenario": task.scenario,
         "seed": search.seed,
-        "settings": (*settings, *(f"manoeuvre.{key}={value!r}" for key, value in steering.items())),
-        "options": {
-            **asdict(search),
-            "members": ", ".join(dict.fromkeys(one.car.name for one, _ in turns)),
-        },
+        "settings": tuple(settings),
+        "options": {**asdict(search), "members": members},
         "found": facts,
     }
-    return steered_swing(name, turn, time, roll, rate, provenance=made)
+    motion = shooting.variables.motion(best.x)
+    return steered_swing(name, turn, *motion, provenance=provenance)
 
 
 def steering_of(shooting: TurnShooting, x: FloatArray, member: int) -> dict[str, float]:
-    """Settings of section `manoeuvre` that are one car's steering, in rad and s."""
+    """Returns the settings of section `manoeuvre` that are one car's steering, in rad and s."""
     steered = shooting.variables.steered(x[shooting.variables.own(member)])
     angle, first, hold = (float(f"{float(value):.9g}") for value in steered)
     return {"steer_angle": angle, "first_angle": first, "first_hold": hold}
@@ -217,7 +233,7 @@ def steered_swing(
     *,
     provenance: dict[str, Any],
 ) -> SwingFile:
-    """A swing that the steering releases; pitch stays at the angle of the wait, no torques.
+    """Makes a swing that the steering releases; pitch stays at the angle of the wait, no torques.
 
     Args:
         name: of the swing.
@@ -250,7 +266,10 @@ def steered_swing(
             "direction": scenario.manoeuvre.direction,
             "trigger": {"kind": "steering", "threshold_rad": RELEASE_STEERING},
             "knots": knots,
-            "gains": {"hold": HOLD, "phases": [{"start_s": 0.0, "roll": FOLLOW, "pitch": FOLLOW}]},
+            "gains": {
+                "hold": HOLD_GAINS,
+                "phases": [{"start_s": 0.0, "roll": FOLLOW_GAINS, "pitch": FOLLOW_GAINS}],
+            },
             "limits": {
                 "roll_position_rad": angle + KNOT_ROUNDING,
                 "pitch_position_rad": scenario.tail.pitch_limit + KNOT_ROUNDING,
@@ -264,15 +283,14 @@ def steered_swing(
     )
 
 
-def _line(number: int, found: TurnSolution) -> str:
-    course = ", ".join(f"{math.degrees(value):.1f}" for value in found.course)
-    if found.converged:
+def _line(number: int, solution: TurnSolution) -> str:
+    course = ", ".join(f"{math.degrees(value):.1f}" for value in solution.course)
+    state = "stopped"
+    if solution.converged:
         state = "converged"
-    elif found.violation > FEASIBLE:
-        state = f"violates {found.worst}"
-    else:
-        state = "stopped"
+    elif solution.violation > FEASIBILITY_TOL:
+        state = f"violates {solution.worst}"
     return (
-        f"start {number + 1}: course {course} deg, {state}, {found.evaluations} batches in "
-        f"{found.wall_time:.0f} s"
+        f"start {number + 1}: course {course} deg, {state}, {solution.evaluations} batches in "
+        f"{solution.wall_time:.0f} s"
     )

@@ -1,7 +1,8 @@
-"""Task: the turn of a motion search: training cars on floors, a pulse of steering, and limits of a
-turn that counts.
+"""Task: the turn of a motion search: training cars on surfaces, a pulse of steering, and limits of
+a turn that counts.
 
-A floor is a multiple of the critical friction of the published swing at full lock.
+The friction of a surface is a multiple of the critical friction of the published swing at full
+lock.
 """
 
 from __future__ import annotations
@@ -14,41 +15,36 @@ from typing import Any, Literal
 import yaml
 from pydantic import Field
 
-from aerodima.optimisation.sweep.rollover_threshold import (
+from aerodima.optimisation.judge.candidate import THESIS, Candidate, require_unique
+from aerodima.optimisation.studies.limit_search import LimitSearch
+from aerodima.optimisation.studies.rollover_threshold import (
     FRICTION,
     SPEED,
     Case,
-    Search,
     find_thresholds,
 )
-from aerodima.optimisation.sweep.runs import Runs, step_settings
-from aerodima.optimisation.swing.candidate import THESIS, Candidate, refuse_twice
-from aerodima.workbench.config.checked_files import (
-    StrictModel,
-    checked,
-    find_file,
-    nearest,
-    read_yaml,
-)
-from aerodima.workbench.config.ensemble import Member, load_ensemble
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.errors import SweepError, UserError
+from aerodima.optimisation.studies.runs import CachedRunner, step_settings
+from aerodima.workbench.core.errors import SweepError, UserError
+from aerodima.workbench.core.key_errors import nearest
+from aerodima.workbench.core.yaml_files import StrictModel, checked, find_file, read_yaml
+from aerodima.workbench.scenario.ensemble import Member, load_ensemble
+from aerodima.workbench.scenario.scenario import load_scenario
 
 SCHEMA = "aerodima/task/1"
 PULSE = 0.5
 """Length of the steering unless another is asked for, s."""
-AFTER = 1.5
+RUN_OUT_TIME = 1.5
 """How long a run goes on after the steering, s."""
-MOST_ROLL = 0.35
+MAX_ROLL = 0.35
 """Outwards from the turn on, rad."""
-MOST_SIDESLIP = 0.1
+MAX_SIDESLIP = 0.1
 """To either side at the exit, rad."""
-FRICTION_CLIMB = Search(FRICTION, 0.3, 1.3, 0.05, 0.0125)
+SURFACE_SEARCH = LimitSearch(FRICTION, 0.3, 1.3, 0.05, 0.0125)
 """Scan of the friction coefficient; the last two numbers are its steps, coarse and fine."""
 
 
 class Task(StrictModel):
-    """What is asked; a file of `models/tasks`.
+    """Task of a motion search; a file of `models/tasks`.
 
     Attributes:
         scenario: of the turn, with its tail.
@@ -71,8 +67,8 @@ class Task(StrictModel):
     floors: list[float] = Field(default=[1.1, 1.3], min_length=1)
     pulse: float = Field(default=PULSE, ge=0.1, le=2.0)
     steering: tuple[float, float] = (2.0, 30.0)
-    most_roll: float = Field(default=MOST_ROLL, gt=0.0, le=1.5)
-    most_sideslip: float = Field(default=MOST_SIDESLIP, gt=0.0, le=1.5)
+    most_roll: float = Field(default=MAX_ROLL, gt=0.0, le=1.5)
+    most_sideslip: float = Field(default=MAX_SIDESLIP, gt=0.0, le=1.5)
     step: float = Field(default=0.002, gt=0.0, le=0.005)
 
     def model_post_init(self, _context: Any) -> None:
@@ -83,25 +79,22 @@ class Task(StrictModel):
             ("speed", self.speeds, 1.0, 8.0),
             ("floor", self.floors, 0.2, 3.0),
         ):
-            refuse_twice([f"{value:g}" for value in values], name)
+            require_unique([f"{value:g}" for value in values], name)
             for value in values:
                 if not low <= value <= high:
-                    raise SweepError(f"{name} {value:g}: allowed: {low:g} to {high:g}")
-        least, largest = self.steering
-        if not 0.0 < least < largest:
-            raise SweepError(
-                f"steering {least:g} to {largest:g} degrees: allowed: 0 < first < second"
-            )
+                    raise SweepError(f"{name} {value:g}: must be {low:g} to {high:g}")
+        low, high = self.steering
+        if not 0.0 < low < high:
+            raise SweepError(f"steering {low:g} to {high:g} degrees: must be 0 < first < second")
         try:
-            turn = load_scenario(
-                self.scenario, [f"manoeuvre.steer_angle={math.radians(largest)!r}"]
-            ).manoeuvre
+            full_lock = f"manoeuvre.steer_angle={math.radians(high)!r}"
+            turn = load_scenario(self.scenario, [full_lock]).manoeuvre
         except UserError as error:
             raise SweepError(f"task: {error}") from None
-        if turn.kind != "turn":
-            raise SweepError(f"{self.scenario}: manoeuvre.kind {turn.kind}; allowed: turn")
-        if turn.turns != 1:
-            raise SweepError(f"{self.scenario}: manoeuvre.turns {turn.turns}; allowed: 1")
+        for key, expected in (("kind", "turn"), ("turns", 1)):
+            given = getattr(turn, key)
+            if given != expected:
+                raise SweepError(f"{self.scenario}: manoeuvre.{key} {given}; must be {expected}")
 
     @property
     def training_cars(self) -> tuple[Member, ...]:
@@ -109,20 +102,22 @@ class Task(StrictModel):
         there = load_ensemble(self.ensemble).split(self.seed).training
         if self.training > len(there):
             raise SweepError(
-                f"training: {self.training}; the ensemble has {len(there)}: allowed: 0 to "
+                f"training: {self.training}; the ensemble has {len(there)}: must be 0 to "
                 f"{len(there)}"
             )
         return there[: self.training]
 
-    def settings(self, who: Candidate, car: Member, speed: float) -> tuple[str, ...]:
-        """Settings of a candidate's turns with a car and a speed (m/s), but for the floor."""
+    def settings(self, candidate: Candidate, car: Member, speed: float) -> tuple[str, ...]:
+        """Returns the settings of a candidate's turns with a car and a speed (m/s), but for the
+        surface.
+        """
         own = car.settings_on(self.scenario)
-        return (*own, *step_settings(self.step), *who.at(speed), f"{SPEED}={speed!r}")
+        return (*own, *step_settings(self.step), *candidate.at(speed), f"{SPEED}={speed!r}")
 
 
 @dataclass(frozen=True)
-class Floor:
-    """A case: `share` times the critical friction is the friction of the floor. speed: m/s."""
+class TaskSurface:
+    """Surface of a car at a speed, m/s, whose friction is `share` times the critical one."""
 
     car: Member
     speed: float
@@ -131,17 +126,17 @@ class Floor:
 
     @property
     def friction(self) -> float:
-        """Friction of tyres on the floor."""
+        """Friction of tyres on the surface."""
         return float(f"{self.share * self.critical:.6g}")
 
     @property
     def setting(self) -> str:
-        """The override that makes the floor."""
+        """Override that makes the surface."""
         return f"{FRICTION}={self.friction!r}"
 
 
 def load_task(name_or_path: str, settings: Sequence[str] = ()) -> Task:
-    """A task of `models/tasks`, or of a file.
+    """Loads a task of `models/tasks`, or of a file.
 
     Args:
         name_or_path: of the task.
@@ -157,7 +152,7 @@ def load_task(name_or_path: str, settings: Sequence[str] = ()) -> Task:
         key, separator, text = setting.partition("=")
         if not separator or key.strip() not in known or key.startswith("schema"):
             raise SweepError(
-                f"--set {setting}: allowed is KEY=VALUE; {nearest(key.strip(), known[1:])}"
+                f"--set {setting}: must be KEY=VALUE; {nearest(key.strip(), known[1:])}"
             )
         try:
             data[key.strip()] = yaml.safe_load(text)
@@ -166,29 +161,35 @@ def load_task(name_or_path: str, settings: Sequence[str] = ()) -> Task:
     return checked(Task, data, str(path), SweepError, schema=SCHEMA)
 
 
-def find_floors(task: Task, cars: Sequence[Member], runs: Runs) -> tuple[list[Floor], list[str]]:
-    """Floors of cars, speeds and shares, and the cars and speeds that have none.
+def find_surfaces(
+    task: Task, cars: Sequence[Member], runs: CachedRunner
+) -> tuple[list[TaskSurface], list[str]]:
+    """Finds the surfaces of cars, speeds and friction scales, and the cars and speeds that have
+    none.
 
     Raises:
         UserError: none has a floor.
     """
-    keys = [(car, speed) for car in cars for speed in task.speeds]
-    cases = [Case(THESIS.name, task.scenario, task.settings(THESIS, *key)) for key in keys]
-    starts = [
-        load_scenario(task.scenario, car.settings_on(task.scenario)).car.tyre_friction
-        for car, _ in keys
-    ]
-    floors = []
+    cases = []
+    starts = []
+    keys = []
+    for car in cars:
+        own = load_scenario(task.scenario, car.settings_on(task.scenario))
+        for speed in task.speeds:
+            keys.append((car, speed))
+            cases.append(Case(THESIS.name, task.scenario, task.settings(THESIS, car, speed)))
+            starts.append(own.car.tyre_friction)
+    thresholds = find_thresholds(cases, SURFACE_SEARCH, runs, starts=starts)
+    surfaces = []
     without = []
-    for (car, speed), found in zip(
-        keys, find_thresholds(cases, FRICTION_CLIMB, runs, starts=starts), strict=True
-    ):
-        if found.survived is None:
+    for (car, speed), threshold in zip(keys, thresholds, strict=True):
+        critical = threshold.survived
+        if critical is None:
             without.append(f"{car.name} at {speed:g} m/s")
         else:
-            floors += [Floor(car, speed, share, found.survived) for share in task.floors]
-    if cars and not floors:
+            surfaces += [TaskSurface(car, speed, share, critical) for share in task.floors]
+    if cars and not surfaces:
         raise SweepError(
             f"{', '.join(without)}: the published swing at full lock is clean on no floor"
         )
-    return floors, without
+    return surfaces, without

@@ -1,11 +1,11 @@
-"""Turns of all cars and of all central differences in one batch: what the programme asks, with
-slopes.
+"""Turns of all cars and of all central differences in one batch, with slopes, for the nonlinear
+program.
 
 A row of `ROWS` is a number per car. Peaks are taken by windows of `WINDOW`, each a row of its own:
 a peak of one window is smooth in the variables where it stands alone, and two peaks that compete
-stand in two rows. The course is read at the instant of the exit; what has none before the end of
-the run has that of its end. Nothing else is rounded: a wheel that lifts and a joint at its torque
-limit remain kinks of the model.
+stand in two rows. The course is read at the instant of the exit; a turn without exit before the end
+of the run has the course of its end. Nothing else is rounded: a wheel that lifts and a joint at its
+torque limit remain kinks of the model.
 
 Variables are one roll of the tail for all cars, and the steering of each car:
 
@@ -23,20 +23,22 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from aerodima.optimisation.screening.turn_plans import PlayedRoll, TurnPlans
-from aerodima.optimisation.screening.turns import Turns, course, drive_turns, heights
-from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.optimisation.swing.task import Task
-from aerodima.workbench.config.array_types import FloatArray, IntArray
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.controllers.manoeuvre import TICK_TOLERANCE
-from aerodima.workbench.metrics.turn_signals import EXIT_YAW_RATE
+from aerodima.workbench.car.reduced.parameters import VehicleParams
+from aerodima.workbench.car.reduced.rollout import heights, over_ground
+from aerodima.workbench.car.reduced.turn_plans import TurnPlans
+from aerodima.workbench.car.reduced.turns import Turns, drive_turns
+from aerodima.workbench.car.verdict import EXIT_YAW_RATE
+from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE
+from aerodima.workbench.control.swing_player import RollTrajectory
+from aerodima.workbench.core.array_types import FloatArray, IntArray
+from aerodima.workbench.scenario.scenario import Scenario
 
-AFTER = 0.8
+DRIVE_ON_TIME = 0.8
 """How long turns are driven after the steering at least, s."""
 WINDOW = 0.1
 """Windows in which peaks are limited one by one, s."""
@@ -52,41 +54,41 @@ DRAWS = 32
 """Random starts that are drawn; the best one is taken."""
 TORQUE_SHARE = 0.9
 """Share of the roll motor's torque limit that may be asked for."""
-DIFFERENCE = 1e-7
+DIFFERENCE_STEP = 1e-7
 """Step of the scaled variables to either side for slopes: right to 1e-5, at 1/40 of the time of
 complex steps."""
-HOLD = {"kp": 17.0, "kd": 5.0}
+HOLD_GAINS = {"kp": 17.0, "kd": 5.0}
 """Gains of the wait: those of the thesis' hold (Table 6.4)."""
-FOLLOW = {"kp": 60.0, "kd": 3.0}
+FOLLOW_GAINS = {"kp": 60.0, "kd": 3.0}
 """Gains along the knots: the tail of 0.05 kg m2 follows within 0.05 rad at 100 Hz."""
 RELEASE_STEERING = 0.01
 """Steering command that releases a swing which goes by the steering, rad: less than any turn's."""
-RELEASE = 0.2
+RELEASE_SCALE = 0.2
 """One unit of a release, s."""
-RATE = 8.0
+RATE_SCALE = 8.0
 """One unit of a rate, rad/s."""
-ANGLE = 0.1
+ANGLE_SCALE = 0.1
 """One unit of a steering angle, rad."""
-TIME = 0.2
+TIME_SCALE = 0.2
 """One unit of the time of a first level, s."""
-EARLIEST = 0.02
+MIN_RELEASE = 0.02
 """Earliest release after the start of the steering, s."""
-LATEST = 0.5
+MAX_RELEASE = 0.5
 """Latest release after the start of the steering, s."""
-STEERING = 3
+STEERING_SIZE = 3
 """Variables of one car's steering."""
 
 
 @dataclass(frozen=True)
 class TurnVariables:
-    """Where each variable stands, and what it may be.
+    """Index, unit and bounds of each variable.
 
     Attributes:
         members: number of cars.
         rates: number of knots at which the tail's rate is free.
         interval: between two knots, s.
         start: roll of the tail that waits, rad.
-        most_roll, most_rate: of the tail, to either side, rad and rad/s.
+        max_roll, max_rate: of the tail, to either side, rad and rad/s.
         steering: least and largest angle, rad.
         pulse: length of the steering, s.
         tick: of the driver, s; a first level lasts whole ticks in the end.
@@ -96,8 +98,8 @@ class TurnVariables:
     rates: int
     interval: float
     start: float
-    most_roll: float
-    most_rate: float
+    max_roll: float
+    max_rate: float
     steering: tuple[float, float]
     pulse: float = 0.5
     tick: float = 0.01
@@ -110,38 +112,36 @@ class TurnVariables:
     @property
     def size(self) -> int:
         """Number of all."""
-        return self.tail + STEERING * self.members
+        return self.tail + STEERING_SIZE * self.members
 
     def own(self, member: int) -> FloatArray:
-        """Places of the variables of one car's turn: the tail's, then its steering's."""
-        first = self.tail + STEERING * member
-        return np.concatenate([np.arange(self.tail), np.arange(first, first + STEERING)])
+        """Returns the indices of the variables of one car's turn: the tail's, then its
+        steering's.
+        """
+        first = self.tail + STEERING_SIZE * member
+        return np.concatenate([np.arange(self.tail), np.arange(first, first + STEERING_SIZE)])
 
     @cached_property
     def units(self) -> FloatArray:
         """One unit of every variable (size,)."""
-        return np.concatenate([[RELEASE], [RATE] * self.rates, [ANGLE, ANGLE, TIME] * self.members])
+        return np.concatenate(
+            [
+                [RELEASE_SCALE],
+                [RATE_SCALE] * self.rates,
+                [ANGLE_SCALE, ANGLE_SCALE, TIME_SCALE] * self.members,
+            ]
+        )
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Least and largest scaled values (size,)."""
         low, high = self.steering
-        ends = []
-        latest = self.pulse - self.tick
-        for side, angle, release, hold in (
-            (-1.0, low, EARLIEST, self.tick),
-            (1.0, high, LATEST, latest),
-        ):
-            ends.append(
-                np.concatenate(
-                    [
-                        [release],
-                        [side * self.most_rate] * self.rates,
-                        [angle, angle, hold] * self.members,
-                    ]
-                )
-            )
-        return ends[0] / self.units, ends[1] / self.units
+        members = self.members
+        tail = [self.max_rate] * self.rates
+        least = [MIN_RELEASE, *(-rate for rate in tail), *[low, low, self.tick] * members]
+        longest = self.pulse - self.tick
+        largest = [MAX_RELEASE, *tail, *[high, high, longest] * members]
+        return np.array(least) / self.units, np.array(largest) / self.units
 
     @cached_property
     def roll_rows(self) -> FloatArray:
@@ -158,15 +158,15 @@ class TurnVariables:
         return np.concatenate([at_knots[1:], midway])[:, 1:-1]
 
     def motion(self, own: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Knots of the tail: times since the start of the steering, rolls and rates, (knots, ...)
-        each.
+        """Returns the knots of the tail: times since the start of the steering, rolls and rates,
+        (knots, ...) each.
 
         Args:
             own: scaled variables of one car's turn (`own`), more axes behind.
         """
-        own = own[: self.tail + STEERING]
-        release = RELEASE * own[0]
-        inner = RATE * own[1 : self.tail]
+        own = own[: self.tail + STEERING_SIZE]
+        release = RELEASE_SCALE * own[0]
+        inner = RATE_SCALE * own[1 : self.tail]
         still = 0.0 * inner[:1]
         rate = np.concatenate([still, inner, still])
         travelled = np.concatenate(
@@ -177,19 +177,25 @@ class TurnVariables:
         return time, self.start + np.concatenate([still, travelled]), np.concatenate([still, rate])
 
     def steered(self, own: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Angle, first angle (rad) and its time (s) of a car's turn, from its scaled variables."""
-        return (ANGLE * own[self.tail], ANGLE * own[self.tail + 1], TIME * own[self.tail + 2])
+        """Returns angle, first angle (rad) and its time (s) of a car's turn, from its scaled
+        variables.
+        """
+        return (
+            ANGLE_SCALE * own[self.tail],
+            ANGLE_SCALE * own[self.tail + 1],
+            TIME_SCALE * own[self.tail + 2],
+        )
 
     def on_ticks(self, x: FloatArray) -> FloatArray:
-        """All variables with first levels that last whole ticks of the driver."""
+        """Returns all variables with first levels that last whole ticks of the driver."""
         rounded = x.copy()
-        places = self.tail + STEERING * np.arange(self.members) + 2
-        ticks = np.floor(TIME * x[places] / self.tick + 0.5 + TICK_TOLERANCE)
-        rounded[places] = self.tick * ticks / TIME
+        places = self.tail + STEERING_SIZE * np.arange(self.members) + 2
+        ticks = np.floor(TIME_SCALE * x[places] / self.tick + 0.5 + TICK_TOLERANCE)
+        rounded[places] = self.tick * ticks / TIME_SCALE
         return rounded
 
     def random_start(self, generator: np.random.Generator) -> FloatArray:
-        """A swing over the top of random length and travel, and some steering."""
+        """Draws a swing over the top of random length and travel, and some steering."""
         knots = self.interval * np.arange(1, self.rates + 1)
         length = self.interval * (self.rates + 1)
         uniform = generator.uniform
@@ -197,8 +203,8 @@ class TurnVariables:
         travel = uniform(0.2, 0.9) * 2.0 * abs(self.start)
         phase = np.clip(knots / duration, 0.0, 1.0)
         parabola = 6.0 * phase * (1.0 - phase) * travel / duration
-        rates = np.clip(parabola, -self.most_rate, self.most_rate)
-        release = uniform(EARLIEST, 0.7 * LATEST)
+        rates = np.clip(parabola, -self.max_rate, self.max_rate)
+        release = uniform(MIN_RELEASE, 0.7 * MAX_RELEASE)
         low, high = self.steering
         size = (self.members, 1)
         then = low * (high / low) ** uniform(size=size)
@@ -218,8 +224,8 @@ class Row(NamedTuple):
     upper: float
 
 
-class Found(NamedTuple):
-    """At some variables.
+class Evaluation(NamedTuple):
+    """Evaluation at some variables.
 
     Attributes:
         course: of every car (members,), rad, and `course_slopes` with the scaled variables
@@ -241,18 +247,18 @@ class TurnShooting:
         cars, plans: one of each member.
         begun: states at the start of the turns (24, members).
         variables: of the search.
-        torque: most that the roll motor may be asked for, N m.
-        most_roll, most_sideslip: of a turn that counts, rad: to either side, and at the exit.
+        torque: largest that the roll motor may be asked for, N m.
+        max_roll, max_sideslip: of a turn that counts, rad: to either side, and at the exit.
         length: of a step, s.
     """
 
-    cars: Vehicles
+    cars: VehicleParams
     plans: TurnPlans
     begun: FloatArray
     variables: TurnVariables
     torque: float
-    most_roll: float
-    most_sideslip: float
+    max_roll: float
+    max_sideslip: float
     length: float
 
     @classmethod
@@ -270,68 +276,75 @@ class TurnShooting:
         Raises:
             UserError: what the screening model does not know.
         """
-        cars = Vehicles.of(scenarios)
+        cars = VehicleParams.from_scenarios(scenarios)
         first = scenarios[0]
         limit = TORQUE_SHARE * first.tail_motor.torque_limit
-        most_rate = float(np.min(cars.no_load_speed * (1.0 - limit / cars.stall_torque)))
-        hold = first.controller.hold_angle
-        least, largest = map(math.radians, task.steering)
+        low, high = map(math.radians, task.steering)
+        count = len(scenarios)
         variables = TurnVariables(
-            len(scenarios),
+            count,
             rates,
             interval,
-            -hold,
-            min(s.tail.roll_limit for s in scenarios),
-            most_rate,
-            (least, min(largest, *(s.servo.limit for s in scenarios))),
-            task.pulse,
-            1.0 / first.controller.rate,
+            start=-first.controller.hold_angle,
+            max_roll=min(s.tail.roll_limit for s in scenarios),
+            max_rate=float(np.min(cars.no_load_speed * (1.0 - limit / cars.stall_torque))),
+            steering=(low, min(high, *(s.servo.limit for s in scenarios))),
+            pulse=task.pulse,
+            tick=1.0 / first.controller.rate,
         )
         swinging = [
             s.varied(tail={"mode": "swing"}, controller={"swing_file": "none"}) for s in scenarios
         ]
         count = len(scenarios)
-        chosen = {"hold_kp": HOLD["kp"], "hold_kd": HOLD["kd"], "delay": 0.0, "hold": task.pulse}
-        chosen |= {"trigger_yaw_rate": np.inf, "trigger_steering": RELEASE_STEERING}
-        numbers: dict[str, Any] = {name: np.full(count, value) for name, value in chosen.items()}
-        plans = replace(TurnPlans.of(swinging), **numbers)
+        law = {"hold_kp": HOLD_GAINS["kp"], "hold_kd": HOLD_GAINS["kd"], "delay": 0.0}
+        law |= {"by_steering": 1.0, "threshold": RELEASE_STEERING}
+        plans = TurnPlans.from_scenarios(swinging).varied(
+            law={name: np.full(count, value) for name, value in law.items()},
+            pulse={"hold": np.full(count, task.pulse)},
+        )
         begun = drive_turns(cars, plans, duration=0.0, length=length).last
         return cls(cars, plans, begun, variables, limit, task.most_roll, task.most_sideslip, length)
 
     @cached_property
     def windows(self) -> int:
         """Number of windows of a turn, which fill the time that it is driven."""
-        return math.ceil((self.variables.pulse + AFTER) / WINDOW - TICK_TOLERANCE)
+        return math.ceil((self.variables.pulse + DRIVE_ON_TIME) / WINDOW - TICK_TOLERANCE)
 
     @cached_property
     def rows(self) -> tuple[Row, ...]:
-        """What is limited, for every car."""
-        most = self.most_roll - ROLL_MARGIN
-        when = [f" from {WINDOW * k:.1f} s on" for k in range(self.windows)]
+        """Limits of every car."""
+        roll = self.max_roll - ROLL_MARGIN
+        torque = self.torque
+        slip = self.max_sideslip
+        rows = []
+        for name, unit, size, lower, upper in (
+            ("roll", "rad", 0.1, -roll, roll),
+            ("height of the tail", "m", 0.1, CLEARANCE, np.inf),
+            ("torque asked for", "N m", 10.0, -torque, torque),
+        ):
+            for window in range(self.windows):
+                when = f"{name} from {WINDOW * window:.1f} s on"
+                rows.append(Row(when, unit, size, lower, upper))
         return (
-            *(Row(f"roll{words}", "rad", 0.1, -most, most) for words in when),
-            *(Row(f"height of the tail{words}", "m", 0.1, CLEARANCE, np.inf) for words in when),
-            *(
-                Row(f"torque asked for{words}", "N m", 10.0, -self.torque, self.torque)
-                for words in when
-            ),
+            *rows,
             Row("height of the board", "m", 0.1, BOARD_CLEARANCE, np.inf),
-            Row("sideslip at the exit", "rad", 0.1, -self.most_sideslip, self.most_sideslip),
+            Row("sideslip at the exit", "rad", 0.1, -slip, slip),
             Row("roll at the end", "rad", 0.1, -END_ROLL, END_ROLL),
             Row("yaw rate at the end", "rad/s", 1.0, -EXIT_YAW_RATE, EXIT_YAW_RATE),
         )
 
     def drive(self, own: FloatArray, members: IntArray) -> Turns:
-        """Turns of members (n), each with its own scaled variables (own, n), with their history."""
-        plans = self.plans.take(members)
+        """Drives turns of members (n), each with its own scaled variables (own, n), with their
+        history.
+        """
         time, roll, rate = self.variables.motion(own)
-        one = np.ones(len(members))
-        gains = [gain * one for gain in (FOLLOW["kp"], FOLLOW["kd"]) * 2]
         angle, first_angle, first_hold = self.variables.steered(own)
-        played = PlayedRoll(one, time, roll, rate, *gains)
-        plans = replace(
-            plans, steer_angle=angle, first_angle=first_angle, first_hold=first_hold, played=played
-        )
+        one = np.ones(len(members))
+        kp = FOLLOW_GAINS["kp"] * one
+        kd = FOLLOW_GAINS["kd"] * one
+        steering = {"steer_angle": angle, "first_angle": first_angle, "first_hold": first_hold}
+        plans = self.plans.take(members).varied(pulse=steering)
+        plans = replace(plans, knots=RollTrajectory(one, time, roll, rate, kp, kd, kp, kd))
         return drive_turns(
             self.cars.take(members),
             plans,
@@ -342,25 +355,21 @@ class TurnShooting:
         )
 
     def random_start(self, generator: np.random.Generator) -> FloatArray:
-        """Scaled variables (size,): of some draws that whose turns count and lead furthest, else
-        the most upright.
+        """Draws scaled variables (size,): of some draws that whose turns count and lead furthest,
+        else the most upright one.
         """
         draws = np.array([self.variables.random_start(generator) for _ in range(DRAWS)])
-        count = self.variables.members
-        own = np.concatenate(
-            [draws[:, self.variables.own(member)].T for member in range(count)], axis=1
-        )
-        turns = self.drive(own, np.repeat(np.arange(count), DRAWS))
-        good = (
-            turns.clean
-            & (turns.peak_roll <= self.most_roll)
-            & (np.abs(turns.sideslip) <= self.most_sideslip)
-        )
-        worth = np.where(good, turns.course, -turns.peak_roll).reshape(count, DRAWS)
-        return np.asarray(draws[int(np.argmax(np.mean(worth, axis=0)))])
+        members = range(self.variables.members)
+        own = [draws[:, self.variables.own(member)].T for member in members]
+        turns = self.drive(np.concatenate(own, axis=1), np.repeat(members, DRAWS))
+        good = turns.clean & (turns.peak_roll <= self.max_roll)
+        good = good & (np.abs(turns.sideslip) <= self.max_sideslip)
+        worth = np.where(good, turns.course, -turns.peak_roll)
+        mean = np.mean(worth.reshape(len(members), DRAWS), axis=0)
+        return np.asarray(draws[int(np.argmax(mean))])
 
-    def at(self, x: FloatArray) -> Found:
-        """Courses and rows of all cars with their slopes.
+    def at(self, x: FloatArray) -> Evaluation:
+        """Evaluates courses and rows of all cars with their slopes.
 
         Args:
             x: scaled variables (size,).
@@ -369,7 +378,7 @@ class TurnShooting:
         count = variables.members
         own = [variables.own(member) for member in range(variables.members)]
         width = len(own[0])
-        steps = DIFFERENCE * np.eye(width)
+        steps = DIFFERENCE_STEP * np.eye(width)
         tried = np.hstack([steps, -steps, np.zeros((width, 1))])
         columns = np.concatenate([x[places][:, None] + tried for places in own], axis=1)
         members = np.repeat(np.arange(count), tried.shape[1])
@@ -379,45 +388,42 @@ class TurnShooting:
         for member, places in enumerate(own):
             ahead = values[:, member, :width]
             behind = values[:, member, width:-1]
-            slopes[member][:, places] = (ahead - behind) / (2.0 * DIFFERENCE)
+            slopes[member][:, places] = (ahead - behind) / (2.0 * DIFFERENCE_STEP)
         here = values[:, :, -1].T
-        return Found(here[:, 0], slopes[:, 0], here[:, 1:], slopes[:, 1:])
+        return Evaluation(here[:, 0], slopes[:, 0], here[:, 1:], slopes[:, 1:])
 
     def _read(self, turns: Turns, members: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Courses (n,) and rows (rows, n) of turns."""
+        """Reads courses (n,) and rows (rows, n) of turns."""
         assert turns.history is not None
         assert turns.asked is not None
         cars = self.cars.take(members)
         last = turns.last
         states = np.moveaxis(turns.history, 0, 1)  # (24, steps, n)
-        count = states.shape[1]
-        tail, board = heights(
-            states.reshape(len(states), -1), self.cars.take(np.tile(members, count))
-        )
-        end = course(last, cars)
+        roll = states[5]
+        every = self.cars.take(np.tile(members, len(roll)))
+        tail, board = heights(states.reshape(len(states), -1), every)
+        tail = tail.reshape(roll.shape)
+        board = board.reshape(roll.shape)
+        end, _ = over_ground(last, cars.com_x)
+        began, _ = over_ground(self.begun, self.cars.com_x)
         without = np.isnan(turns.course)
-        turned = np.where(without, end - course(self.begun, self.cars)[members], turns.course)
+        turned = np.where(without, end - began[members], turns.course)
         sideslip = np.where(without, last[3] - end, turns.sideslip)
+        windows = self.windows
         rows = [
-            *self._peaks(states[5]),
-            *self._peaks(tail.reshape(count, -1), lowest=True),
-            *self._peaks(turns.asked),
-            -_peak(-board.reshape(count, -1)),
+            *_peaks(roll, np.abs(roll), windows),
+            *_peaks(tail, -tail, windows),
+            *_peaks(turns.asked, np.abs(turns.asked), windows),
+            *_peaks(board, -board, 1),
             sideslip,
             last[5],
             last[14],
         ]
         return turned, np.array(rows)
 
-    def _peaks(self, values: FloatArray, lowest: bool = False) -> FloatArray:
-        """Per window the value (steps, n) of largest magnitude, or the least: (windows, n)."""
-        windows = np.split(values, self.windows)
-        return np.array(
-            [-_peak(-window) if lowest else _peak(window, np.abs(window)) for window in windows]
-        )
 
-
-def _peak(values: FloatArray, size: FloatArray | None = None) -> FloatArray:
-    """The values (steps, n) of the largest size, by default the largest themselves: (n,)."""
-    places = np.argmax(values if size is None else size, axis=0)
-    return np.take_along_axis(values, places[None], axis=0)[0]
+def _peaks(values: FloatArray, size: FloatArray, windows: int) -> FloatArray:
+    """Returns the values (steps, n) of the largest size in each window: (windows, n)."""
+    shape = (windows, -1, values.shape[1])
+    index = np.argmax(size.reshape(shape), axis=1)[:, None]
+    return np.take_along_axis(values.reshape(shape), index, axis=1)[:, 0]

@@ -1,7 +1,7 @@
-"""Does a swing do on its full car what its file promises? Forward simulation at the fine step.
+"""Verification of a swing on its full car: forward simulation at the fine step.
 
-How far is the motion from the knots, does anything leave its limits or touch the car, does the car
-survive clean? Other cars, and how fast they may turn, are judged by `optimisation.entry`.
+It measures how far the motion is from the knots, whether anything leaves its limits or touches the
+car, and whether the car survives clean. Entry speeds of other cars: `optimisation.judge`.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ from typing import Any
 import numpy as np
 import yaml
 
-from aerodima.optimisation.sweep.rollover_threshold import is_clean
-from aerodima.optimisation.sweep.runs import FINE_STEP, RunTask, measured_row, step_settings
-from aerodima.optimisation.swing.candidate import swing_player
-from aerodima.workbench.config.scenario import Scenario, load_scenario
-from aerodima.workbench.config.swing_file import SwingFile, swing_at
-from aerodima.workbench.controllers.law_of_scenario import (
+from aerodima.optimisation.judge.candidate import swing_player
+from aerodima.optimisation.studies.rollover_threshold import is_clean
+from aerodima.optimisation.studies.runs import FINE_STEP, RunTask, measured_row, step_settings
+from aerodima.workbench.batch.simulation import simulate
+from aerodima.workbench.car.clearance import ground_clearance, make_range_of_motion
+from aerodima.workbench.control.swing_law import SwingState
+from aerodima.workbench.control.swing_library import (
     find_swing,
-    own_turn,
     refuse_other_car,
+    turn_of_swing,
     turn_words,
 )
-from aerodima.workbench.controllers.swing_law import SwingState
-from aerodima.workbench.errors import SwingError
-from aerodima.workbench.figures.run_figures import plot_overlay
+from aerodima.workbench.core.errors import SwingError
 from aerodima.workbench.logs.schema import RunLog, software_versions
-from aerodima.workbench.plants.clearance import ground_clearance, make_range_of_motion
-from aerodima.workbench.report.report_page import (
+from aerodima.workbench.scenario.scenario import Scenario, load_scenario
+from aerodima.workbench.scenario.swing_file import SwingFile, swing_at
+from aerodima.workbench.view.report_page import (
     Page,
     Preformatted,
     Section,
@@ -39,10 +39,10 @@ from aerodima.workbench.report.report_page import (
     write_files,
     zoomable,
 )
-from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.view.run_figures import plot_overlay
 
-UPRIGHT = 0.8
-"""Largest tilt at which the height of the tail over the ground is asked for, rad."""
+MAX_TILT = 0.8
+"""Largest tilt at which the height of the tail over the ground is checked, rad."""
 _MARGIN = 1e-3
 """rad and N m; an encoder and a stop give this much."""
 SCHEMA = "aerodima/verification/3"
@@ -74,25 +74,25 @@ class Check:
 
 @dataclass(frozen=True)
 class Verification:
-    """What was found.
+    """Result of a verification.
 
     Attributes:
         swing: what was driven.
         where: speed and friction, beside those that the file claims.
         checks: on the car that it was made for.
-        own: the run of the swing on that car.
+        log: of the run of the swing on that car.
     """
 
     swing: SwingFile
     where: str
     checks: tuple[Check, ...]
-    own: RunLog
+    log: RunLog
 
     @property
     def complaints(self) -> list[str]:
-        """What speaks against the swing; empty when it is verified."""
+        """Checks that fail; empty when the swing is verified."""
         return [
-            f"{one.name}: {one.value:.4g} {one.unit}".rstrip() + f"; allowed: {one.allowed}"
+            f"{one.name}: {one.value:.4g} {one.unit}".rstrip() + f"; must be {one.allowed}"
             for one in self.checks
             if not one.is_kept
         ]
@@ -106,7 +106,7 @@ def verify_swing(
     step: float = FINE_STEP,
     other_car: bool = False,
 ) -> Verification:
-    """Does a swing keep what it promises, on the full car?
+    """Checks on the full car that a swing keeps what it promises.
 
     Args:
         swing: path or name.
@@ -121,22 +121,19 @@ def verify_swing(
     """
     played = find_swing(swing)
     player = swing_player(swing)
-    turn, own = own_turn(played, scenario)
-    found = load_scenario(turn, (*own, *settings, *step_settings(step), *player.settings))
+    turn, overrides = turn_of_swing(played, scenario)
+    settings = (*settings, *step_settings(step))
+    driven = load_scenario(turn, (*overrides, *settings, *player.settings))
     if not other_car:
-        refuse_other_car(found)
-    log = simulate(found, stop_when_certain=True)
-    row = measured_row(RunTask("", turn), found, log)
+        refuse_other_car(driven)
+    log = simulate(driven, stop_when_certain=True)
+    row = measured_row(RunTask("", turn), driven, log)
     if row["swing_trigger_time_s"] is None:
         raise SwingError(
             f"swing {played.name}: was never released in this turn ({turn} {' '.join(settings)})"
         )
-    return Verification(
-        played,
-        turn_words(played, found),
-        (*_turn_checks(row), *_tail_checks(played, found, log)),
-        log,
-    )
+    checks = (*_turn_checks(row), *_tail_checks(played, driven, log))
+    return Verification(played, turn_words(played, driven), checks, log)
 
 
 def _turn_checks(row: Mapping[str, Any]) -> Iterator[Check]:
@@ -148,72 +145,66 @@ def _turn_checks(row: Mapping[str, Any]) -> Iterator[Check]:
 
 
 def _tail_checks(swing: SwingFile, scenario: Scenario, log: RunLog) -> Iterator[Check]:
-    signal = log.signal
-    state = signal("controller_state")
+    state = log.signal("controller_state")
     limits = swing.limits
     since = log.time - log.time[np.flatnonzero(state == SwingState.SWING)[0]]
     after = since >= 0.0
     during = after & (since <= swing.knots.time_s[-1])
     point = swing_at(swing, since, scenario.manoeuvre.direction)
-    roll = signal("tail_roll_angle_rad")
-    pitch = signal("tail_pitch_angle_rad")
-    roll_torque = np.abs(signal("tail_roll_torque_n_m"))
-    pitch_torque = np.abs(signal("tail_pitch_torque_n_m"))
-    torque = np.maximum(roll_torque, pitch_torque)
-    upright = after & (signal("tilt_truth_rad") < UPRIGHT)
-    car_roll = signal("roll_truth_rad")[upright]
+    roll = log.signal("tail_roll_angle_rad")
+    pitch = log.signal("tail_pitch_angle_rad")
+    roll_torque = np.abs(log.signal("tail_roll_torque_n_m"))
+    torque = np.maximum(roll_torque, np.abs(log.signal("tail_pitch_torque_n_m")))
+    upright = after & (log.signal("tilt_truth_rad") < MAX_TILT)
+    car_roll = log.signal("roll_truth_rad")[upright]
     ground = ground_clearance(scenario, pitch[upright], roll[upright], car_roll)
     motion = make_range_of_motion(scenario, 25, 25)
     car = motion.clearance(pitch[after], roll[after], ("cage", "deck", "wheels"))
     off = np.abs(roll - point.roll_position)[during]
     pitch_off = np.abs(pitch - point.pitch_position)[during]
-    followed = not np.any(state == SwingState.FALLBACK)
-    yield Check("knots followed to their end", float(followed), "", low=1.0)
+    followed = float(not np.any(state == SwingState.FALLBACK))
+    max_roll = limits.roll_position_rad + _MARGIN
+    max_pitch = limits.pitch_position_rad + _MARGIN
+    yield Check("knots followed to their end", followed, "", low=1.0)
     yield Check("tail roll off the knots", float(np.max(off)), "rad")
     yield Check("tail roll off the last knot", float(off[-1]), "rad")
     yield Check("tail pitch off the knots", float(np.max(pitch_off)), "rad")
-    for name, values, unit, limit in (
-        ("tail roll", np.abs(roll), "rad", limits.roll_position_rad),
-        ("tail pitch", np.abs(pitch), "rad", limits.pitch_position_rad),
-        ("motor torque", torque, "N m", limits.torque_n_m),
-    ):
-        yield Check(name, float(np.max(values[after])), unit, high=limit + _MARGIN)
+    yield Check("tail roll", float(np.max(np.abs(roll[after]))), "rad", high=max_roll)
+    yield Check("tail pitch", float(np.max(np.abs(pitch[after]))), "rad", high=max_pitch)
+    max_torque = limits.torque_n_m + _MARGIN
+    yield Check("motor torque", float(np.max(torque[after])), "N m", high=max_torque)
     yield Check("distance of the tail from the car", float(np.min(car)), "m", low=0.0)
     yield Check("height of the tail over the ground", float(np.min(ground)), "m", low=0.0)
 
 
-def write_verification(folder: Path, found: Verification, *, force: bool = False) -> list[Path]:
+def write_verification(folder: Path, result: Verification, *, force: bool = False) -> list[Path]:
     """Writes verdict (YAML) and page; SwingError when one exists and `force` is not set."""
-    scenario = found.own.scenario
-    swing = found.swing
-    verdict = yaml.safe_dump(
-        {
-            "schema": SCHEMA,
-            "swing": swing.name,
-            "where": found.where,
-            "verified": not found.complaints,
-            "complaints": found.complaints,
-            "checks": [asdict(one) for one in found.checks],
-            "scenario": {
-                key: scenario[key]
-                for key in ("name", "seed", "manoeuvre", "controller", "simulation")
-            },
-            "versions": software_versions(),
-        },
-        sort_keys=False,
-        width=110,
-    )
-    rows = [[one.name, f"{one.value:.4g}", one.unit, one.allowed] for one in found.checks]
-    broken = [index for index, one in enumerate(found.checks) if not one.is_kept]
-    motion = zoomable(
-        plot_overlay([found.own], [swing.name]), "", "Six signals of the run over time"
-    )
+    scenario = result.log.scenario
+    name = result.swing.name
+    keys = ("name", "seed", "manoeuvre", "controller", "simulation")
+    content = {
+        "schema": SCHEMA,
+        "swing": name,
+        "where": result.where,
+        "verified": not result.complaints,
+        "complaints": result.complaints,
+        "checks": [asdict(check) for check in result.checks],
+        "scenario": {key: scenario[key] for key in keys},
+        "versions": software_versions(),
+    }
+    verdict = yaml.safe_dump(content, sort_keys=False, width=110)
+    rows = []
+    broken = []
+    for index, check in enumerate(result.checks):
+        rows.append([check.name, f"{check.value:.4g}", check.unit, check.allowed])
+        if not check.is_kept:
+            broken.append(index)
+    table = Table(["check", "value", "unit", "allowed"], rows, broken)
+    picture = plot_overlay([result.log], [name])
+    motion = zoomable(picture, "", "Six signals of the run over time")
     sections = [
-        Section(
-            "The car of the swing",
-            [Table(["check", "value", "unit", "allowed"], rows, broken), motion],
-        ),
+        Section("The car of the swing", [table, motion]),
         Section("Provenance", [Preformatted(verdict)]),
     ]
-    page = Page(f"Verification of {swing.name}", found.where, sections)
+    page = Page(f"Verification of {name}", result.where, sections)
     return write_files(folder, {VERDICT: verdict, PAGE: page}, force=force, error=SwingError)

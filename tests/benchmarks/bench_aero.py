@@ -18,7 +18,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from aerodima.workbench.aero.added_mass import add_added_mass
 from aerodima.workbench.aero.coefficient_files import load_coefficients
-from aerodima.workbench.aero.laws import SectionLaw
+from aerodima.workbench.aero.section_laws import SectionLaw
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
 from tests.benchmarks.rows import BenchRow

@@ -18,8 +18,8 @@ from pathlib import Path
 import can
 import numpy as np
 
+from aerodima.workbench.core.realtime import permitted
 from aerodima.workbench.logs.schema import RunLog, read_run_log
-from aerodima.workbench.realtime import permitted
 from tests.benchmarks.rows import BenchRow, NotPermittedError
 
 _PROGRAM = str(Path(sys.executable).with_name("aerodima"))
@@ -146,28 +146,18 @@ def _drive(wiring: str, flags: list[str]) -> tuple[RunLog, int | None]:
                 if emulator.poll() is not None:
                     raise RuntimeError("the emulator ended")
                 time.sleep(0.05)
-            drive = [
-                _PROGRAM,
-                "drive",
-                "auto_turn",
-                *_FLAGS,
-                "--ports",
-                str(car / "ports.json"),
-                "--wiring",
-                wiring,
-            ]
+            words = ["auto_turn", *_FLAGS, "--ports", str(car / "ports.json"), "--wiring", wiring]
             log = folder / "run.parquet"
             traffic = folder / "run.blf"
             frames = ["--traffic", str(traffic)] if wiring == "watched_can" else []
-            for more in (["--watchdog-test"], ["--arm", "--out", str(log), *frames, *flags]):
+            drive = ["run", *words, "--arm", "--out", str(log), *frames, *flags]
+            for command in (["watchdog-test", *words], drive):
                 run = subprocess.run(
-                    [*drive, *more], env=environment, capture_output=True, text=True
+                    [_PROGRAM, "drive", *command], env=environment, capture_output=True, text=True
                 )
                 if run.returncode:
                     facts = read_run_log(log).extra if log.exists() else {}
-                    raise RuntimeError(
-                        f"{' '.join(more[:1])}: {run.stderr.splitlines()[-1]} {facts}"
-                    )
+                    raise RuntimeError(f"{command[0]}: {run.stderr.splitlines()[-1]} {facts}")
             return read_run_log(log), _unanswered(traffic) if frames else None
         finally:
             emulator.terminate()

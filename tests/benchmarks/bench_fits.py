@@ -16,8 +16,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from aerodima.optimisation.identify.fit_batch import fit_logs
-from aerodima.optimisation.identify.least_squares import Problem, Solver
-from aerodima.optimisation.identify.least_squares_solvers import solve_formula, solve_rollout
+from aerodima.optimisation.identify.gauss_newton import solve
+from aerodima.optimisation.identify.least_squares import Problem
 from aerodima.optimisation.identify.static_fit import fit_static, fit_static_log, static_problem
 from aerodima.optimisation.identify.static_log import StaticData, static_data
 from aerodima.optimisation.identify.swing_coefficients import (
@@ -28,11 +28,11 @@ from aerodima.optimisation.identify.swing_coefficients import (
 )
 from aerodima.optimisation.identify.swing_fit import SwingModel
 from aerodima.optimisation.identify.swing_log import swing_data
-from aerodima.workbench.config.rig_scenario import load_rig_scenario
+from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.logs.schema import write_run_log
-from aerodima.workbench.plants.rig import Rig
-from aerodima.workbench.simulate.simulation import simulate
-from aerodima.workbench.stations.rig_station import simulate_static_log
+from aerodima.workbench.rig.rig_plant import Rig
+from aerodima.workbench.rig.static_hold import simulate_static_log
+from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 from tests.benchmarks.rows import BenchRow
 
 REPEATS = 5
@@ -40,17 +40,15 @@ LOGS = 108
 """Static logs in the batch: three tails, two axes, six angles, three speeds."""
 
 
-def _scipy(problem: Problem, jacobian: bool = False) -> Any:
+def _scipy(problem: Problem) -> Any:
     """scipy with the same residual, bounds and seeds, at its default tolerances.
 
     `dogbox`, because `trf` takes 40 times longer on the static fits and stops far from the minimum.
     """
     parameters = problem.parameters
-    derivative: Any = problem.jacobian if jacobian and problem.jacobian is not None else "2-point"
     return least_squares(
         problem.residual,
-        parameters.seed,
-        jac=derivative,
+        parameters.initial,
         bounds=(parameters.lower, parameters.upper),
         method="dogbox",
         x_scale="jac",
@@ -63,21 +61,16 @@ def _seconds(act: Callable[[], object]) -> float:
     return time.process_time() - start
 
 
-def _in_turns(
-    problems: Sequence[Problem], method: Solver, jacobian: bool = False
-) -> tuple[float, float, float]:
+def _in_turns(problems: Sequence[Problem]) -> tuple[float, float, float]:
     """Median CPU seconds of us and of scipy over the same problems, and the largest cost of ours
     over scipy's.
     """
-    worst = max(
-        (method(p, p.parameters.seed).cost + 1e-9) / (float(_scipy(p, jacobian).cost) + 1e-9)
-        for p in problems
-    )
+    worst = max((solve(p).best.cost + 1e-9) / (float(_scipy(p).cost) + 1e-9) for p in problems)
     ours = []
     peer = []
     for _ in range(REPEATS):
-        ours.append(_seconds(lambda: [method(p, p.parameters.seed) for p in problems]))
-        peer.append(_seconds(lambda: [_scipy(p, jacobian) for p in problems]))
+        ours.append(_seconds(lambda: [solve(p) for p in problems]))
+        peer.append(_seconds(lambda: [_scipy(p) for p in problems]))
     return statistics.median(ours), statistics.median(peer), worst
 
 
@@ -108,13 +101,10 @@ def _holds() -> list[StaticData]:
 
 
 def bench_static_fits() -> list[BenchRow]:
-    """Solves alone, one core; scipy with its finite differences and with our Jacobian."""
+    """Solves alone, one core; scipy with its finite differences."""
     holds = _holds()
     problems = [static_problem(data) for data in holds]
-    ours, peer, worst = _in_turns(problems, solve_formula)
-    with_jacobian = statistics.median(
-        [_seconds(lambda: [_scipy(p, True) for p in problems]) for _ in range(REPEATS)]
-    )
+    ours, peer, worst = _in_turns(problems)
     whole = statistics.median(
         [_seconds(lambda: [fit_static(data) for data in holds]) for _ in range(3)]
     )
@@ -122,13 +112,6 @@ def bench_static_fits() -> list[BenchRow]:
     return [
         BenchRow(
             "static_fit", ours / len(problems) * 1e3, "ms", "<= 1.0", peer / len(problems) * 1e3
-        ),
-        BenchRow(
-            "static_fit_scipy_with_jacobian",
-            ours / len(problems) * 1e3,
-            "ms",
-            "",
-            with_jacobian / len(problems) * 1e3,
         ),
         BenchRow("static_fit_worst_cost", worst, "1", "<= 1.001"),
         BenchRow("static_540_solves", ours * per, "s", "<= 3.0"),
@@ -176,10 +159,10 @@ def bench_rollout_fits() -> list[BenchRow]:
         "added_mass_fit": SwingModel(flick, still_tail_law).problem([added_mass_parameter(flick)]),
     }
     for name, problem in problems.items():
-        ours, peer, worst = _in_turns([problem], solve_rollout)
+        ours, peer, worst = _in_turns([problem])
         rows.append(BenchRow(name, ours, "s", "<= 1.3", peer))
         rows.append(BenchRow(f"{name}_cost", worst, "1", "<= 1.001"))
-    x = problems["added_mass_fit"].parameters.seed
+    x = problems["added_mass_fit"].parameters.initial
     rollout = np.median(
         [_seconds(lambda: problems["added_mass_fit"].residual(x)) for _ in range(REPEATS)]
     )

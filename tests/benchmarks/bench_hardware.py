@@ -15,7 +15,7 @@ from cantools.database.can import Database
 from aerodima.hardware.protocol import ak70, radio, teensy
 from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8 as PROFILE
 from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.workbench.resources import model_path
+from aerodima.workbench.core.resources import model_path
 from tests.benchmarks.rows import BenchRow
 
 _CALLS = 20_000

@@ -23,8 +23,8 @@ def bench_memory_per_run() -> Iterator[BenchRow]:
 
 
 def _growth(name: str) -> tuple[str, float]:
-    from aerodima.workbench.config.scenario import load_scenario
-    from aerodima.workbench.simulate.simulation import simulate
+    from aerodima.workbench.batch.simulation import simulate
+    from aerodima.workbench.scenario.scenario import load_scenario
 
     scenario = load_scenario(name)
     process = psutil.Process()

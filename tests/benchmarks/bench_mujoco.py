@@ -13,12 +13,12 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Adder, Saturation, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from aerodima.workbench.actuators.chassis_actuators import shaft_gain
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.scenario import Scenario, load_scenario
-from aerodima.workbench.plants.car import add_car_plant
-from aerodima.workbench.stations.outcome_record import has_flipped
-from aerodima.workbench.systems.system_ports import transformed
+from aerodima.workbench.car.car_plant import add_car_plant
+from aerodima.workbench.car.chassis_actuators import shaft_gain
+from aerodima.workbench.car.termination import has_flipped
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.port_wiring import multiply
+from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 from tests.benchmarks.mujoco_car import commanded, flips_in_mujoco, load_model
 from tests.benchmarks.rows import BenchRow
 
@@ -135,11 +135,11 @@ def _flips_in_drake(scenario: Scenario, step: float) -> bool:
     torque[joints.index("drive_shaft_spin"), 0] = 1.0
     total = builder.AddSystem(Adder(2, 1))
     limited = builder.AddSystem(Saturation(-limit, limit))
-    slowed = transformed(builder, "braking", plant.get_state_output_port(), braking)
+    slowed = multiply(builder, "braking", plant.get_state_output_port(), braking)
     for index, port in enumerate((played(gain * rates[:, None]), slowed)):
         builder.Connect(port, total.get_input_port(index))
     builder.Connect(total.get_output_port(), limited.get_input_port())
-    driven = transformed(builder, "actuation", limited.get_output_port(), torque)
+    driven = multiply(builder, "actuation", limited.get_output_port(), torque)
     builder.Connect(driven, plant.get_actuation_input_port(car.car))
     simulator = Simulator(builder.Build())
     context = plant.GetMyContextFromRoot(simulator.get_context())

@@ -11,10 +11,15 @@ import numpy as np
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from aerodima.optimisation.identify.pendulum import Pendulum, air_torque, friction_torque, roll_out
-from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
-from aerodima.workbench.plants.rig import Rig, add_rig_plant
-from aerodima.workbench.stations.rig_station import simulate_static_log
+from aerodima.workbench.rig.pendulum import (
+    PendulumModel,
+    air_torque,
+    friction_torque,
+)
+from aerodima.workbench.rig.rig_plant import Rig, add_rig_plant
+from aerodima.workbench.rig.static_hold import simulate_static_log
+from aerodima.workbench.rig.swing_motion import simulate_swing
+from aerodima.workbench.scenario.rig_scenario import RigScenario, load_rig_scenario
 from tests.benchmarks.rows import BenchRow
 
 _REPEATS = 5
@@ -56,12 +61,12 @@ def _diagram_swing(scenario: RigScenario, step: float) -> Callable[[], np.ndarra
 
 def _pendulum_swing(scenario: RigScenario) -> Callable[[], np.ndarray]:
     """The same second as fits roll it out, at 4 ms; gives the angles."""
-    pendulum = Pendulum.of(scenario)
+    pendulum = PendulumModel.from_scenario(scenario)
     air = air_torque(scenario)
     settings = scenario.friction
     friction = friction_torque(settings.coulomb, settings.viscous, settings.tanh_gain)
     torques = [friction] if air is None else [air, friction]
-    return lambda: roll_out(pendulum, torques, _START, 0.004, 251)[0]
+    return lambda: simulate_swing(pendulum, torques, _START, 0.004, 251)[0]
 
 
 def bench_rollouts() -> Iterator[BenchRow]:

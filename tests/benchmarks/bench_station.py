@@ -15,13 +15,13 @@ from pydrake.systems.framework import Context, DiagramBuilder, EventStatus
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.batch.simulation import simulate
+from aerodima.workbench.car.car_diagram import assemble
+from aerodima.workbench.car.car_plant import add_car_plant
 from aerodima.workbench.logs.journal import JournalWriter
 from aerodima.workbench.logs.recorder import RunRecorder, recorded_columns
 from aerodima.workbench.logs.schema import run_metadata
-from aerodima.workbench.plants.car import add_car_plant
-from aerodima.workbench.simulate.car_run import assemble
-from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 from tests.benchmarks.rows import BenchRow
 from tests.workbench.made_up_runs import signals_equal
 

@@ -10,9 +10,9 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from aerodima.optimisation.sweep.run_study import run_study
-from aerodima.optimisation.sweep.runs import evaluate, open_run_engine
-from aerodima.optimisation.sweep.study import load_study, plan_runs
+from aerodima.optimisation.studies.run_study import run_study
+from aerodima.optimisation.studies.runs import evaluate, open_run_engine
+from aerodima.optimisation.studies.study import load_study, plan_runs
 from tests.benchmarks.rows import BenchRow
 
 SETTINGS = tuple(os.environ.get("AERODIMA_BENCH_SWEEP_SETTINGS", "").split())

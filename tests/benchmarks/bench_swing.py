@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import time
 
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.batch.simulation import simulate
+from aerodima.workbench.scenario.scenario import load_scenario
 from tests.benchmarks.rows import BenchRow
 from tests.optimisation.screening_gate import reduced_seconds
 

@@ -14,17 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.workbench.actuators.chassis_actuators import knuckle_angles, shaft_gain
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
-from aerodima.workbench.plants.car_model import (
+from aerodima.workbench.car.car_model import (
     axle_statics,
     chassis_inertial,
     gearbox_height,
     unsprung_mass,
     wheel_rates,
 )
+from aerodima.workbench.car.chassis_actuators import knuckle_angles, shaft_gain
+from aerodima.workbench.car.verdict import FLIP_TILT
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.scenario.scenario import Scenario
 
 IMPEDANCE = 0.1
 """Of a tyre contact: the smaller, the more its force is that of a spring and damper and nothing

@@ -23,9 +23,9 @@ from aerodima.hardware.car.wirings import wire_car
 from aerodima.hardware.driving.car_guard import CarGuard, Stage
 from aerodima.hardware.driving.plain_loop import PERIOD, ManualPilot, wait_until
 from aerodima.hardware.protocol.radio import RadioMode
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.realtime import prefer_latency
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.realtime import prefer_latency
+from aerodima.workbench.scenario.scenario import load_scenario
 
 _REST = 0.3
 """s that a stopped car stays stopped, in which the operator hears of it."""
@@ -50,7 +50,7 @@ def main() -> None:
             if guard.stage is Stage.READY:
                 with contextlib.suppress(HardwareError):  # a device is not heard yet
                     guard.arm(now)
-            elif guard.ready and guard.rested and guard.reading.operator.mode is RadioMode.MANUAL:
+            elif guard.ready and guard.was_idle and guard.reading.operator.mode is RadioMode.MANUAL:
                 pilot = ManualPilot(scenario)
                 guard.drive(RadioMode.MANUAL, now)
             elif guard.finished:

@@ -59,13 +59,13 @@ def show_armed(page, served):
 
 
 def report_all_the_time(served, report):
-    hear = served.console.turn
+    poll = served.console.poll
 
-    def turn(now):
+    def report_and_poll(now):
         served.link.report(report, now)
-        hear(now)
+        poll(now)
 
-    served.console.turn = turn
+    served.console.poll = report_and_poll
 
 
 def readings(page):
@@ -81,7 +81,7 @@ NO_PLOTS = ["–", "–", "–", "roll (solid) – · pitch (dashed) –", "roll
 def stalled(served):
     """The console stands still, its connections open."""
     release = threading.Event()
-    served.console.turn = lambda _: release.wait(60.0)
+    served.console.poll = lambda _: release.wait(60.0)
     try:
         yield
     finally:
@@ -185,7 +185,7 @@ def test_a_console_that_dies_says_so_on_the_page(page, tmp_path):
     with contextlib.closing(Served(tmp_path)) as served:
         page.goto(served.access.url)
         eventually(lambda: page.evaluate(IN_CONTROL))
-        served.console.turn = lambda _: 1 / 0
+        served.console.poll = lambda _: 1 / 0
         eventually(
             lambda: (
                 "The console has failed and ends: ZeroDivisionError" in page.inner_text("#banner")

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.replay.captions import caption_of
-from aerodima.workbench.replay.hand_drive import HEADING_NOW, SPEED, SPEED_NOW, STEERING, TIME_NOW
+from aerodima.workbench.view.captions import run_caption
+from aerodima.workbench.view.hand_drive import HEADING_NOW, SPEED, SPEED_NOW, STEERING, TIME_NOW
 
 pytestmark = [pytest.mark.realtime, pytest.mark.nightly]
 
@@ -104,4 +104,4 @@ def test_keys_drive_for_twenty_seconds_begin_again_and_end(driver):
     assert np.min(first.signal("yaw_truth_rad")) < np.radians(-45.0)
     assert abs(second.signal("yaw_truth_rad")[0]) < 1e-3
     assert not second.signal("steering_command_rad").any()
-    assert "driven by hand (simulation)" in caption_of(first).text
+    assert "driven by hand (simulation)" in run_caption(first).text

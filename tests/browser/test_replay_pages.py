@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.report.replay_page import comparison_page, write_replay_html
-from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.batch.simulation import simulate
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.view.replay_page import comparison_page, write_replay_html
 
 pytestmark = [pytest.mark.realtime, pytest.mark.nightly]
 

@@ -10,17 +10,17 @@ from xml.etree import ElementTree
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 
-from aerodima.optimisation.sweep.study import load_study, plan_runs
-from aerodima.workbench.aero.laws import LineMotion, NormalForceLaw
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.config.signal_table import AXLES
-from aerodima.workbench.controllers.manoeuvre import ThrottleLine
-from aerodima.workbench.errors import UserError
+from aerodima.optimisation.studies.study import load_study, plan_runs
+from aerodima.workbench.aero.section_laws import LineMotion, NormalForceLaw
+from aerodima.workbench.car.car_air import free_sail, sail_law
+from aerodima.workbench.car.car_model import wheel_rates
+from aerodima.workbench.car.car_plant import add_car_plant
+from aerodima.workbench.control.manoeuvre import ThrottleLine
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, RIG_FILTER
-from aerodima.workbench.plants.car import add_car_plant
-from aerodima.workbench.plants.car_model import wheel_rates
-from aerodima.workbench.resources import model_path
-from aerodima.workbench.stations.car_air import free_sail, sail_law
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.signal_table import AXLES
 from tests.built.registry import CHECKS, check
 from tests.built.statements import parameter_entry
 from tests.workbench.aero import vanes

@@ -8,8 +8,8 @@ each that no longer follows from its values.
 import re
 import sys
 
-from aerodima.workbench.errors import ModelError
-from aerodima.workbench.resources import model_path
+from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.resources import model_path
 from tests.built.found import CHECKS, RUNS
 from tests.built.statements import FILE, load_statements
 

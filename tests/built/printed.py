@@ -4,7 +4,7 @@ import math
 from dataclasses import fields
 
 from aerodima.workbench.metrics.published_values import TurnMetrics, flip_bracket, published_values
-from aerodima.workbench.report.demo import DemoPlan
+from aerodima.workbench.view.demo import DemoPlan
 from tests.built.registry import check
 
 

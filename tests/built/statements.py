@@ -12,10 +12,10 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
-from aerodima.workbench.config.scenario import load_parameter_file
-from aerodima.workbench.errors import ModelError
-from aerodima.workbench.resources import model_path, published_rows
+from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.resources import model_path, published_rows
+from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
+from aerodima.workbench.scenario.scenario_file import load_parameter_file
 
 FILE = "published/statements.yaml"
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from aerodima.workbench.controllers.swing_law import SwingState
+from aerodima.workbench.control.swing_law import SwingState
 from tests.built.registry import run
 from tests.built.turns import TAILED, column, signals_of, throttle_speed, trial
 

@@ -6,8 +6,8 @@ from functools import cache, partial
 
 import numpy as np
 
-from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.metrics.run_summary import KM_PER_H
+from aerodima.workbench.scenario.scenario import load_scenario
 from tests.built.registry import RUNS, SLOW, slow
 from tests.built.turns import ROUNDING, TAILED, TAILLESS, run_trial, throttle_speed, trial
 

@@ -11,15 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aerodima.workbench.actuators.chassis_actuators import steady_speed
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.config.signal_table import AXLES
+from aerodima.workbench.batch.simulation import simulate
+from aerodima.workbench.car.chassis_actuators import steady_speed
+from aerodima.workbench.car.turn_signals import turn_signals
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import IMU_FILTER, low_pass
 from aerodima.workbench.metrics.published_values import TurnMetrics, published_values
 from aerodima.workbench.metrics.run_summary import KM_PER_H, RunSummary, summarise
-from aerodima.workbench.metrics.turn_signals import turn_signals
-from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.signal_table import AXLES
 from tests.built.registry import RUNS, run
 
 TAILLESS, TAILED = 12 / KM_PER_H, 16 / KM_PER_H

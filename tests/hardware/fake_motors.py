@@ -18,9 +18,9 @@ from aerodima.hardware.protocol.ak70 import (
     is_special,
     make_reply,
 )
-from aerodima.workbench.config.car_parameters import TailMotorParameters
-from aerodima.workbench.config.scenario import load_parameter_file
-from aerodima.workbench.resources import model_path
+from aerodima.workbench.core.resources import model_path
+from aerodima.workbench.scenario.scenario_file import load_parameter_file
+from aerodima.workbench.scenario.tail_parameters import TailMotorParameters
 
 PERIOD = 0.01
 PROFILE = AK70_10_V1_0_8

@@ -6,7 +6,7 @@ import configparser
 from pathlib import Path
 
 from aerodima.hardware.car.car_ports import SERIAL_DEVICES
-from aerodima.workbench.realtime import DRIVE_PRIORITY
+from aerodima.workbench.core.realtime import DRIVE_PRIORITY
 
 DEPLOY = Path(__file__).resolve().parents[2] / "hardware" / "deploy"
 

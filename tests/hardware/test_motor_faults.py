@@ -14,7 +14,7 @@ import pytest
 from aerodima.hardware.devices.device_states import MotorFault, MotorState
 from aerodima.hardware.protocol.ak70 import MitCommand, decode_reply, make_exit, make_reply
 from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from tests.hardware.fake_motors import PERIOD, PROFILE, Bench, hold, settings
 from tests.refusals import assert_refused
 

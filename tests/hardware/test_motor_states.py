@@ -14,7 +14,7 @@ from aerodima.hardware.protocol.ak70 import (
     make_neutral,
 )
 from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from tests.hardware.fake_motors import PERIOD, PROFILE, Bench, FakePort, hold, settings
 from tests.refusals import assert_refused
 

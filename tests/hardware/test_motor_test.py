@@ -12,8 +12,8 @@ from aerodima.hardware.car import wired_car
 from aerodima.hardware.car.wiring import CarCommand
 from aerodima.hardware.devices.device_states import MotorState
 from aerodima.hardware.driving import held_car
-from aerodima.hardware.driving.held_car import run_motor_test
-from aerodima.workbench.errors import HardwareError
+from aerodima.hardware.driving.motor_test import run_motor_test
+from aerodima.workbench.core.errors import HardwareError
 from tests.hardware.car.fake_devices import CarOnTheBench
 from tests.refusals import assert_refused
 
@@ -137,13 +137,13 @@ def test_the_other_way_is_seen_by_people_only(bench):
 
 def test_without_a_watchdog_test_nothing_is_opened(monkeypatch):
     bench = CarOnTheBench(authorised=False)
-    assert_refused(held_car.held(bench.car).__enter__, HardwareError, "watched_can")
+    assert_refused(held_car.holding(bench.car).__enter__, HardwareError, "watched_can")
     assert bench.car.devices is None
 
 
 def test_an_exception_in_the_block_lets_the_tail_go(bench):
     def drop():
-        with held_car.held(bench.car):
+        with held_car.holding(bench.car):
             held_car.run_cycles(
                 bench.car, CarCommand(tail_roll=np.array([0.1, 0.0, 17.0, 1.0, 0.0]))
             )

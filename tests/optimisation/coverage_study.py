@@ -9,12 +9,12 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from aerodima.optimisation.identify.log_rig import FitOptions
+from aerodima.optimisation.identify.fit_options import FitOptions
 from aerodima.optimisation.identify.static_fit import fit_static
 from aerodima.optimisation.identify.static_log import static_data
 from aerodima.optimisation.identify.swing_coefficients import fit_added_mass, fit_friction
 from aerodima.optimisation.identify.swing_log import swing_data
-from aerodima.workbench.config.rig_scenario import load_rig_scenario
+from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 from tests.optimisation.identify import other_lab as lab
 
 AIR = ("aero.source=constant", "aero.drag=0.9", "aero.lift=0.25")

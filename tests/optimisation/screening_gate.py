@@ -20,21 +20,22 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import spearmanr
 
-from aerodima.optimisation.screening.turn_plans import TurnPlans
-from aerodima.optimisation.screening.turns import drive_turns
-from aerodima.optimisation.screening.vehicles import Vehicles
-from aerodima.optimisation.sweep.rollover_threshold import (
+from aerodima.optimisation.studies.limit_search import LimitSearch
+from aerodima.optimisation.studies.rollover_threshold import (
     FRICTION,
-    Search,
     is_clean,
-    search_rows,
+    search_thresholds,
 )
-from aerodima.optimisation.sweep.runs import Runs, RunTask, open_run_engine
+from aerodima.optimisation.studies.runs import CachedRunner, RunTask, open_run_engine
 from aerodima.workbench import load_ensemble, load_scenario
 from aerodima.workbench.batch.row_store import RowStore
+from aerodima.workbench.car.reduced.parameters import VehicleParams
+from aerodima.workbench.car.reduced.turn_plans import TurnPlans
+from aerodima.workbench.car.reduced.turns import drive_turns
 
 SCENARIO, SPEED = "turn_designed", ("manoeuvre.speed=4.5",)
-SEARCH = Search(FRICTION, 0.3, 1.2, 0.1, 0.0125)
+SEARCH = LimitSearch(FRICTION, 0.3, 1.2, 0.1, 0.0125)
+MIDDLE = 0.75
 SWING = ("tail.mode=swing", "controller.swing_file=none")
 CONTROLLERS = {
     "none": ("tail.mode=none",),
@@ -92,10 +93,10 @@ def screened_friction(scenarios, search):
         search: range and grid of friction.
 
     Raises:
-        UserError: what `Vehicles.of` refuses.
+        UserError: what `VehicleParams.of` refuses.
     """
-    cars = Vehicles.of(scenarios)
-    plans = TurnPlans.of(scenarios)
+    cars = VehicleParams.from_scenarios(scenarios)
+    plans = TurnPlans.from_scenarios(scenarios)
 
     def run(wanted):
         places = [place for place, _ in wanted]
@@ -105,7 +106,7 @@ def screened_friction(scenarios, search):
         )
         return [bool(clean) for clean in turns.clean]
 
-    return search_rows(search, ["bisect"] * len(scenarios), run, bool)
+    return search_thresholds(search, [MIDDLE] * len(scenarios), run, bool)
 
 
 def compared_friction(engine, cases):
@@ -119,7 +120,7 @@ def compared_friction(engine, cases):
             ]
         )
 
-    full = search_rows(SEARCH, ["bisect"] * len(cases), run, is_clean)
+    full = search_thresholds(SEARCH, [MIDDLE] * len(cases), run, is_clean)
     reduced = screened_friction([load_scenario(SCENARIO, case) for case in cases], SEARCH)
     return agreement(
         *(np.array([each.survived for each in found], float) for found in (full, reduced))
@@ -130,7 +131,9 @@ def compared_heading(engine, cases):
     """Agreement of the heading change of every case where it is clean, degrees."""
     rows = engine.rows([RunTask(str(place), SCENARIO, case) for place, case in enumerate(cases)])
     scenarios = [load_scenario(SCENARIO, case) for case in cases]
-    turns = drive_turns(Vehicles.of(scenarios), TurnPlans.of(scenarios))
+    turns = drive_turns(
+        VehicleParams.from_scenarios(scenarios), TurnPlans.from_scenarios(scenarios)
+    )
     clean = np.array([is_clean(row) for row in rows])
     full = np.degrees([row["heading_change_rad"] for row in rows])
     return agreement(
@@ -164,7 +167,7 @@ def best_ranks(engine, car, seed):
     def run(wanted):
         return [bool(clean([order[0]], friction)) for _, friction in wanted]
 
-    limit = search_rows(SEARCH, ["bisect"], run, bool)[0].survived
+    limit = search_thresholds(SEARCH, [MIDDLE], run, bool)[0].survived
     place = -1 if limit is None else SEARCH.index(limit)
     best = order[:1]
     left = order[1:]
@@ -179,14 +182,14 @@ def main():
     folder = Path(sys.argv[1])
     (number, with_laws, searches, cores) = map(int, sys.argv[2:])
     ensemble = load_ensemble()
-    tuned = {member.name for member in ensemble.drawn(TUNED)}
-    others = [m for m in ensemble.drawn(len(ensemble.members)) if m.name not in tuned]
+    tuned = {member.name for member in ensemble.resample(TUNED)}
+    others = [m for m in ensemble.resample(len(ensemble.members)) if m.name not in tuned]
     cars = [(*m.settings_on(SCENARIO), *SPEED) for m in others[:number]]
     with (
         RowStore(folder / "runs.jsonl", {"schema": "screening gate"}) as store,
         open_run_engine(cores) as workers,
     ):
-        engine = Runs(workers, store)
+        engine = CachedRunner(workers, store)
         for place, member in enumerate(
             others[:: max(1, len(others) // max(1, searches))][:searches]
         ):
@@ -208,8 +211,8 @@ def main():
 def reduced_seconds(scenarios, count=768):
     """CPU time of one run among many, s."""
     places = np.arange(count) % len(scenarios)
-    vehicles = Vehicles.of(scenarios).take(places)
-    plans = TurnPlans.of(scenarios).take(places)
+    vehicles = VehicleParams.from_scenarios(scenarios).take(places)
+    plans = TurnPlans.from_scenarios(scenarios).take(places)
     begin = time.process_time()
     drive_turns(vehicles, plans)
     return (time.process_time() - begin) / count

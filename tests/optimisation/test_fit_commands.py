@@ -9,9 +9,9 @@ import yaml
 from typer.testing import CliRunner
 
 from aerodima.workbench.cli.program import build_app
-from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.logs.schema import write_run_log
-from aerodima.workbench.stations.rig_station import simulate_static_log
+from aerodima.workbench.rig.static_hold import simulate_static_log
+from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 
 
 def run(*arguments):

@@ -5,10 +5,10 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from aerodima.optimisation.identify.coefficient_averages import write_sets
-from aerodima.optimisation.identify.fit_pipeline import Estimate, FitResult
 from aerodima.optimisation.identify.fit_report import format_estimate, write_report
+from aerodima.optimisation.identify.fit_result import Estimate, FitResult
 from aerodima.workbench.aero.coefficient_files import load_coefficients
-from aerodima.workbench.errors import ModelError
+from aerodima.workbench.core.errors import ModelError
 from tests.refusals import assert_refused
 
 

@@ -12,7 +12,8 @@ import yaml
 from scipy.signal import butter, sosfiltfilt
 from typer.testing import CliRunner
 
-from aerodima.optimisation.identify.log_rig import FitOptions
+from aerodima.optimisation.identify.fit_options import FitOptions
+from aerodima.optimisation.identify.residual_check import chance_of, check_residual
 from aerodima.optimisation.identify.static_fit import fit_static
 from aerodima.optimisation.identify.static_log import static_data
 from aerodima.optimisation.identify.swing_coefficients import (
@@ -22,13 +23,12 @@ from aerodima.optimisation.identify.swing_coefficients import (
 )
 from aerodima.optimisation.identify.swing_fit import SwingModel
 from aerodima.optimisation.identify.swing_log import swing_data
-from aerodima.optimisation.identify.uncertainty import chance_of, check_residual
 from aerodima.workbench.cli.program import build_app
-from aerodima.workbench.config.rig_scenario import load_rig_scenario
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.logs.importers import import_log
 from aerodima.workbench.logs.mapping import mapping_from
-from aerodima.workbench.stations.rig_station import simulate_static_log
+from aerodima.workbench.rig.static_hold import simulate_static_log
+from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 from tests.optimisation import coverage_study
 from tests.optimisation.coverage import assert_standard
 from tests.optimisation.identify import other_lab as lab

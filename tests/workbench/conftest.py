@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.batch.simulation import simulate
+from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.replay.offscreen import check_renderer
-from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.view.offscreen import check_renderer
 
 SHORT = {"speed": 1.0, "turn_start": 0.6, "speed_ramp": 0.4, "turn_hold": 0.1, "duration": 0.9}
 """At 2.5 m/s2: harder, up to the tyres' friction, the short car lifts its front wheels."""

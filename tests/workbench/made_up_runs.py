@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aerodima.workbench.config.signal_table import (
+from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
+from aerodima.workbench.scenario.signal_table import (
     Column,
     plant_position_columns,
     sensor_columns,
     truth_columns,
 )
-from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 
 STEP = 0.002
 DURATION = 4.0

@@ -3,10 +3,10 @@
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from aerodima.workbench.config.signal_table import STATION_INPUTS, WHEELS
-from aerodima.workbench.plants.sdf_model import SdfModel
-from aerodima.workbench.stations.car_station import make_car_station, simulated_car
-from aerodima.workbench.stations.ground_truth import CONTACT_TRUTH
+from aerodima.workbench.car.car_station import make_car_station, simulated_car
+from aerodima.workbench.car.ground_truth import CONTACT_TRUTH
+from aerodima.workbench.core.sdf_model import SdfModel
+from aerodima.workbench.scenario.signal_table import STATION_INPUTS, WHEELS
 
 
 class CarStand:

@@ -7,12 +7,12 @@ import weakref
 
 import pytest
 
-from aerodima.workbench.config.rig_scenario import load_rig_scenario
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.simulate.car_run import assemble, build_of
-from aerodima.workbench.simulate.rig_run import assemble_rig
-from aerodima.workbench.simulate.simulation import simulate
-from aerodima.workbench.systems.system_ports import released
+from aerodima.workbench.batch.simulation import simulate
+from aerodima.workbench.car.car_diagram import assemble, default_build
+from aerodima.workbench.core.system_lifetime import break_reference_cycles
+from aerodima.workbench.rig.rig_run import assemble_rig
+from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
+from aerodima.workbench.scenario.scenario import load_scenario
 
 
 @pytest.mark.parametrize(
@@ -27,7 +27,7 @@ from aerodima.workbench.systems.system_ports import released
 )
 def test_diagram_and_station_of_a_car_die(name, settings):
     car = assemble(load_scenario(name, settings))
-    with released(car.builder):
+    with break_reference_cycles(car.builder):
         station = weakref.ref(car.station)
         diagram = weakref.ref(car.builder.Build())
     del car
@@ -39,7 +39,7 @@ def test_diagram_and_station_of_a_car_die(name, settings):
 @pytest.mark.parametrize("settings", [[], ["aero.added_mass=0.01"]])
 def test_diagram_and_station_of_a_rig_die(name, settings):
     builder, station = assemble_rig(load_rig_scenario(name, settings))
-    with released(builder):
+    with break_reference_cycles(builder):
         station_ref = weakref.ref(station)
         diagram = weakref.ref(builder.Build())
     del builder, station
@@ -54,7 +54,7 @@ def test_systems_of_a_user_outlive_the_run(record):
     held = []
 
     def build(builder, station):
-        build_of(scenario)(builder, station)
+        default_build(scenario)(builder, station)
         held.append(station)
 
     simulate(scenario, record=record, build=build)

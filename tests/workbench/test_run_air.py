@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.config.signal_table import CAR_TRUTH
+from aerodima.workbench.batch.simulation import simulate
+from aerodima.workbench.car.ground_truth import own_instances
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.replay.logged_run import add_logged_run
-from aerodima.workbench.simulate.simulation import simulate
-from aerodima.workbench.stations.ground_truth import own_instances
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.signal_table import CAR_TRUTH
+from aerodima.workbench.view.logged_run import add_logged_run
 from tests.workbench.made_up_runs import signals_equal
 
 SHORT = ["manoeuvre.duration=0.3"]

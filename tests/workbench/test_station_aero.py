@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform
 
-from aerodima.workbench.config.scenario import scenario_from_dict
-from aerodima.workbench.config.signal_table import TAIL_STATE
-from aerodima.workbench.errors import ModelError
-from aerodima.workbench.plants.tail import sail_inertial
-from aerodima.workbench.stations.car_air import free_sail, sail_law
-from aerodima.workbench.stations.ground_truth import BODY_TRUTH, TAIL_TRUTH
+from aerodima.workbench.car.car_air import free_sail, sail_law
+from aerodima.workbench.car.ground_truth import BODY_TRUTH, TAIL_TRUTH
+from aerodima.workbench.car.tail_plant import sail_inertial
+from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.scenario.scenario import scenario_from_dict
+from aerodima.workbench.scenario.signal_table import TAIL_STATE
 from tests.refusals import assert_refused
 from tests.workbench.aero.vanes import Vane
 from tests.workbench.stands import CarStand

@@ -34,8 +34,7 @@ from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.math import SpatialForce_
-from pydrake.multibody.plant import ExternallyAppliedSpatialForce_, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
     Frame,
@@ -47,19 +46,14 @@ from pydrake.multibody.tree import (
     SpatialInertia,
     UnitInertia,
 )
-from pydrake.systems.framework import DiagramBuilder, InputPortIndex, OutputPort, System
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
-from aerodima.workbench.aero.laws import dot
 from aerodima.workbench.aero.sections import SectionLayout, sampled_poses
+from aerodima.workbench.aero.slide_keeper import SlideKeeper
 from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX, connect_spatial_forces
-from aerodima.workbench.config.checked_files import check_range
-from aerodima.workbench.errors import ModelError
-from aerodima.workbench.systems.system_ports import (
-    LeafSystem_,
-    connected,
-    declare_spatial_forces,
-    system_template,
-)
+from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.port_wiring import add_and_connect
+from aerodima.workbench.core.quantity import check_range
 
 _CONTINUOUS_RATE = 100.0
 """Rate of the keeper in a continuous plant, rad/s."""
@@ -124,7 +118,7 @@ class AddedMass:
         keeper = SlideKeeper(self.plant, self.middle, mass, list(self.slides), rate)
         name = f"added_mass_keeper_{self.body.name()}"
         state = self.plant.get_state_output_port()
-        connected(builder, keeper, name, plant_state=state)
+        add_and_connect(builder, keeper, name, plant_state=state)
         if wind_acceleration is not None:
             builder.Connect(wind_acceleration, keeper.GetInputPort("wind_acceleration"))
         connect_spatial_forces(builder, self.plant, keeper.GetOutputPort("spatial_forces"))
@@ -146,8 +140,9 @@ class AddedMass:
         from scipy.linalg import eigh
 
         plant = self.plant
-        own = [joint.velocity_start() for joint, _ in self.slides]
-        keep = np.ix_(*[np.setdiff1d(np.arange(plant.num_velocities()), own)] * 2)
+        slides = [joint.velocity_start() for joint, _ in self.slides]
+        others = np.setdiff1d(np.arange(plant.num_velocities()), slides)
+        keep = np.ix_(others, others)
         for context in sampled_poses(plant, _POSITION_SAMPLES):
             for index in plant.GetBodyIndices(self.instance):
                 plant.get_body(index).SetSpatialInertiaInBodyFrame(context, SpatialInertia.Zero())
@@ -249,16 +244,13 @@ def _free_across(
     plant: MultibodyPlant, instance: ModelInstanceIndex, middle: Any, mass: float, name: str
 ) -> tuple[tuple[Joint, float], ...]:
     """A point of positive mass that slides across the axis: it adds inertia along the axis only."""
+    x, y, _ = np.eye(3)
+    at_point = SpatialInertia(mass, np.zeros(3), UnitInertia(0.0, 0.0, 0.0))
     carrier = plant.AddRigidBody(f"{name}_carrier", instance, SpatialInertia.Zero())
-    point = plant.AddRigidBody(
-        f"{name}_spanwise", instance, SpatialInertia(mass, np.zeros(3), UnitInertia(0.0, 0.0, 0.0))
-    )
-    first = plant.AddJoint(
-        PrismaticJoint(f"{name}_slide_x", middle, carrier.body_frame(), np.eye(3)[0])
-    )
-    second = plant.AddJoint(
-        PrismaticJoint(f"{name}_slide_y", carrier.body_frame(), point.body_frame(), np.eye(3)[1])
-    )
+    point = plant.AddRigidBody(f"{name}_spanwise", instance, at_point)
+    between = carrier.body_frame()
+    first = plant.AddJoint(PrismaticJoint(f"{name}_slide_x", middle, between, x))
+    second = plant.AddJoint(PrismaticJoint(f"{name}_slide_y", between, point.body_frame(), y))
     return ((first, mass), (second, mass))
 
 
@@ -268,137 +260,3 @@ def _middle_pose(layout: SectionLayout) -> RigidTransform:
     x = np.asarray(layout.normal_B)
     middle = np.asarray(layout.p_BoRo_B) + float(np.mean(layout.distances)) * z
     return RigidTransform(RotationMatrix(np.column_stack([x, np.cross(z, x), z])), middle)
-
-
-@system_template("SlideKeeper_", __name__)
-def SlideKeeper_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
-    """Template over the scalar type; see `SlideKeeper`."""
-
-    class Impl(LeafSystem_[T]):  # type: ignore[misc]  # the base is not in the stubs
-        """Forces of the air on the added mass of one tail, see `added_mass.py`.
-
-        Per slide with coordinate x, mass m and direction e: F = m (e . A_bias - 2 rate xdot -
-        rate^2 x) e on the sliding body, with A_bias the velocity-dependent acceleration of the
-        tail's point under it. The slides are frictionless, so this force does not act on the tail.
-        Air that accelerates by A_air pushes the tail itself with M (1 - a a^T) A_air at the middle
-        of the parts: only the acceleration relative to the air counts.
-
-        Input ports:
-            plant_state: multibody state [q; v].
-            wind_acceleration (optional, 3): of the air in W, m/s2; steady wind when not connected.
-        Output ports:
-            spatial_forces: list[ExternallyAppliedSpatialForce], on the sliding body and on the
-                tail.
-
-        Args:
-            plant: finalised plant.
-            middle: frame at the middle of the parts, z along the tail axis.
-            mass: M = n m_added, kg.
-            slides: pairs of prismatic joint and mass, kg; may be empty.
-            rate: natural frequency of the critically damped hold, rad/s.
-        """
-
-        def _construct(
-            self,
-            plant: Any,
-            middle: Any,
-            mass: float,
-            slides: list[tuple[Any, float]],
-            rate: float,
-            converter: Any = None,
-        ) -> None:
-            LeafSystem_[T].__init__(self, converter=converter)
-            self._plant = plant
-            self._middle = middle.index()
-            self._mass = mass
-            self._slides = [(joint.index(), part) for joint, part in slides]
-            self._rate = rate
-            self._kinematics = plant.CreateDefaultContext()
-            self._origin = np.zeros(3)
-            nq = plant.num_positions()
-            self._rows = [
-                (
-                    joint.translation_axis().tolist().index(1.0),
-                    joint.position_start(),
-                    nq + joint.velocity_start(),
-                    part,
-                )
-                for joint, part in slides
-            ]
-            self._hold = None
-            if slides:
-                self._hold = self._force_on(slides[-1][0].child_body())
-            self._push = self._force_on(
-                middle.body(), middle.GetFixedPoseInBodyFrame().translation()
-            )
-            self._SpatialForce = SpatialForce_[T]
-            self._state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
-            self._air = self.DeclareVectorInputPort("wind_acceleration", 3)
-            inputs = {self.input_port_ticket(InputPortIndex(i)) for i in (0, 1)}
-            declare_spatial_forces(self, self._calc, inputs, T)
-
-        def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            plant = other._plant.ToScalarType[T]()
-            slides = [(plant.get_joint(joint), part) for joint, part in other._slides]
-            middle = plant.get_frame(other._middle)
-            Impl._construct(self, plant, middle, other._mass, slides, other._rate, converter)
-
-        @staticmethod
-        def _force_on(body: Any, p_BoBq_B: Any = (0.0, 0.0, 0.0)) -> Any:
-            force = ExternallyAppliedSpatialForce_[T]()
-            force.body_index = body.index()
-            force.p_BoBq_B = list(p_BoBq_B)
-            return force
-
-        def _calc(self, context: Any, output: Any) -> None:
-            state = self._state.Eval(context)
-            kinematics = self._kinematics
-            self._plant.SetPositionsAndVelocities(kinematics, state)
-            R_WM = (
-                self._plant.get_frame(self._middle)
-                .CalcRotationMatrixInWorld(kinematics)
-                .matrix()
-                .tolist()
-            )
-            forces = []
-            if self._hold is not None:
-                self._hold.F_Bq_W = self._pure_force(self._holding(state, R_WM))
-                forces.append(self._hold)
-            if self._air.HasValue(context):
-                a = [row[2] for row in R_WM]
-                air = self._air.Eval(context).tolist()
-                along = dot(a, air)
-                self._push.F_Bq_W = self._pure_force(
-                    [self._mass * (w - along * x) for w, x in zip(air, a, strict=True)]
-                )
-                forces.append(self._push)
-            output.set_value(forces)
-
-        def _holding(self, state: Any, R_WM: Any) -> list[Any]:
-            plant = self._plant
-            world = self._plant.world_frame()
-            bias = plant.CalcBiasTranslationalAcceleration(
-                self._kinematics,
-                JacobianWrtVariable.kV,
-                plant.get_frame(self._middle),
-                self._origin,
-                world,
-                world,
-            )[:, 0].tolist()
-            rate = self._rate
-            total = [0.0, 0.0, 0.0]
-            for axis, position, velocity, mass in self._rows:
-                e = [row[axis] for row in R_WM]
-                size = mass * (
-                    dot(e, bias) - 2.0 * rate * state[velocity] - rate * rate * state[position]
-                )
-                total = [t + size * x for t, x in zip(total, e, strict=True)]
-            return total
-
-        def _pure_force(self, force: list[Any]) -> Any:
-            return self._SpatialForce(np.array((0.0, 0.0, 0.0, *force)))
-
-    return Impl
-
-
-SlideKeeper = SlideKeeper_[float]

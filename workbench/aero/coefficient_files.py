@@ -14,15 +14,16 @@ import numpy as np
 import pandas as pd
 from pydantic import AfterValidator, ConfigDict, Field, PrivateAttr, Strict, model_validator
 
-from aerodima.workbench.aero.laws import (
+from aerodima.workbench.aero.polar_law import MIN_DRAG, PolarLaw, RegularTable
+from aerodima.workbench.aero.section_laws import (
     NormalForceLaw,
     SectionLaw,
     SpeedLine,
     SpeedTable,
     TwoSidedLaw,
 )
-from aerodima.workbench.aero.polar_law import LEAST_DRAG, PolarLaw, RegularTable
-from aerodima.workbench.config.checked_files import (
+from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.yaml_files import (
     StrictModel,
     checked,
     find_file,
@@ -30,7 +31,6 @@ from aerodima.workbench.config.checked_files import (
     require_mapping,
     shipped_names,
 )
-from aerodima.workbench.errors import ModelError
 
 SCHEMA = "aerodima/coefficients/1"
 _FOLDER = "coefficients"
@@ -81,7 +81,7 @@ class PolarNode(StrictModel):
 
     speed_m_per_s: Annotated[Number, Field(ge=0)]
     angle_rad: Annotated[Number, Field(ge=0)]
-    cd: Annotated[Number, AfterValidator(partial(_refuse_gain, least=LEAST_DRAG))]
+    cd: Annotated[Number, AfterValidator(partial(_refuse_gain, least=MIN_DRAG))]
     cl: Number
     status: Literal["measured", "seed"]
 
@@ -129,7 +129,7 @@ class CoefficientSet(StrictModel, ABC):
 
     @cached_property
     def nodes(self) -> pd.DataFrame:
-        """One row per node (columns of the file, SI); empty for constants and lines."""
+        """Nodes, one a row (columns of the file, SI); empty for constants and lines."""
         return pd.DataFrame([node.model_dump() for node in getattr(self, "node_list", ())])
 
     @abstractmethod
@@ -242,15 +242,13 @@ class PolarTable(CoefficientSet):
 
         def nearest(v: float, g: float) -> float:
             measured = known[g].dropna()
-            return float(measured.iloc[np.argmin(np.abs(measured.index.to_numpy() - v))])
+            distances = np.abs(measured.index.to_numpy() - v)
+            return float(measured.iloc[np.argmin(distances)])
 
-        return RegularTable(
-            tuple(speeds.tolist()),
-            tuple(angles.tolist()),
-            tuple(tuple(nearest(v, g) for g in angles) for v in speeds),
-            tuple(map(tuple, known.notna().to_numpy().tolist())),
-            where=f"{self._where}: {coefficient}",
-        )
+        values = tuple(tuple(nearest(v, g) for g in angles) for v in speeds)
+        measured = tuple(map(tuple, known.notna().to_numpy().tolist()))
+        where = f"{self._where}: {coefficient}"
+        return RegularTable(tuple(speeds.tolist()), tuple(angles.tolist()), values, measured, where)
 
 
 _KINDS: dict[tuple[str, str], type[CoefficientSet]] = {
@@ -287,10 +285,9 @@ def load_coefficients(name_or_path: str | Path) -> CoefficientSet:
 
 
 def _csv_content(path: Path) -> dict[str, Any]:
-    """What a YAML file of the same table holds."""
-    columns: dict[str, Any] = dict.fromkeys(("speed_m_per_s", "angle_rad", "cd", "cl"), float) | {
-        "source": str
-    }
+    """Reads a CSV table as the content of a YAML file of the same table."""
+    columns: dict[str, Any] = dict.fromkeys(("speed_m_per_s", "angle_rad", "cd", "cl"), float)
+    columns["source"] = str
     try:
         nodes = pd.read_csv(path).astype(columns)
     except FileNotFoundError:
@@ -301,10 +298,10 @@ def _csv_content(path: Path) -> dict[str, Any]:
     measured = nodes[nodes.status == "measured"]
     if measured.empty:
         raise ModelError(f"{path}: no node has the status 'measured'")
-    ends = {
-        c: [float(measured[c].min()), float(measured[c].max())]
-        for c in ("speed_m_per_s", "angle_rad")
-    }
+    ends = {}
+    for column in ("speed_m_per_s", "angle_rad"):
+        values = measured[column]
+        ends[column] = [float(values.min()), float(values.max())]
     return {
         "schema": SCHEMA,
         "name": path.stem,

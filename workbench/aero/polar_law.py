@@ -8,25 +8,24 @@ import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar
 
 import numpy as np
 from pydrake.math import arctan2
 
-from aerodima.workbench.aero.laws import (
+from aerodima.workbench.aero.section_laws import (
     STILL,
     LineMotion,
     Scalar,
     SectionLaw,
     check_from_zero,
-    dot,
     float_of,
     require_finite,
     require_increasing,
 )
-from aerodima.workbench.config.checked_files import check_range
-from aerodima.workbench.errors import ModelError
+from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.quantity import check_range
 
 Coefficient = Callable[[Scalar, Scalar], Scalar]
 _LIFT_END = math.radians(10.0)
@@ -34,7 +33,7 @@ _LIFT_END = math.radians(10.0)
 _ONE_DEGREE = math.radians(1.0)
 """Usual `lift_blend` of a `PolarLaw`, rad."""
 
-LEAST_DRAG = -0.05
+MIN_DRAG = -0.05
 """Lowest C_D of a table. A node may lie a little below zero: the fits scatter, and one published
 C_D is -0.012."""
 
@@ -83,24 +82,22 @@ class RegularTable:
         low = self.values[i]
         high = self.values[i + 1]
         at_low = low[j] + (low[j + 1] - low[j]) * y
-        return at_low + (high[j] + (high[j + 1] - high[j]) * y - at_low) * x
+        at_high = high[j] + (high[j + 1] - high[j]) * y
+        return at_low + (at_high - at_low) * x
 
     def covers(self, speed: float, angle: float) -> bool:
-        """Whether the point lies in a cell with measured corners; on a grid line only the nodes of
-        that line count.
+        """Tells whether the point lies in a cell with measured corners; on a grid line only the
+        nodes of that line count.
         """
-        if not (
-            self.speeds[0] <= speed <= self.speeds[-1]
-            and self.angles[0] <= angle <= self.angles[-1]
-        ):
+        speeds = self.speeds
+        angles = self.angles
+        if not (speeds[0] <= speed <= speeds[-1] and angles[0] <= angle <= angles[-1]):
             return False
         if not self.measured:
             return True
-        (i, x) = _cell(self.speeds, speed)
-        (j, y) = _cell(self.angles, angle)
-        rows = [r for r, weight in ((i, 1.0 - x), (i + 1, x)) if weight > 0.0]
-        columns = [c for c, weight in ((j, 1.0 - y), (j + 1, y)) if weight > 0.0]
-        return all(self.measured[r][c] for r in rows for c in columns)
+        rows = self.measured[_corners(*_cell(speeds, speed))]
+        columns = _corners(*_cell(angles, angle))
+        return all(all(row[columns]) for row in rows)
 
 
 def _cell(grid: tuple[float, ...], value: Scalar) -> tuple[int, Scalar]:
@@ -112,6 +109,11 @@ def _cell(grid: tuple[float, ...], value: Scalar) -> tuple[int, Scalar]:
         return last, 1.0
     i = bisect_right(grid, value if isinstance(value, float) else float_of(value)) - 1
     return i, (value - grid[i]) / (grid[i + 1] - grid[i])
+
+
+def _corners(left: int, fraction: Scalar) -> slice:
+    """Neighbours of a point on a grid; one on a node has only that node."""
+    return slice(left + (fraction >= 1.0), left + 1 + (fraction > 0.0))
 
 
 @dataclass(frozen=True)
@@ -143,20 +145,19 @@ class PolarLaw(SectionLaw):
             check_from_zero("polar law: drag", self.drag, unit="1")
         if not callable(self.lift):
             check_range("polar law: lift", self.lift, -math.inf, math.inf, "1", error=ModelError)
-        if isinstance(self.drag, RegularTable) and min(map(min, self.drag.values)) < LEAST_DRAG:
-            raise ModelError(
-                f"{self.drag.where}: holds {min(map(min, self.drag.values))}, but negative drag "
-                "would add energy"
-            )
-        most = math.pi / 4
-        check_range("polar law: lift_blend", self.lift_blend, 0.0, most, "rad", error=ModelError)
-        check_range(
-            "polar law: lift_end", self.lift_end, 0.0, most, "rad", above_low=True, error=ModelError
-        )
+        if isinstance(self.drag, RegularTable):
+            lowest = min(map(min, self.drag.values))
+            if lowest < MIN_DRAG:
+                raise ModelError(
+                    f"{self.drag.where}: holds {lowest}, but negative drag would add energy"
+                )
+        within = partial(check_range, low=0.0, high=math.pi / 4, unit="rad", error=ModelError)
+        within("polar law: lift_blend", self.lift_blend)
+        within("polar law: lift_end", self.lift_end, above_low=True)
 
     @cached_property
     def _one_grid(self) -> bool:
-        """Whether both coefficients are tables over the same nodes: one search serves both."""
+        """Tells whether both coefficients are tables over the same nodes, for one search."""
         drag = self.drag
         lift = self.lift
         if not (isinstance(drag, RegularTable) and isinstance(lift, RegularTable)):
@@ -218,29 +219,32 @@ class PolarLaw(SectionLaw):
         self, line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
     ) -> tuple[Scalar, ...]:
         """See `SectionLaw.line_force`."""
-        u, k, a, _ = line
-        spanwise = dot(u, a)
-        across = [u[i] - spanwise * a[i] for i in range(3)]
+        (u_x, u_y, u_z), (k_x, k_y, k_z), (a_x, a_y, a_z), _ = line
+        spanwise = u_x * a_x + u_y * a_y + u_z * a_z
+        across_x = u_x - spanwise * a_x
+        across_y = u_y - spanwise * a_y
+        across_z = u_z - spanwise * a_z
         half = 0.5 * density
         a_sum = as_sum = ass_sum = b_sum = 0.0
         for s, area in zip(distances, areas, strict=True):
-            x = across[0] + s * k[0]
-            y = across[1] + s * k[1]
-            z = across[2] + s * k[2]
+            x = across_x + s * k_x
+            y = across_y + s * k_y
+            z = across_z + s * k_z
             alpha, beta = self._parts(spanwise, x * x + y * y + z * z, half * area)
             a_sum += alpha
             as_sum += alpha * s
             ass_sum += alpha * s * s
             b_sum += beta
-        m = [as_sum * u[i] + ass_sum * k[i] for i in range(3)]
-        return (
-            a_sum * u[0] + as_sum * k[0] + b_sum * a[0],
-            a_sum * u[1] + as_sum * k[1] + b_sum * a[1],
-            a_sum * u[2] + as_sum * k[2] + b_sum * a[2],
-            a[1] * m[2] - a[2] * m[1],
-            a[2] * m[0] - a[0] * m[2],
-            a[0] * m[1] - a[1] * m[0],
-        )
+        f_x = a_sum * u_x + as_sum * k_x + b_sum * a_x
+        f_y = a_sum * u_y + as_sum * k_y + b_sum * a_y
+        f_z = a_sum * u_z + as_sum * k_z + b_sum * a_z
+        m_x = as_sum * u_x + ass_sum * k_x
+        m_y = as_sum * u_y + ass_sum * k_y
+        m_z = as_sum * u_z + ass_sum * k_z
+        about_x = a_y * m_z - a_z * m_y
+        about_y = a_z * m_x - a_x * m_z
+        about_z = a_x * m_y - a_y * m_x
+        return f_x, f_y, f_z, about_x, about_y, about_z
 
     def covers(self, speed: float, angle: float) -> bool:
         """See `SectionLaw.covers`: both coefficients must cover the point; plain numbers cover

@@ -35,11 +35,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from aerodima.workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw, SectionLaw
+from aerodima.workbench.aero.section_laws import CrossedPlatesLaw, NormalForceLaw, SectionLaw
 from aerodima.workbench.aero.sections import SectionLayout
-from aerodima.workbench.config.car_parameters import SHELL_DEPTH
+from aerodima.workbench.core.elementwise import rotation_rows
+from aerodima.workbench.scenario.tail_parameters import SHELL_DEPTH
 
 Vector = tuple[float, float, float]
 
@@ -103,21 +104,8 @@ class FreeSail:
         )
 
 
-def rotation_rows(quaternion: Any) -> tuple[Any, Any, Any]:
-    """Rows (3) of the rotation matrix of a quaternion w, x, y, z of any length; of arrays (n) each
-    entry is one (n).
-    """
-    w, x, y, z = quaternion
-    scale = 2.0 / (w * w + x * x + y * y + z * z)
-    return (
-        (1.0 - scale * (y * y + z * z), scale * (x * y - w * z), scale * (x * z + w * y)),
-        (scale * (x * y + w * z), 1.0 - scale * (x * x + z * z), scale * (y * z - w * x)),
-        (scale * (x * z - w * y), scale * (y * z + w * x), 1.0 - scale * (x * x + y * y)),
-    )
-
-
 class SailMotion(NamedTuple):
-    """How the body `tail_sail` is turned and moves.
+    """Orientation and motion of the body `tail_sail`.
 
     Attributes:
         R_WS: rows of its orientation.
@@ -141,14 +129,12 @@ def sail_motion(
     rates: Sequence[float],
     p_BoSo_B: Sequence[float],
 ) -> SailMotion:
-    """Where the sail is turned to and how it moves.
+    """Computes where the sail is turned to and how it moves.
 
     Args:
         quaternion: w, x, y, z of the chassis in W, of any length.
-        velocity: angular velocity (3), rad/s, and velocity of the origin (3), m/s, of the chassis
-            in W.
-        angles: of pitch, roll and sail joint, rad.
-        rates: of the same, rad/s.
+        velocity: angular (3), rad/s, and of the origin (3), m/s, of the chassis in W.
+        angles, rates: of pitch, roll and sail joint, rad and rad/s.
         p_BoSo_B: where the joint axes cross, in the chassis frame, m.
     """
     (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = rotation_rows(quaternion)
@@ -184,17 +170,15 @@ def sail_motion(
     dz = r20 * px + r21 * py + r22 * pz
     wx, wy, wz, vx, vy, vz = velocity
     p_rate, r_rate, t_rate = rates
-    return SailMotion(
-        ((x_S[0], y_S[0], ax), (x_S[1], y_S[1], ay), (x_S[2], y_S[2], az)),
-        (
-            wx + p_rate * r01 + r_rate * hx + t_rate * ax,
-            wy + p_rate * r11 + r_rate * hy + t_rate * ay,
-            wz + p_rate * r21 + r_rate * hz + t_rate * az,
-        ),
-        (vx + wy * dz - wz * dy, vy + wz * dx - wx * dz, vz + wx * dy - wy * dx),
-        (dx, dy, dz),
-        ((r01, r11, r21), (hx, hy, hz), (ax, ay, az)),
-    )
+    w_x = wx + p_rate * r01 + r_rate * hx + t_rate * ax
+    w_y = wy + p_rate * r11 + r_rate * hy + t_rate * ay
+    w_z = wz + p_rate * r21 + r_rate * hz + t_rate * az
+    v_x = vx + wy * dz - wz * dy
+    v_y = vy + wz * dx - wx * dz
+    v_z = vz + wx * dy - wy * dx
+    R_WS = ((x_S[0], y_S[0], ax), (x_S[1], y_S[1], ay), (x_S[2], y_S[2], az))
+    axes_W = ((r01, r11, r21), (hx, hy, hz), (ax, ay, az))
+    return SailMotion(R_WS, (w_x, w_y, w_z), (v_x, v_y, v_z), (dx, dy, dz), axes_W)
 
 
 def generalised_force(
@@ -215,14 +199,10 @@ def generalised_force(
     mx, my, mz = moment
     dx, dy, dz = motion.p_BoSo_W
     (px, py, pz), (rx, ry, rz), (sx, sy, sz) = motion.axes_W
-    return (
-        mx + dy * fz - dz * fy,
-        my + dz * fx - dx * fz,
-        mz + dx * fy - dy * fx,
-        fx,
-        fy,
-        fz,
-        px * mx + py * my + pz * mz,
-        rx * mx + ry * my + rz * mz,
-        sx * mx + sy * my + sz * mz,
-    )
+    pitch = px * mx + py * my + pz * mz
+    roll = rx * mx + ry * my + rz * mz
+    turn = sx * mx + sy * my + sz * mz
+    about_x = mx + dy * fz - dz * fy
+    about_y = my + dz * fx - dx * fz
+    about_z = mz + dx * fy - dy * fx
+    return about_x, about_y, about_z, fx, fy, fz, pitch, roll, turn

@@ -1,4 +1,4 @@
-"""Where the air acts: sections along the straight axis of a body, and the part of them inside the
+"""Sections along the straight axis of a body, where the air acts, and the part of them inside the
 jet of a tunnel.
 """
 
@@ -11,11 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.workbench.aero.laws import LineMotion, check_above_zero
-from aerodima.workbench.errors import ModelError
+from aerodima.workbench.aero.section_laws import LineMotion, check_above_zero
+from aerodima.workbench.core.errors import ModelError
 
 Vector = tuple[float, float, float]
 """Components along three axes."""
+_STILL_AIR = (0.0, 0.0, 0.0)
+"""Velocity of air that does not move, m/s."""
+_UNIT_ERROR = 1e-9
+"""How far a unit vector may be from a length of 1, and normal vectors from a right angle."""
 _SAMPLES = 1000
 """Positions at which a layout is looked for in the jet."""
 
@@ -78,11 +82,11 @@ class SectionLayout:
             check_above_zero("section layout: area", area, unit="m2")
         if not np.all(np.isfinite([*self.p_BoRo_B, *self.distances, self.start, self.end])):
             raise ModelError("section layout: positions and distances must be finite numbers")
-        axis = np.asarray(self.axis_B, float)
-        normal = np.asarray(self.normal_B, float)
-        if abs(np.linalg.norm(axis) - 1.0) > 1e-9 or abs(np.linalg.norm(normal) - 1.0) > 1e-9:
+        axes = np.array([self.axis_B, self.normal_B], float)
+        products = axes @ axes.T
+        if np.any(np.abs(np.sqrt(products.diagonal()) - 1.0) > _UNIT_ERROR):
             raise ModelError("section layout: axis_B and normal_B must be unit vectors")
-        if abs(axis @ normal) > 1e-9:
+        if abs(products[0, 1]) > _UNIT_ERROR:
             raise ModelError("section layout: normal_B must be perpendicular to axis_B")
 
     @property
@@ -101,8 +105,8 @@ class SectionLayout:
         return np.asarray(self.p_BoRo_B) + self.end * np.asarray(self.axis_B)
 
     def motion(self, X_WB: Any, w_WB: Any, v_WBo: Any, v_WA: Any) -> LineMotion:
-        """What a `SectionLaw` asks of the motion of a line of sections on a body, for floats and
-        for AutoDiffXd alike.
+        """Computes what a `SectionLaw` asks of the motion of a line of sections on a body, for
+        floats and for AutoDiffXd alike.
 
         Args:
             X_WB: pose of the body, three rows whose first three numbers are those of R_WB.
@@ -127,7 +131,9 @@ class SectionLayout:
         a_y = r10 * x + r11 * y + r12 * z
         a_z = r20 * x + r21 * y + r22 * z
         x, y, z = self.normal_B
-        n = (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z)
+        n_x = r00 * x + r01 * y + r02 * z
+        n_y = r10 * x + r11 * y + r12 * z
+        n_z = r20 * x + r21 * y + r22 * z
         x, y, z = self.p_BoRo_B
         if x != 0.0 or y != 0.0 or z != 0.0:
             p_x = r00 * x + r01 * y + r02 * z
@@ -136,12 +142,12 @@ class SectionLayout:
             v_x += w_y * p_z - w_z * p_y
             v_y += w_z * p_x - w_x * p_z
             v_z += w_x * p_y - w_y * p_x
-        k = (a_y * w_z - a_z * w_y, a_z * w_x - a_x * w_z, a_x * w_y - a_y * w_x)  # -(w x a)
-        if v_WA is None:
-            air_x, air_y, air_z = (0.0, 0.0, 0.0)
-        else:
-            air_x, air_y, air_z = v_WA
-        return LineMotion((air_x - v_x, air_y - v_y, air_z - v_z), k, (a_x, a_y, a_z), n)
+        k_x = a_y * w_z - a_z * w_y  # -(w x a)
+        k_y = a_z * w_x - a_x * w_z
+        k_z = a_x * w_y - a_y * w_x
+        air_x, air_y, air_z = _STILL_AIR if v_WA is None else v_WA
+        u = (air_x - v_x, air_y - v_y, air_z - v_z)
+        return LineMotion(u, (k_x, k_y, k_z), (a_x, a_y, a_z), (n_x, n_y, n_z))
 
     def root_in(self, R_WB: Any) -> tuple[Any, Any, Any]:
         """Root of the line from the body's origin in W (3), m, for rows as in `motion`."""
@@ -203,9 +209,10 @@ def sampled_poses(plant: Any, count: int) -> Iterator[Any]:
     limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
     default = np.clip(plant.GetPositions(context), *limits)
     ends = np.clip(limits, -math.pi, math.pi)
-    free = [
-        index for joint in joints_of(plant) for index in range(joint.position_start(), _end(joint))
-    ]
+    free: list[int] = []
+    for joint in joints_of(plant):
+        start = joint.position_start()
+        free += range(start, start + joint.num_positions())
     for sample in range(count):
         positions = default.copy()
         if sample:
@@ -218,10 +225,6 @@ def joints_of(plant: Any) -> list[Any]:
     """Joints that move and are no floating base."""
     joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
     return [joint for joint in joints if 0 < joint.num_velocities() < 6]
-
-
-def _end(joint: Any) -> int:
-    return int(joint.position_start() + joint.num_positions())
 
 
 @dataclass(frozen=True)
@@ -242,10 +245,8 @@ class Jet:
     slope: float = 100.0 / 1800.0
 
     def __post_init__(self) -> None:
-        if (
-            abs(math.dist(self.downstream_W, (0.0, 0.0, 0.0)) - 1.0) > 1e-9
-            or abs(self.downstream_W[2]) > 1e-9
-        ):
+        size = math.hypot(*self.downstream_W)
+        if max(abs(size - 1.0), abs(self.downstream_W[2])) > _UNIT_ERROR:
             raise ModelError(
                 f"jet: downstream_W is {self.downstream_W}, but it must be a horizontal unit vector"
             )
@@ -266,7 +267,7 @@ class Jet:
         return cls((x, y, z - edge_depth), (math.sin(psi), -math.cos(psi), 0.0), slope)
 
     def height_below_edge(self, p_WQ: Any) -> Any:
-        """How far a point is below the edge (m); negative above it."""
+        """Measures how far a point is below the edge (m); negative above it."""
         x, y, _ = self.downstream_W
         downstream = (p_WQ[0] - self.p_WE[0]) * x + (p_WQ[1] - self.p_WE[1]) * y
         return self.p_WE[2] + self.slope * downstream - p_WQ[2]
@@ -281,7 +282,8 @@ class Jet:
         start = layout.start
         end = layout.end
         at_root = self.height_below_edge(p_WRo)
-        rate = self.slope * (self.downstream_W[0] * a[0] + self.downstream_W[1] * a[1]) - a[2]
+        x, y, _ = self.downstream_W
+        rate = self.slope * (x * a[0] + y * a[1]) - a[2]
         at_start = at_root + rate * start
         at_end = at_root + rate * end
         if at_start <= 0.0 and at_end <= 0.0:
@@ -299,17 +301,15 @@ class Jet:
         without exposure.
         """
         number = layout.number
-        if layout.start == layout.end:
-            inside = self.exposed_interval(layout, p_WRo, a) is not None
-            return layout.distances, layout.areas if inside else (0.0,) * number
         interval = self.exposed_interval(layout, p_WRo, a)
         if interval is None:
             return layout.distances, (0.0,) * number
-        start = interval[0]
-        part = (interval[1] - interval[0]) / number
-        return tuple(start + (i + 0.5) * part for i in range(number)), (
-            part * layout.chord,
-        ) * number
+        start, end = interval
+        if layout.start == layout.end:
+            return layout.distances, layout.areas
+        part = (end - start) / number
+        distances = tuple(start + (i + 0.5) * part for i in range(number))
+        return distances, (part * layout.chord,) * number
 
     def require_reachable(self, plant: Any, body: Any, layout: SectionLayout) -> None:
         """Refuses a layout that the jet meets at no reachable angle.

@@ -1,6 +1,4 @@
-"""The aerodynamic wrench on a tail as a Drake system, what wires it to a plant, and a watch on its
-sections.
-"""
+"""The aerodynamic wrench on a tail as a Drake system, and what wires it to a plant."""
 
 from __future__ import annotations
 
@@ -14,18 +12,11 @@ from pydrake.multibody.plant import (
     ExternallyAppliedSpatialForceMultiplexer,
     MultibodyPlant,
 )
-from pydrake.multibody.tree import BodyIndex, JacobianWrtVariable, RigidBody
-from pydrake.systems.framework import (
-    Context,
-    DiagramBuilder,
-    EventStatus,
-    InputPortIndex,
-    LeafSystem,
-    OutputPort,
-    System,
-)
+from pydrake.multibody.tree import BodyIndex, RigidBody
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
-from aerodima.workbench.aero.laws import (
+from aerodima.workbench.aero.idle_normal import idle_normal
+from aerodima.workbench.aero.section_laws import (
     LineMotion,
     NormalForceLaw,
     SectionLaw,
@@ -35,231 +26,214 @@ from aerodima.workbench.aero.laws import (
     length,
     wind_direction,
 )
-from aerodima.workbench.aero.sections import Air, Jet, SectionLayout, joints_of, sampled_poses
-from aerodima.workbench.errors import ModelError
-from aerodima.workbench.systems.system_ports import (
-    LeafSystem_,
-    Stage,
-    connected,
-    declare_spatial_forces,
-    period_of,
-    system_template,
-    vector_of,
-    weakly,
+from aerodima.workbench.aero.section_watch import (
+    BEYOND_QUASI_STEADY,
+    EXTRAPOLATED,
+    MEASURED,
+    NOT_EXPOSED,
 )
+from aerodima.workbench.aero.sections import Air, Jet, SectionLayout
+from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.port_wiring import add_and_connect, declare_spatial_forces
+from aerodima.workbench.core.system_lifetime import SystemParts, scalar_template, weak_callback
 
-SECTION_COLUMNS = ("relative_speed_m_per_s", "angle_of_attack_rad", "reynolds_number", "force_n")
 ADDED_MASS_PREFIX = "added_mass_"
 """How the names of model instances and bodies of added mass begin."""
-NOT_EXPOSED = 0.0
-"""Validity of a section that is not exposed to the air."""
-MEASURED = 1.0
-"""Validity of a section inside the range of its measured coefficients."""
-EXTRAPOLATED = 2.0
-"""Validity of a section outside that range."""
-BEYOND_QUASI_STEADY = 3.0
-"""Validity of a section faster than the quasi-steady law is meant for."""
-_POSES = 9
-"""Positions at which `idle_normal` looks at a plant: its default, and random ones in its limits."""
-_ALONG = 1e-6
-"""Share of its motion that a section must make along its normal, for `idle_normal`."""
-_REYNOLDS = SECTION_COLUMNS.index("reynolds_number")
-_SPEED = SECTION_COLUMNS.index("relative_speed_m_per_s")
-_FORCE = SECTION_COLUMNS.index("force_n")
-_STILL_AIR = 0.1
-"""Air slower than this (m/s) is not expected to show a force, in `SectionWatch`."""
-_ROUNDING = 1e-12
-"""Force over speed squared, N per (m/s)2, that rounding leaves of a plate along the flow."""
 
 
-@system_template("TailForce_", __name__)
-def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
-    """Template over the scalar type; see `TailForce`."""
+class TailForceParts(SystemParts):
+    """Aerodynamic wrench on a body made of sections on a straight line.
 
-    class Impl(LeafSystem_[T]):  # type: ignore[misc]  # the base is not in the stubs
-        """Aerodynamic wrench on a body made of sections on a straight line.
+    The law is a `NormalForceLaw`, `TwoSidedLaw` or `PolarLaw` (design section 5), quasi-steady
+    and smooth in the velocity, also at zero airspeed. Every section has the rigid-body velocity
+    of its centre, omega x r included, so a driving car makes its own apparent wind.
 
-        The law is a `NormalForceLaw`, `TwoSidedLaw` or `PolarLaw` (design section 5), quasi-steady
-        and smooth in the velocity, also at zero airspeed. Every section has the rigid-body velocity
-        of its centre, omega x r included, so a driving car makes its own apparent wind.
+    Body pose and velocity come from the plant's state through a context of our own: the two
+    list ports of the plant cost 22-29 us per step on a car of 25 bodies, because every element
+    becomes a Python object; the state port with forward kinematics costs 10 us. The geometry is
+    therefore that of the plant at Finalize: frames moved in a context later are not seen. A
+    system evaluates one context at a time; give each thread its own diagram.
 
-        Body pose and velocity come from the plant's state through a context of our own: the two
-        list ports of the plant cost 22-29 us per step on a car of 25 bodies, because every element
-        becomes a Python object; the state port with forward kinematics costs 10 us. The geometry is
-        therefore that of the plant at Finalize: frames moved in a context later are not seen. A
-        system evaluates one context at a time; give each thread its own diagram.
+    Input ports:
+        plant_state: multibody state [q; v] of the plant.
+        wind_velocity (optional, 3): v_WA of the air in W, m/s; still air when not connected.
+    Output ports:
+        spatial_forces: list[ExternallyAppliedSpatialForce], one wrench on the body.
+        wrench (9): force on the body in W, N; moment about the body origin in W, N m; body
+            origin in W, m.
+        sections (4 n): per section |v_rel| m/s, gamma rad, Reynolds number, magnitude of the
+            force N.
+        validity (n): per section 0 outside the jet, 1 inside the measured range, 2 outside it
+            (edge value held), 3 inside it but above the quasi-steady limit.
+        wind_direction (1): see the function of that name, rad; a sail that faces the wind has
+            turned so far.
 
-        Input ports:
-            plant_state: multibody state [q; v] of the plant.
-            wind_velocity (optional, 3): v_WA of the air in W, m/s; still air when not connected.
-        Output ports:
-            spatial_forces: list[ExternallyAppliedSpatialForce], one wrench on the body.
-            wrench (9): force on the body in W, N; moment about the body origin in W, N m; body
-                origin in W, m.
-            sections (4 n): per section |v_rel| m/s, gamma rad, Reynolds number, magnitude of the
-                force N.
-            validity (n): per section 0 outside the jet, 1 inside the measured range, 2 outside it
-                (edge value held), 3 inside it but above the quasi-steady limit.
-            wind_direction (1): see the function of that name, rad; a sail that faces the wind has
-                turned so far.
+    Args:
+        plant: finalised plant, of double scalar; read for its kinematics only.
+        body: the body that carries the sections, or its name.
+        layout: sections in the body frame.
+        law: a `SectionLaw`, or a number for a constant C_N.
+        air: density and viscosity.
+        jet: the part of space where the wind blows and forces act (`Jet`); everywhere when
+            None.
+        quasi_steady_limit: relative speed up to which the model was shown to hold, m/s; no
+            limit when None.
+    """
 
-        Args:
-            plant: finalised plant, of double scalar; read for its kinematics only.
-            body: the body that carries the sections, or its name.
-            layout: sections in the body frame.
-            law: a `SectionLaw`, or a number for a constant C_N.
-            air: density and viscosity.
-            jet: the part of space where the wind blows and forces act (`Jet`); everywhere when
-                None.
-            quasi_steady_limit: relative speed up to which the model was shown to hold, m/s; no
-                limit when None.
+    def declare(
+        self,
+        T: Any,
+        plant: Any,
+        body: Any,
+        layout: SectionLayout,
+        law: SectionLaw | float,
+        air: Air | None = None,
+        jet: Any = None,
+        quasi_steady_limit: float | None = None,
+    ) -> None:
+        """Declares ports for a scalar type; arguments as above."""
+        if isinstance(law, int | float):
+            law = NormalForceLaw(law)
+        self._plant = plant
+        self._body = resolve_body(plant, body).index()  # not the object: design section 13
+        self._layout = layout
+        self._law = law
+        self._air = air or Air()
+        self._jet = jet
+        self._quasi_steady_limit = quasi_steady_limit
+        self._kinematics = plant.CreateDefaultContext()
+        self._p_BoRo_B = layout.p_BoRo_B
+        self._force = ExternallyAppliedSpatialForce_[T]()
+        self._force.body_index = self._body
+        self._force.p_BoBq_B = list(layout.p_BoRo_B)
+        self._SpatialForce = SpatialForce_[T]
+        self._state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+        self._wind = self.DeclareVectorInputPort("wind_velocity", 3)
+        inputs = {self._state.ticket(), self._wind.ticket()}
+        declare_spatial_forces(self, self._calc_forces, inputs, T)
+        for name, size, calc in (
+            ("wrench", 9, self._calc_wrench),
+            ("sections", 4 * layout.number, self._calc_sections),
+            ("validity", layout.number, self._calc_validity),
+            ("wind_direction", 1, self._calc_wind_direction),
+        ):
+            self.DeclareVectorOutputPort(name, size, weak_callback(calc), inputs)
+
+    def arguments(self, T: Any) -> tuple[Any, ...]:
+        """Arguments of the same system of scalar type T."""
+        plant = self._plant.ToScalarType[T]()
+        return plant, plant.get_body(self._body), *self._settings
+
+    @property
+    def _settings(self) -> tuple[Any, ...]:
+        return self._layout, self._law, self._air, self._jet, self._quasi_steady_limit
+
+    def reporter(self) -> Any:
+        """The same system again, to be watched beside a diagram that hides its ports."""
+        make: Any = type(self)
+        return make(self._plant, self.body, *self._settings)
+
+    @property
+    def law(self) -> SectionLaw:
+        """Force of a section."""
+        return self._law
+
+    @property
+    def plant(self) -> Any:
+        """The plant that was given."""
+        return self._plant
+
+    @property
+    def layout(self) -> SectionLayout:
+        """Sections in the body frame."""
+        return self._layout
+
+    @property
+    def body(self) -> Any:
+        """The body that carries the sections."""
+        return self._plant.get_body(self._body)
+
+    def _motion(self, context: Any) -> tuple[Any, LineMotion]:
+        """Pose of the body (three rows of [R | p]), motion of its sections against the air."""
+        kinematics = self._kinematics
+        plant = self._plant
+        body = self.body
+        plant.SetPositionsAndVelocities(kinematics, self._state.Eval(context))
+        X_WB = plant.EvalBodyPoseInWorld(kinematics, body).GetAsMatrix34().tolist()
+        V_WB = plant.EvalBodySpatialVelocityInWorld(kinematics, body)
+        w_x, w_y, w_z, v_x, v_y, v_z = V_WB.get_coeffs().tolist()
+        wind = None
+        if self._wind.HasValue(context):
+            wind = self._wind.Eval(context).tolist()
+        return X_WB, self._layout.motion(X_WB, (w_x, w_y, w_z), (v_x, v_y, v_z), wind)
+
+    def _exposed(self, X_WB: Any, a: Any) -> tuple[Any, Any]:
+        """Distances and areas of the sections; with a jet those of the exposed part, areas 0
+        without exposure.
         """
+        if self._jet is None:
+            return self._layout.distances, self._layout.areas
+        return self._jet.exposed_sections(self._layout, point_in_world(X_WB, self._p_BoRo_B), a)
 
-        def _construct(
-            self,
-            plant: Any,
-            body: Any,
-            layout: SectionLayout,
-            law: SectionLaw | float,
-            air: Air | None = None,
-            jet: Any = None,
-            quasi_steady_limit: float | None = None,
-            converter: Any = None,
-        ) -> None:
-            LeafSystem_[T].__init__(self, converter=converter)
-            self._plant = plant
-            self._body = resolve_body(plant, body).index()  # not the object: design section 13
-            self._layout = layout
-            self._air = air or Air()
-            self._jet = jet
-            if isinstance(law, int | float):
-                law = NormalForceLaw(law)
-            self._law = law
-            self._quasi_steady_limit = quasi_steady_limit
-            self._settings = (layout, self._law, self._air, jet, quasi_steady_limit)
-            self._kinematics = plant.CreateDefaultContext()
-            self._p_BoRo_B = layout.p_BoRo_B
-            self._force = ExternallyAppliedSpatialForce_[T]()
-            self._force.body_index = self._body
-            self._force.p_BoBq_B = list(layout.p_BoRo_B)
-            self._SpatialForce = SpatialForce_[T]
-            self._state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
-            self._wind = self.DeclareVectorInputPort("wind_velocity", 3)
-            inputs = {self.input_port_ticket(InputPortIndex(i)) for i in (0, 1)}
-            declare_spatial_forces(self, self._calc_forces, inputs, T)
-            for name, size, calc in (
-                ("wrench", 9, self._calc_wrench),
-                ("sections", 4 * layout.number, self._calc_sections),
-                ("validity", layout.number, self._calc_validity),
-                ("wind_direction", 1, self._calc_wind_direction),
-            ):
-                self.DeclareVectorOutputPort(name, size, weakly(calc), inputs)
+    def _line_force(self, context: Any) -> tuple[Any, Any]:
+        X_WB, line = self._motion(context)
+        distances, areas = self._exposed(X_WB, line.a)
+        return X_WB, self._law.line_force(line, distances, areas, self._air.density)
 
-        def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            plant = other._plant.ToScalarType[T]()
-            args = (plant, plant.get_body(other._body), *other._settings, converter)
-            Impl._construct(self, *args)
+    def _calc_forces(self, context: Any, output: Any) -> None:
+        _, (f_x, f_y, f_z, m_x, m_y, m_z) = self._line_force(context)
+        self._force.F_Bq_W = self._SpatialForce(np.array((m_x, m_y, m_z, f_x, f_y, f_z)))
+        output.set_value([self._force])
 
-        def reporter(self) -> Any:
-            """The same system again, to be watched beside a diagram that hides its ports."""
-            return Impl(self._plant, self.body, *self._settings)
+    def _calc_wrench(self, context: Any, output: Any) -> None:
+        X_WB, force = self._line_force(context)
+        p_WBo = [row[3] for row in X_WB]
+        root = point_in_world(X_WB, self._p_BoRo_B)
+        arm = [r - o for r, o in zip(root, p_WBo, strict=True)]
+        shifts = cross(arm, force[:3])
+        moment = [m + shift for m, shift in zip(force[3:], shifts, strict=True)]
+        output.SetFromVector([*force[:3], *moment, *p_WBo])
 
-        @property
-        def law(self) -> SectionLaw:
-            """Force of a section."""
-            return self._law
+    def _section_rows(self, context: Any) -> list[tuple[Any, ...]]:
+        """Lists per section: relative velocity (3), area, |v_rel|, gamma, axis, normal."""
+        X_WB, (u, k, a, n) = self._motion(context)
+        rows = []
+        for s, area in zip(*self._exposed(X_WB, a), strict=True):
+            v = (u[0] + s * k[0], u[1] + s * k[1], u[2] + s * k[2])
+            angle = angle_of_attack(v, a)
+            rows.append((v, area, length(v), angle, a, n))
+        return rows
 
-        @property
-        def plant(self) -> Any:
-            """The plant that was given."""
-            return self._plant
+    def _calc_sections(self, context: Any, output: Any) -> None:
+        chord_by_viscosity = self._layout.chord * self._air.density / self._air.viscosity
+        values: list[Any] = []
+        for v, area, speed, angle, a, n in self._section_rows(context):
+            force = length(self._law.section_force(v, a, n, area, self._air.density))
+            values += [speed, angle, chord_by_viscosity * speed, force]
+        output.SetFromVector(values)
 
-        @property
-        def layout(self) -> SectionLayout:
-            """Sections in the body frame."""
-            return self._layout
+    def _calc_validity(self, context: Any, output: Any) -> None:
+        validity = []
+        for row in self._section_rows(context):
+            area, speed, angle = map(float_of, row[1:4])
+            validity.append(self._validity(area, speed, angle))
+        output.SetFromVector(validity)
 
-        @property
-        def body(self) -> Any:
-            """The body that carries the sections."""
-            return self._plant.get_body(self._body)
+    def _calc_wind_direction(self, context: Any, output: Any) -> None:
+        X_WB, line = self._motion(context)
+        output.SetFromVector([wind_direction(line, *self._exposed(X_WB, line.a))])
 
-        def _motion(self, context: Any) -> tuple[Any, LineMotion]:
-            """Pose of the body (three rows of [R | p]), motion of its sections against the air."""
-            kinematics = self._kinematics
-            plant = self._plant
-            body = self.body
-            plant.SetPositionsAndVelocities(kinematics, self._state.Eval(context))
-            X_WB = plant.EvalBodyPoseInWorld(kinematics, body).GetAsMatrix34().tolist()
-            w_x, w_y, w_z, v_x, v_y, v_z = (
-                plant.EvalBodySpatialVelocityInWorld(kinematics, body).get_coeffs().tolist()
-            )
-            if self._wind.HasValue(context):
-                wind = self._wind.Eval(context).tolist()
-            else:
-                wind = None
-            return X_WB, self._layout.motion(X_WB, (w_x, w_y, w_z), (v_x, v_y, v_z), wind)
-
-        def _exposed(self, X_WB: Any, a: Any) -> tuple[Any, Any]:
-            """Distances and areas of the sections; with a jet those of the exposed part, areas 0
-            without exposure.
-            """
-            if self._jet is None:
-                return self._layout.distances, self._layout.areas
-            return self._jet.exposed_sections(self._layout, point_in_world(X_WB, self._p_BoRo_B), a)
-
-        def _line_force(self, context: Any) -> tuple[Any, Any]:
-            X_WB, line = self._motion(context)
-            return X_WB, self._law.line_force(line, *self._exposed(X_WB, line.a), self._air.density)
-
-        def _calc_forces(self, context: Any, output: Any) -> None:
-            _, (f_x, f_y, f_z, m_x, m_y, m_z) = self._line_force(context)
-            self._force.F_Bq_W = self._SpatialForce(np.array((m_x, m_y, m_z, f_x, f_y, f_z)))
-            output.set_value([self._force])
-
-        def _calc_wrench(self, context: Any, output: Any) -> None:
-            X_WB, force = self._line_force(context)
-            p_WBo = [row[3] for row in X_WB]
-            arm = [r - o for r, o in zip(point_in_world(X_WB, self._p_BoRo_B), p_WBo, strict=True)]
-            moment = [m + shift for m, shift in zip(force[3:], cross(arm, force[:3]), strict=True)]
-            output.SetFromVector([*force[:3], *moment, *p_WBo])
-
-        def _section_rows(self, context: Any) -> list[tuple[Any, ...]]:
-            """Per section: relative velocity (3), area, |v_rel|, gamma."""
-            X_WB, (u, k, a, n) = self._motion(context)
-            rows = []
-            for s, area in zip(*self._exposed(X_WB, a), strict=True):
-                v = (u[0] + s * k[0], u[1] + s * k[1], u[2] + s * k[2])
-                rows.append((v, area, length(v), angle_of_attack(v, a), a, n))
-            return rows
-
-        def _calc_sections(self, context: Any, output: Any) -> None:
-            chord_by_viscosity = self._layout.chord * self._air.density / self._air.viscosity
-            values: list[Any] = []
-            for v, area, speed, angle, a, n in self._section_rows(context):
-                force = length(self._law.section_force(v, a, n, area, self._air.density))
-                values += [speed, angle, chord_by_viscosity * speed, force]
-            output.SetFromVector(values)
-
-        def _calc_validity(self, context: Any, output: Any) -> None:
-            rows = [[float_of(value) for value in row[1:4]] for row in self._section_rows(context)]
-            output.SetFromVector([self._validity(*row) for row in rows])
-
-        def _calc_wind_direction(self, context: Any, output: Any) -> None:
-            X_WB, line = self._motion(context)
-            output.SetFromVector([wind_direction(line, *self._exposed(X_WB, line.a))])
-
-        def _validity(self, area: float, speed: float, angle: float) -> float:
-            if area <= 0.0:
-                return NOT_EXPOSED
-            if not self._law.covers(speed, angle):
-                return EXTRAPOLATED
-            limit = self._quasi_steady_limit
-            return BEYOND_QUASI_STEADY if limit is not None and speed > limit else MEASURED
-
-    return Impl
+    def _validity(self, area: float, speed: float, angle: float) -> float:
+        if area <= 0.0:
+            return NOT_EXPOSED
+        if not self._law.covers(speed, angle):
+            return EXTRAPOLATED
+        limit = self._quasi_steady_limit
+        return BEYOND_QUASI_STEADY if limit is not None and speed > limit else MEASURED
 
 
+TailForce_ = scalar_template("TailForce_", __name__, TailForceParts)
+"""Template over the scalar type; see `TailForceParts`."""
 TailForce = TailForce_[float]
 """Aerodynamic wrench on a body made of sections on a straight line, as a Drake system; see
 `add_tail_force`."""
@@ -331,17 +305,15 @@ def add_tail_force(
             f"tail force: plant '{plant.get_name()}' is not in this builder; add it first"
         )
     carrier = resolve_body(plant, body)
-    if jet is not None:
-        jet.require_reachable(plant, carrier, layout)
-    force = TailForce(
-        plant, carrier, layout, law, air=air, jet=jet, quasi_steady_limit=quasi_steady_limit
-    )
     name = name or f"tail_force_{carrier.name()}"
     if builder.HasSubsystemNamed(name):
         raise ModelError(
             f"tail force: this builder has a system named '{name}' already; a second one on body "
             f"'{carrier.name()}' needs another name="
         )
+    if jet is not None:
+        jet.require_reachable(plant, carrier, layout)
+    force = TailForce(plant, carrier, layout, law, air, jet, quasi_steady_limit)
     if wind is None and jet is None and force.law.knows_normal:
         line = idle_normal(plant, carrier, layout)
         if line:
@@ -349,7 +321,7 @@ def add_tail_force(
     inputs = {"plant_state": plant.get_state_output_port()}
     if wind is not None:
         inputs["wind_velocity"] = wind
-    system = connected(builder, force, name, **inputs)
+    system = add_and_connect(builder, force, name, **inputs)
     if applied:
         connect_spatial_forces(builder, plant, system.GetOutputPort("spatial_forces"))
     return system
@@ -381,148 +353,3 @@ def connect_spatial_forces(
     builder.Connect(present, multiplexer.get_input_port(0))
     builder.Connect(forces, multiplexer.get_input_port(1))
     builder.Connect(multiplexer.get_output_port(), port)
-
-
-def idle_normal(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -> str:
-    """One line when no joint ever moves the sections along their normal; empty when one does, or
-    none moves them.
-
-    The six degrees of freedom of floating bases are left out: they move any plate in any direction.
-
-    Args:
-        plant: finalised.
-        body: that carries the sections.
-        layout: sections in the body frame.
-    """
-    motion = _section_motion(plant, body, layout)
-    moved = float(np.max(np.linalg.norm(motion, axis=0), initial=0.0))
-    normal = np.asarray(layout.normal_B)
-    if moved == 0.0 or float(np.max(np.abs(normal @ motion))) > _ALONG * moved:
-        return ""
-    axis = np.asarray(layout.axis_B)
-    across = motion - np.outer(axis, axis @ motion)
-    left, size, _ = np.linalg.svd(across, full_matrices=False)
-    line = (
-        f"tail force on body '{body.name()}': no joint moves its sections along normal_B "
-        f"{_words(normal)}, so that a swing feels no air"
-    )
-    if size[0] > _ALONG * moved:
-        return f"{line}; it moves them along {_words(left[:, 0])}"
-    return line
-
-
-def _section_motion(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -> np.ndarray:
-    """Velocities of section centres in B per unit rate of each joint, in several poses (3, n)."""
-    moving = [
-        joint.velocity_start() + k
-        for joint in joints_of(plant)
-        for k in range(joint.num_velocities())
-    ]
-    frame = body.body_frame()
-    centres = layout.p_BoSi_B.T
-    found = [np.zeros((3, 0))]
-    for context in sampled_poses(plant, _POSES if moving else 0):
-        J: Any = plant.CalcJacobianTranslationalVelocity(
-            context, JacobianWrtVariable.kV, frame, centres, plant.world_frame(), frame
-        )
-        found += np.split(np.asarray(J)[:, moving], layout.number)
-    return np.hstack(found)
-
-
-def _words(vector: np.ndarray) -> str:
-    sign = -1.0 if vector[np.argmax(np.abs(vector))] < 0.0 else 1.0
-    parts = ", ".join(f"{round(float(sign * part), 2) + 0.0:g}" for part in vector)
-    return f"({parts})"
-
-
-class SectionWatch(LeafSystem):
-    """Counts the looks at which a section was outside its coefficients' range; keeps the largest
-    Reynolds number.
-
-    The counts are those of one run: initialisation starts them anew.
-
-    Input ports:
-        sections (4 n), validity (n): of a `TailForce`.
-
-    Args:
-        number: of sections.
-        rate: looks per second, Hz.
-    """
-
-    def __init__(self, number: int, rate: float) -> None:
-        super().__init__()
-        self._sections = self.DeclareVectorInputPort("sections", len(SECTION_COLUMNS) * number)
-        self._validity = self.DeclareVectorInputPort("validity", number)
-        self._clear()
-        self.DeclareInitializationPublishEvent(self._start)
-        self.DeclarePeriodicPublishEvent(period_of(rate, Stage.RECORD), 0.0, self._look)
-
-    @classmethod
-    def add_to_builder(
-        cls,
-        builder: DiagramBuilder,
-        name: str,
-        sections: OutputPort,
-        validity: OutputPort,
-        rate: float,
-    ) -> SectionWatch:
-        """Adds a watch, at `rate` Hz, on these ports of a `TailForce`."""
-        return connected(
-            builder, cls(validity.size(), rate), name, sections=sections, validity=validity
-        )
-
-    def facts(self) -> dict[str, float]:
-        """What the run came to so far, for `extra` of its log.
-
-        Returns:
-            sections_outside_measured_range: share of the looks (0 to 1) at which at least one
-                section held the edge value of its coefficients.
-            sections_above_quasi_steady_limit: share at which at least one section, inside that
-                range, was faster than the quasi-steady model was shown to hold.
-            largest_reynolds_number: of any section, with the sail's width.
-        """
-        looks = max(self._looks, 1)
-        return {
-            "sections_outside_measured_range": self._outside / looks,
-            "sections_above_quasi_steady_limit": self._too_fast / looks,
-            "largest_reynolds_number": self._reynolds,
-        }
-
-    @property
-    def fastest(self) -> float:
-        """Largest relative speed of a section so far, m/s."""
-        return self._fastest
-
-    @property
-    def felt_no_air(self) -> bool:
-        """Whether air passed the sections and none of them ever felt more than rounding leaves of a
-        force.
-        """
-        return self._fastest > _STILL_AIR and self._share <= _ROUNDING
-
-    def _clear(self) -> None:
-        self._looks = 0
-        self._outside = 0
-        self._too_fast = 0
-        self._reynolds = 0.0
-        self._fastest = 0.0
-        self._share = 0.0
-
-    def _start(self, context: Context) -> EventStatus:
-        self._clear()
-        return EventStatus.Succeeded()
-
-    def _look(self, context: Context) -> EventStatus:
-        sections = vector_of(self._sections, context)
-        validity = vector_of(self._validity, context)
-        self._looks += 1
-        self._outside += bool(np.any(validity == EXTRAPOLATED))
-        self._too_fast += bool(np.any(validity == BEYOND_QUASI_STEADY))
-        columns = len(SECTION_COLUMNS)
-        speeds = sections[_SPEED::columns]
-        forces = sections[_FORCE::columns]
-        shares = forces / np.maximum(speeds, _STILL_AIR) ** 2
-        self._reynolds = max(self._reynolds, float(sections[_REYNOLDS::columns].max()))
-        self._fastest = max(self._fastest, float(speeds.max()))
-        self._share = max(self._share, float(np.max(shares)))
-        return EventStatus.Succeeded()

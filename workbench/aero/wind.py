@@ -10,16 +10,11 @@ import numpy as np
 from pydrake.math import cos, sin
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from aerodima.workbench.aero.laws import check_above_zero, check_from_zero
+from aerodima.workbench.aero.section_laws import check_above_zero, check_from_zero, float_of
 from aerodima.workbench.aero.sections import Jet
-from aerodima.workbench.errors import ModelError
-from aerodima.workbench.systems.system_ports import (
-    LeafSystem_,
-    Stage,
-    period_of,
-    system_template,
-    weakly,
-)
+from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.event_order import EventPriority, period_of
+from aerodima.workbench.core.system_lifetime import SystemParts, scalar_template, weak_callback
 
 Vector3 = tuple[float, float, float]
 _CALM: Vector3 = (0.0, 0.0, 0.0)
@@ -76,83 +71,71 @@ class WindModel:
 
     def turbulence_step(self, step: int, previous: Any) -> list[Any]:
         """Filtered noise after one more update; `step` 0 draws from the stationary distribution."""
-        noise = np.random.Generator(
-            np.random.Philox(key=self.seed, counter=[0, 0, 0, step])
-        ).standard_normal(3)
+        generator = np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, step]))
+        noise = generator.standard_normal(3)
         if step == 0:
             return [std * x for std, x in zip(self.turbulence, noise, strict=True)]
         keep = math.exp(-self.update_period / self.time_constant)
         spread = math.sqrt(1.0 - keep * keep)
-        return [
-            keep * p + spread * std * x
-            for p, std, x in zip(previous, self.turbulence, noise, strict=True)
-        ]
+        after = []
+        for before, std, x in zip(previous, self.turbulence, noise, strict=True):
+            after.append(keep * before + spread * std * x)
+        return after
 
 
-@system_template("WindSource_", __name__)
-def WindSource_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
-    """Template over the scalar type; see `WindSource`."""
+class WindParts(SystemParts):
+    """The wind of a `WindModel`.
 
-    class Impl(LeafSystem_[T]):  # type: ignore[misc]  # the base is not in the stubs
-        """The wind of a `WindModel`.
+    Output ports:
+        wind_velocity (3): v_WA of the air in W, m/s.
+        wind_acceleration (3): of mean and gust, m/s2; turbulence is held between updates and has
+            none.
+    """
 
-        Output ports:
-            wind_velocity (3): v_WA of the air in W, m/s.
-            wind_acceleration (3): of mean and gust, m/s2; turbulence is held between updates and
-                has none.
-        """
+    def declare(self, T: Any, model: WindModel) -> None:
+        """Declares ports, and the state of a turbulent wind."""
+        self._model = model
+        self._turbulent = max(model.turbulence) > 0.0
+        if self._turbulent:
+            self.DeclareDiscreteState(model.turbulence_step(0, None))
+            # The update at 0 changes nothing.
+            period = period_of(1.0 / model.update_period, EventPriority.WIND)
+            self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+        self.DeclareVectorOutputPort("wind_velocity", 3, weak_callback(self._calc_velocity))
+        self.DeclareVectorOutputPort("wind_acceleration", 3, weak_callback(self._calc_acceleration))
 
-        def _construct(self, model: WindModel, converter: Any = None) -> None:
-            LeafSystem_[T].__init__(self, converter=converter)
-            self._model = model
-            self._turbulent = max(model.turbulence) > 0.0
-            if self._turbulent:
-                self.DeclareDiscreteState(model.turbulence_step(0, None))
-                # The update at 0 changes nothing.
-                self.DeclarePeriodicDiscreteUpdateEvent(
-                    period_of(1.0 / model.update_period, Stage.WIND), 0.0, self._update
-                )
-            self.DeclareVectorOutputPort("wind_velocity", 3, weakly(self._calc))
-            self.DeclareVectorOutputPort("wind_acceleration", 3, weakly(self._calc_acceleration))
+    def arguments(self, T: Any) -> tuple[WindModel]:
+        """Arguments of the same system of scalar type T."""
+        return (self._model,)
 
-        def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            Impl._construct(self, other._model, converter)
+    def _phase(self, context: Any) -> Any:
+        model = self._model
+        return 2.0 * math.pi * model.gust_frequency * context.get_time() + model.gust_phase
 
-        def _calc_acceleration(self, context: Any, output: Any) -> None:
-            omega = 2.0 * math.pi * self._model.gust_frequency
-            wave = omega * cos(omega * context.get_time() + self._model.gust_phase)
-            output.SetFromVector([gust * wave for gust in self._model.gust])
+    def _calc_acceleration(self, context: Any, output: Any) -> None:
+        omega = 2.0 * math.pi * self._model.gust_frequency
+        wave = omega * cos(self._phase(context))
+        output.SetFromVector([gust * wave for gust in self._model.gust])
 
-        def _update(self, context: Any, state: Any) -> None:
-            time = context.get_time()
-            if isinstance(time, float):
-                seconds = time
-            else:
-                seconds = time.value()
-            step = round(seconds / self._model.update_period)
-            state.get_mutable_vector().SetFromVector(
-                self._model.turbulence_step(
-                    step, context.get_discrete_state_vector().CopyToVector()
-                )
-            )
+    def _update(self, context: Any, state: Any) -> None:
+        step = round(float_of(context.get_time()) / self._model.update_period)
+        noise = context.get_discrete_state_vector().CopyToVector()
+        state.get_mutable_vector().SetFromVector(self._model.turbulence_step(step, noise))
 
-        def _calc(self, context: Any, output: Any) -> None:
-            model = self._model
-            wave = sin(2.0 * math.pi * model.gust_frequency * context.get_time() + model.gust_phase)
-            wind = [mean + gust * wave for mean, gust in zip(model.mean, model.gust, strict=True)]
-            if self._turbulent:
-                wind = [
-                    w + x
-                    for w, x in zip(
-                        wind, context.get_discrete_state_vector().CopyToVector(), strict=True
-                    )
-                ]
-            output.SetFromVector(wind)
-
-    return Impl
+    def _calc_velocity(self, context: Any, output: Any) -> None:
+        model = self._model
+        wave = sin(self._phase(context))
+        wind = [mean + gust * wave for mean, gust in zip(model.mean, model.gust, strict=True)]
+        if self._turbulent:
+            noise = context.get_discrete_state_vector().CopyToVector()
+            wind = [steady + part for steady, part in zip(wind, noise, strict=True)]
+        output.SetFromVector(wind)
 
 
+WindSource_ = scalar_template("WindSource_", __name__, WindParts)
+"""Template over the scalar type; see `WindParts`."""
 WindSource = WindSource_[float]
+"""The wind of a `WindModel` as a Drake system; see `add_wind`."""
 
 
 def add_wind(builder: DiagramBuilder, model: WindModel | None = None) -> OutputPort:

@@ -1,6 +1,4 @@
-"""Worker processes that Dask starts on this computer, or those of a scheduler that runs somewhere;
-what runs in one.
-"""
+"""Worker processes that Dask starts here, or those of a running scheduler; what runs in one."""
 
 from __future__ import annotations
 
@@ -19,30 +17,36 @@ from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, Any
 
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.core.errors import UserError
 
 if TYPE_CHECKING:
     from distributed import Client
 
-
+MAX_WORKERS = 64
+"""Processes on one computer."""
 CONNECT_TIMEOUT = 10.0
-"""s; a scheduler that does not answer in this time is not there."""
+"""Time in which a scheduler that is there answers, s."""
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 ALLOCATORS = ("tcmalloc_minimal", "jemalloc")
 """Libraries with which a simulated run costs 16 to 18 % less than with the C library of Debian 12,
 to the same bits."""
-ALL_GARBAGE = 100
-"""So many pieces lie between two looks at everything in a worker that may be garbage; else only at
-what is new."""
+FULL_COLLECTION_PERIOD = 100
+"""Pieces between two full garbage collections of a worker; the others see only what is new."""
 _pieces = itertools.count(1)
 _GIGABYTE = 1.0e9
 """Bytes in a gigabyte."""
 
 
+def check_workers(workers: int) -> None:
+    """Raise UserError unless there are 1 to `MAX_WORKERS` workers."""
+    if not 1 <= workers <= MAX_WORKERS:
+        raise UserError(f"--workers {workers}: must be 1 to {MAX_WORKERS}")
+
+
 @contextmanager
 def local_cluster(workers: int, memory: float | None = None) -> Iterator[Client]:
-    """So many processes, each replaced by Dask's nanny when it ends, with one BLAS thread and
-    `memory` bytes.
+    """Start processes of one BLAS thread and `memory` bytes each; Dask's nanny replaces one that
+    ends.
     """
     import dask
     from distributed import Client, LocalCluster
@@ -83,15 +87,14 @@ def local_cluster(workers: int, memory: float | None = None) -> Iterator[Client]
 
 @contextmanager
 def remote_cluster(address: str) -> Iterator[Client]:
-    """The workers of the scheduler at an address."""
+    """Connect to the workers of the scheduler at an address."""
     from distributed import Client
 
     try:
         client = Client(address, timeout=CONNECT_TIMEOUT)
     except (OSError, ValueError) as error:
-        reason = " ".join(str(error).split())[:160]
         raise UserError(
-            f"--scheduler {address}: no Dask scheduler answers there ({reason})"
+            f"--scheduler {address}: no Dask scheduler answers there ({str(error)[:160]})"
         ) from None
     with client:
         if not client.nthreads():
@@ -104,32 +107,27 @@ def remote_cluster(address: str) -> Iterator[Client]:
 
 @contextmanager
 def _environment_of_workers() -> Iterator[None]:
-    """What worker processes inherit: one thread each, and a fast allocator where this computer has
-    one.
+    """Set what worker processes inherit: one thread each, and a fast allocator if there is one.
 
     In Dask's own setting the threads would not outdo the caller's. What the caller preloads stays.
     """
-    wanted = dict.fromkeys(THREAD_VARIABLES, "1")
-    fast = None
+    before = dict(os.environ)
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     if sys.platform == "linux":
-        fast = next(filter(None, map(find_library, ALLOCATORS)), None)
-    if fast is not None:
-        wanted["LD_PRELOAD"] = " ".join(filter(None, (os.environ.get("LD_PRELOAD"), fast)))
-    before = {name: os.environ.get(name) for name in wanted}
-    os.environ.update(wanted)
+        allocators = filter(None, map(find_library, ALLOCATORS))
+        preloaded = filter(None, [before.get("LD_PRELOAD"), next(allocators, None)])
+        os.environ["LD_PRELOAD"] = " ".join(preloaded)
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        for name in os.environ.keys() - before.keys():
+            del os.environ[name]
+        os.environ.update(before)
 
 
 @contextmanager
 def quiet_logs() -> Iterator[None]:
-    """Dask logs every lost worker and closed stream; our own record has what matters."""
+    """Silence Dask, which logs every lost worker and stream; our own record has what matters."""
     import distributed  # noqa: F401 - sets its logger up when it is imported, so before the level below
 
     logger = logging.getLogger("distributed")
@@ -143,7 +141,7 @@ def quiet_logs() -> Iterator[None]:
 
 @contextmanager
 def _ctrl_c_blocked() -> Iterator[None]:
-    """Holds Ctrl-C back for threads and processes that are started meanwhile, and for what they
+    """Hold Ctrl-C back for threads and processes that are started meanwhile, and for what they
     start in turn.
 
     The terminal sends it to all processes, but the client alone is to act on it: it closes the
@@ -160,7 +158,7 @@ def _ctrl_c_blocked() -> Iterator[None]:
 
 @dataclass
 class Worker:
-    """What is known of one worker process; memory in bytes."""
+    """State of one worker process; memory in bytes."""
 
     name: str
     threads: int
@@ -175,34 +173,34 @@ class Worker:
 
     @property
     def held(self) -> str:
-        """Its memory and limit, in words."""
+        """Say its memory and limit."""
+        text = f"{self.memory / _GIGABYTE:.2f}"
         if self.limit:
-            limit = f" of {self.limit / _GIGABYTE:.2f}"
-        else:
-            limit = ""
-        return f"{self.memory / _GIGABYTE:.2f}{limit} GB"
+            text += f" of {self.limit / _GIGABYTE:.2f}"
+        return f"{text} GB"
 
     def is_stopped(self) -> bool:
-        """Whether its process, on this computer, was stopped by a signal."""
+        """Tell whether a signal stopped its process, which runs on this computer."""
         import psutil
 
+        if not self.pid:
+            return False
         try:
-            return bool(self.pid) and bool(
-                psutil.Process(self.pid).status() == psutil.STATUS_STOPPED
-            )
+            status = psutil.Process(self.pid).status()
         except psutil.NoSuchProcess:
             return False
+        return bool(status == psutil.STATUS_STOPPED)
 
     def __str__(self) -> str:
         return f"worker {self.name} (process {self.pid or 'unknown'})"
 
 
-def do_piece(work: Callable[[Any], Any], item: Any) -> tuple[Any, float, int, int]:
-    """In the worker: the result, its time (s), the process and its memory afterwards (bytes)."""
+def run_piece(work: Callable[[Any], Any], item: Any) -> tuple[Any, float, int, int]:
+    """Do a piece in the worker: result, time (s), process and its memory afterwards (bytes)."""
     start = time.monotonic()
     result = work(item)
     seconds = time.monotonic() - start
-    if next(_pieces) % ALL_GARBAGE == 0:
+    if next(_pieces) % FULL_COLLECTION_PERIOD == 0:
         gc.unfreeze()
     # a dead diagram is a cycle that weighs megabytes and looks like a few small objects
     gc.collect()
@@ -210,14 +208,13 @@ def do_piece(work: Callable[[Any], Any], item: Any) -> tuple[Any, float, int, in
     return result, seconds, os.getpid(), _memory()
 
 
-def get_ready(module: str | None) -> tuple[None, float, int, int]:
-    """In a new worker: imports what pieces need, and keeps it out of the collector's rounds."""
-    start = time.monotonic()
+def prepare_worker(module: str | None) -> tuple[None, float, int, int]:
+    """Import what pieces need in a new worker, out of the garbage collector's sight."""
     if module is not None:
         importlib.import_module(module)
     gc.collect()
     gc.freeze()
-    return None, time.monotonic() - start, os.getpid(), _memory()
+    return None, 0.0, os.getpid(), _memory()
 
 
 def _memory() -> int:

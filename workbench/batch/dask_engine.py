@@ -1,5 +1,4 @@
-"""The engine on Dask workers: it hands out one piece per worker at a time, and looks after the
-workers meanwhile.
+"""Engine on Dask workers: hands out one piece a thread, replaces workers that pause or stop.
 
 Dask pauses a worker at 80 % of its memory, ends it at 95 %, and leaves the rest to us: a paused
 worker is replaced.
@@ -13,46 +12,43 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from concurrent.futures import wait as wait_for
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from aerodima.workbench.batch.dask_cluster import (
     Worker,
-    do_piece,
-    get_ready,
+    check_workers,
     local_cluster,
+    prepare_worker,
     quiet_logs,
     remote_cluster,
+    run_piece,
 )
-from aerodima.workbench.batch.engine import Engine, Item, Result, Standstill, WorkerRecord
-from aerodima.workbench.batch.row_store import ProgressLine, on_stderr
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.batch.engine import Engine, Item, Result, StallMonitor, WorkerRecord
+from aerodima.workbench.batch.row_store import ProgressLine, print_progress
+from aerodima.workbench.core.errors import UserError
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-MOST_WORKERS = 64
-"""Processes on one computer."""
-LOOK_EVERY = 1.0
-"""s, between two looks at the workers."""
-STOPPED_LOOKS = 5
-"""So many looks in a row must find a process stopped (SIGSTOP) before it is killed and replaced."""
-PAUSED_LOOKS = 5
-"""So many looks in a row must find a paused worker idle although it has a piece before it is
-replaced."""
-RETIRED_FOR = 60.0
-"""s; a worker that is still there so long after it was given up is a worker again."""
-RESULT_WITHIN = 30.0
-"""s; a result that a worker does not hand over in this time is lost, and its piece is made once
-more."""
-WORKER_WITHIN = 300.0
-"""s; without any worker for so long the study ends."""
-ANSWER_WITHIN = 30.0
-"""s, for an answer of the scheduler."""
-DEATHS_AT_THE_START = 3
-"""Workers, and as many for each that works, that may die before any piece is done: then it is not
-the pieces' fault."""
+POLL_PERIOD = 1.0
+"""Time between two polls of the workers, s."""
+STOPPED_POLLS = 5
+"""Polls in a row that find a process stopped (SIGSTOP) before it is killed and replaced."""
+PAUSED_POLLS = 5
+"""Polls in a row that find a paused worker idle although it has a piece before it is replaced."""
+QUARANTINE = 60.0
+"""Time for which the address of a worker that was given up is ignored, s."""
+RESULT_TIMEOUT = 30.0
+"""Time in which a worker hands over a result, s; after that its piece is made once more."""
+WORKER_TIMEOUT = 300.0
+"""Time without any worker after which the study ends, s."""
+SCHEDULER_TIMEOUT = 30.0
+"""Time in which the scheduler answers, s."""
+MAX_STARTUP_FAILURES = 3
+"""Workers, as many for each that works, that die before any piece is done: then the pieces are not
+the reason."""
 
 
 @contextmanager
@@ -60,12 +56,12 @@ def open_engine(
     workers: int = 2,
     scheduler: str | None = None,
     *,
-    progress: ProgressLine = on_stderr,
+    progress: ProgressLine = print_progress,
     record: str | Path | None = None,
     memory: float | None = None,
     module: str | None = None,
 ) -> Iterator[Engine]:
-    """Worker processes on this computer, or those of a Dask cluster.
+    """Open an engine of worker processes on this computer, or of those of a Dask cluster.
 
     Args:
         workers: processes to start here, one BLAS thread each; not used with a scheduler.
@@ -82,19 +78,19 @@ def open_engine(
     if scheduler is None:
         check_workers(workers)
     start = time.monotonic()
-    kept = WorkerRecord(progress, None if record is None else Path(record))
+    events = WorkerRecord(progress, None if record is None else Path(record))
     if scheduler is None:
-        client_of = local_cluster(workers, memory)
+        cluster = local_cluster(workers, memory)
     else:
-        client_of = remote_cluster(scheduler)
-    with quiet_logs(), client_of as client:
-        engine = DaskEngine(client, kept, is_local=scheduler is None, module=module)
+        cluster = remote_cluster(scheduler)
+    with quiet_logs(), cluster as client:
+        engine = DaskEngine(client, events, is_local=scheduler is None, module=module)
         engine.wait_until_ready()
         engine.startup = time.monotonic() - start
         try:
             yield engine
         finally:
-            kept.close()
+            events.close()
 
 
 def run_batch(
@@ -104,25 +100,20 @@ def run_batch(
     done: Callable[[int, Result], None] | None = None,
     lost: Callable[[Item], Result] | None = None,
     *,
-    progress: ProgressLine = on_stderr,
+    progress: ProgressLine = print_progress,
     record: Path | None = None,
 ) -> list[Result]:
-    """`Engine.map` on an engine for these items; one worker, or one item, runs in this process."""
+    """Map items on an engine of their own; one worker, or one item, runs in this process."""
     check_workers(workers)
     number = min(workers, len(items))
-    alone = nullcontext(Engine(progress, record))
-    with alone if number <= 1 else open_engine(number, progress=progress, record=record) as engine:
+    if number <= 1:
+        return Engine(progress, record).map(work, items, done, lost)
+    with open_engine(number, progress=progress, record=record) as engine:
         return engine.map(work, items, done, lost)
 
 
-def check_workers(workers: int) -> None:
-    """Raises UserError unless there are 1 to `MOST_WORKERS` workers."""
-    if not 1 <= workers <= MOST_WORKERS:
-        raise UserError(f"--workers {workers}: allowed: 1 to {MOST_WORKERS}")
-
-
 class DaskEngine(Engine):
-    """On the workers of a Dask client; made by `open_engine`."""
+    """Engine on the workers of a Dask client; made by `open_engine`."""
 
     def __init__(
         self, client: Client, record: WorkerRecord, *, is_local: bool, module: str | None
@@ -134,22 +125,24 @@ class DaskEngine(Engine):
         self._workers: dict[str, Worker] = {}
         self._retired: dict[str, float] = {}
         """Address -> when a worker that the scheduler may still list was given up; monotonic, s."""
-        self._looked = -LOOK_EVERY
+        self._polled = -POLL_PERIOD
         self._staffed = time.monotonic()
-        self._deaths = 0
-        self._worked = False
-        self._under_way: dict[Future, tuple[str, int | None]] = {}
-        """Address of the worker, and the place of the piece; None while the worker gets ready."""
-        self._dead: list[int] = []
-        self._again: list[int] = []
-        self._still = Standstill(record, self._where)
+        self._failures = 0
+        self._has_results = False
+        self._pending: dict[Future, tuple[str, int | None]] = {}
+        """Address of the worker, and index of the piece; None while the worker prepares itself."""
+        self._orphans: list[int] = []
+        """Pieces whose worker died."""
+        self._withdrawn: list[int] = []
+        """Pieces to make again for a reason that is not theirs."""
+        self._stall = StallMonitor(record, self._busy_workers)
 
     def wait_until_ready(self) -> None:
-        """Until every worker that is there has imported what it needs."""
-        while self._under_way or not self._workers:
-            self._look()
-            for future in self._ended():
-                self._take(future)
+        """Wait until every worker has imported what it needs."""
+        while self._pending or not self._workers:
+            self._poll()
+            for future in self._finished():
+                self._collect(future)
 
     def map(
         self,
@@ -158,46 +151,45 @@ class DaskEngine(Engine):
         done: Callable[[int, Any], None] | None = None,
         lost: Callable[[Any], Any] | None = None,
     ) -> list[Any]:
-        """See `Engine`."""
+        """Map items; see `Engine`."""
         waiting = deque(range(len(items)))
         suspects = deque[int]()
         results: dict[int, Any] = {}
         given_up = list[int]()
-        died = set[int]()
-        self._still = Standstill(self._record, self._where)
+        orphaned = set[int]()
+        self._stall = StallMonitor(self._record, self._busy_workers)
         self._staffed = time.monotonic()
 
-        def keep(place: int, result: Any) -> None:
-            results[place] = result
+        def keep(index: int, result: Any) -> None:
+            results[index] = result
             if done is not None:
-                done(place, result)
+                done(index, result)
 
         try:
             while len(results) + len(given_up) < len(items):
-                self._look()
-                self._hand_out(work, items, waiting or suspects, alone=not waiting)
-                for future in self._ended():
-                    place, result = self._take(future)
-                    if place is not None:
-                        keep(place, result)
-                waiting.extendleft(self._again)
-                for place in self._dead:
-                    if place not in died:
-                        died.add(place)
-                        suspects.append(place)
+                self._poll()
+                self._assign(work, items, waiting or suspects, alone=not waiting)
+                for future in self._finished():
+                    index, result = self._collect(future)
+                    if index is not None:
+                        keep(index, result)
+                waiting.extendleft(self._withdrawn)
+                for index in self._orphans:
+                    if index not in orphaned:
+                        orphaned.add(index)
+                        suspects.append(index)
                         continue
-                    self._record.event(
-                        "given_up",
-                        f"given up, lost twice with its worker: {str(items[place])[:200]}",
-                    )
+                    text = f"given up, lost twice with its worker: {str(items[index])[:200]}"
+                    self._record.event("given_up", text)
                     if lost is None:
-                        given_up.append(place)
+                        given_up.append(index)
                     else:
-                        keep(place, lost(items[place]))
-                self._again = []
-                self._dead = []
+                        keep(index, lost(items[index]))
+                self._clear_lost()
         finally:
-            self._drop()
+            for future in self._pieces():
+                self._withdraw(future, self._withdrawn)
+            self._clear_lost()
         if given_up:
             raise UserError(
                 f"{len(given_up)} of {len(items)} pieces were lost twice with their worker process "
@@ -205,257 +197,244 @@ class DaskEngine(Engine):
             )
         return [results[index] for index in range(len(items))]
 
-    def _drop(self) -> None:
-        """Forgets all pending runs, without a word to the user."""
-        for future in [
-            future for future, (_, place) in self._under_way.items() if place is not None
-        ]:
-            self._forget_future(future, self._again)
-        self._again = []
-        self._dead = []
+    def _clear_lost(self) -> None:
+        self._withdrawn = []
+        self._orphans = []
 
-    def _hand_out(
+    def _pieces(self) -> list[Future]:
+        """List the futures of pieces, without those of workers that prepare themselves."""
+        return [future for future, (_, index) in self._pending.items() if index is not None]
+
+    def _futures_at(self, address: str) -> list[Future]:
+        return [future for future, (where, _) in self._pending.items() if where == address]
+
+    def _assign(
         self, work: Callable[[Any], Any], items: Sequence[Any], source: deque[int], alone: bool
     ) -> None:
-        """One piece for every free thread; with `alone` one piece and nothing beside it."""
+        """Hand out a piece for every free thread; with `alone` one piece and nothing beside it."""
         for address, worker in list(self._workers.items()):
-            busy = sum(address == where for where, _ in self._under_way.values())
-            while source and busy < worker.threads and worker.pid and worker.status == "running":
-                if alone and any(place is not None for _, place in self._under_way.values()):
+            if not worker.pid or worker.status != "running":
+                continue
+            free = worker.threads - len(self._futures_at(address))
+            for _ in range(min(free, len(source))):
+                if alone and self._pieces():
                     return
-                place = source.popleft()
-                self._submit(address, place, do_piece, work, items[place])
-                busy += 1
+                index = source.popleft()
+                self._submit(address, index, run_piece, work, items[index])
 
     def _submit(
-        self, address: str, place: int | None, function: Callable[..., Any], *arguments: Any
+        self, address: str, index: int | None, function: Callable[..., Any], *arguments: Any
     ) -> None:
         future = self._client.submit(function, *arguments, workers=[address], pure=False, retries=0)
-        self._under_way[future] = address, place
+        self._pending[future] = address, index
 
-    def _ended(self) -> list[Future]:
-        """Futures that have ended, after waiting for the first of them until the next look."""
+    def _finished(self) -> list[Future]:
+        """Wait for the first future to end, until the next poll; return all that have ended."""
         from distributed import wait
 
-        if not self._under_way:
+        if not self._pending:
             time.sleep(0.1)
             return []
         try:
-            wait(list(self._under_way), timeout=LOOK_EVERY, return_when="FIRST_COMPLETED")
+            wait(list(self._pending), timeout=POLL_PERIOD, return_when="FIRST_COMPLETED")
         except TimeoutError:
             return []
-        return [future for future in self._under_way if future.done()]
+        return [future for future in self._pending if future.done()]
 
-    def _take(self, future: Future) -> tuple[int | None, Any]:
-        """Place and result of a piece that has ended; no place if there is no result to keep."""
+    def _collect(self, future: Future) -> tuple[int | None, Any]:
+        """Return index and result of a piece that has ended; no index if there is no result."""
         from distributed import KilledWorker
 
-        if future not in self._under_way:
+        if future not in self._pending:
             return None, None
-        address, place = self._under_way[future]
+        address, index = self._pending[future]
+        outcome = None
         try:
-            fetched = self._fetch(future)
+            outcome = self._fetch(future)
         except KilledWorker:
-            self._lost(address)
-            return None, None
+            self._remove_lost(address)
         # This happens when the connection to the scheduler was lost for a moment.
         except CancelledError as error:
             self._record.event("taken_back", f"Dask took a run back ({error}): it is made again")
-            self._forget_future(future, self._again)
+            self._withdraw(future, self._withdrawn)
+        if outcome is None:
             return None, None
-        if fetched is None:
-            return None, None
-        result, seconds, pid, memory = fetched
-        del self._under_way[future]
+        result, seconds, pid, memory = outcome
+        del self._pending[future]
         future.release()
         worker = self._workers.get(address)
         if worker is not None:
             worker.pid = pid
-            if place is not None:
-                worker.pieces += 1
-                worker.memory = memory
-        if place is not None:
-            self._worked = True
-            self._still.ended(seconds)
-        return place, result
+        if index is None:
+            return None, None
+        if worker is not None:
+            worker.pieces += 1
+            worker.memory = memory
+        self._has_results = True
+        self._stall.record_run(seconds)
+        return index, result
 
     def _fetch(self, future: Future) -> tuple[Any, float, int, int] | None:
-        """What `do_piece` returned; None once it is lost and its piece was taken back.
+        """Fetch what `run_piece` returned; None once it is lost and its piece was withdrawn.
 
         A worker that dies between the end of a piece and this call takes the result with it. The
         scheduler then keeps the piece for that worker alone, so the future would wait forever.
         """
         loop: Any = self._client.loop
-        # One call serves all looks: it may need several.
+        # One call serves all polls: it may need several.
         gather: Any = self._client.gather([future], asynchronous=True)
         gathering = asyncio.run_coroutine_threadsafe(gather, loop.asyncio_loop)
-        until = time.monotonic() + RESULT_WITHIN
+        until = time.monotonic() + RESULT_TIMEOUT
         try:
-            while future in self._under_way:
-                if wait_for([gathering], timeout=LOOK_EVERY).done:
+            while future in self._pending:
+                if wait_for([gathering], timeout=POLL_PERIOD).done:
                     fetched: tuple[Any, float, int, int] = gathering.result()[0]
                     return fetched
-                self._look()
-                if future in self._under_way and time.monotonic() > until:
+                self._poll()
+                if future in self._pending and time.monotonic() > until:
                     text = (
-                        f"the result of a run did not arrive within {RESULT_WITHIN:g} s: the "
+                        f"the result of a run did not arrive within {RESULT_TIMEOUT:g} s: the "
                         "run is made once more"
                     )
                     self._record.event("taken_back", text)
-                    self._forget_future(future, self._dead)
+                    self._withdraw(future, self._orphans)
             return None
         finally:
             gathering.cancel()
 
-    def _look(self) -> None:
-        """Finds out which workers are new, gone, paused or stopped, and acts on it; at most every
-        `LOOK_EVERY`.
+    def _poll(self) -> None:
+        """Find the workers that are new, gone, paused or stopped, and act on it; at most every
+        `POLL_PERIOD`.
         """
-        if time.monotonic() - self._looked < LOOK_EVERY:
+        now = time.monotonic()
+        if now - self._polled < POLL_PERIOD:
             return
-        self._looked = time.monotonic()
+        self._polled = now
         # Not `scheduler_info`: the client's own refresh may put an answer without workers in its
         # place.
-        ask: Any = self._client.scheduler.identity
-        present: dict[str, Any] = self._asked(ask, n_workers=-1, callback_timeout=ANSWER_WITHIN)[
-            "workers"
-        ]
-        oldest = self._looked - RETIRED_FOR  # a new worker may get the port of an old one
+        identity: Any = self._client.scheduler.identity
+        answer = self._ask(identity, n_workers=-1, callback_timeout=SCHEDULER_TIMEOUT)
+        present: dict[str, Any] = answer["workers"]
+        # A new worker may get the port of an old one.
         self._retired = {
-            where: at for where, at in self._retired.items() if where in present and at > oldest
+            address: retired
+            for address, retired in self._retired.items()
+            if address in present and retired > now - QUARANTINE
         }
-        for address in [address for address in self._workers if address not in present]:
-            self._lost(address)
+        for address in self._workers.keys() - present.keys():
+            self._remove_lost(address)
         for address, facts in present.items():
-            if address in self._retired:
-                continue
-            if address not in self._workers:
-                self._workers[address] = Worker(
-                    str(facts["name"]),
-                    facts["nthreads"],
-                    float(facts["memory_limit"] or 0),
-                    bool(facts["nanny"]),
-                )
-            if not self._workers[address].pid and not self._has_piece(address):
-                self._submit(address, None, get_ready, self._module)
-            self._check(address, facts)
+            if address not in self._retired:
+                self._update(address, facts)
         if self._workers:
-            self._staffed = self._looked
-        elif self._looked - self._staffed > WORKER_WITHIN:
-            raise UserError(f"no worker process for {WORKER_WITHIN:g} s; what was done is kept")
-        self.workers = max(self.workers, sum(worker.threads for worker in self._workers.values()))
-        self._still.look()
+            self._staffed = now
+        elif now - self._staffed > WORKER_TIMEOUT:
+            raise UserError(f"no worker process for {WORKER_TIMEOUT:g} s; what was done is kept")
+        threads = sum(worker.threads for worker in self._workers.values())
+        self.workers = max(self.workers, threads)
+        self._stall.poll()
 
-    def _check(self, address: str, facts: dict[str, Any]) -> None:
-        """Whether a worker is paused by Dask, or its process stopped."""
+    def _update(self, address: str, facts: dict[str, Any]) -> None:
+        """Prepare a worker that is new; replace one that Dask paused, or whose process stopped."""
+        if address not in self._workers:
+            self._workers[address] = Worker(
+                str(facts["name"]),
+                facts["nthreads"],
+                float(facts["memory_limit"] or 0),
+                bool(facts["nanny"]),
+            )
         worker = self._workers[address]
+        if not worker.pid and not self._futures_at(address):
+            self._submit(address, None, prepare_worker, self._module)
         metrics = facts.get("metrics", {})
         if facts["status"] == "paused":
             worker.memory = metrics.get("memory", worker.memory)
             if worker.status != "paused":
-                self._tell("paused", worker, f"{worker} is paused by Dask: it holds {worker.held}")
+                text = f"{worker} is paused by Dask: it holds {worker.held}"
+                self._record_event("paused", worker, text)
         worker.status = facts["status"]
-        has_piece = self._has_piece(address)
-        if has_piece and metrics.get("task_counts", {}).get("executing"):
-            worker.idle = 0
-        else:
-            worker.idle += 1
-        if worker.status == "paused" and worker.idle >= (PAUSED_LOOKS if has_piece else 1):
+        has_piece = bool(self._futures_at(address))
+        is_executing = has_piece and metrics.get("task_counts", {}).get("executing")
+        worker.idle = 0 if is_executing else worker.idle + 1
+        if worker.status == "paused" and worker.idle >= (PAUSED_POLLS if has_piece else 1):
             self._replace_paused(address)
-        elif self._is_local and worker.is_stopped():
-            worker.stopped += 1
-            if worker.stopped >= STOPPED_LOOKS:
-                text = (
-                    f"{worker} has been stopped for {STOPPED_LOOKS * LOOK_EVERY:g} s: it is "
-                    "killed and replaced"
-                )
-                self._replace(address, "stopped", text + ", its run is made again")
-        else:
-            worker.stopped = 0
-
-    def _has_piece(self, address: str) -> bool:
-        return any(address == where for where, _ in self._under_way.values())
+            return
+        worker.stopped = worker.stopped + 1 if self._is_local and worker.is_stopped() else 0
+        if worker.stopped >= STOPPED_POLLS:
+            text = (
+                f"{worker} has been stopped for {STOPPED_POLLS * POLL_PERIOD:g} s: it is killed "
+                "and replaced, its run is made again"
+            )
+            self._replace(address, "stopped", text)
 
     def _replace_paused(self, address: str) -> None:
         worker = self._workers[address]
         if not worker.pieces:
-            self._death(f"{worker} is paused before it has ended a single run")
+            self._count_failure(f"{worker} is paused before it has ended a single run")
         if worker.has_nanny:
-            self._replace(
-                address,
-                "replaced",
-                f"{worker} is replaced after {worker.pieces} runs: it was paused",
-            )
-        elif worker.idle % 60 == PAUSED_LOOKS:
-            self._tell(
-                "still",
-                worker,
-                f"{worker} is paused and cannot be replaced: it was started without a nanny",
-            )
+            text = f"{worker} is replaced after {worker.pieces} runs: it was paused"
+            self._replace(address, "replaced", text)
+        elif worker.idle % 60 == PAUSED_POLLS:
+            text = f"{worker} is paused and cannot be replaced: it was started without a nanny"
+            self._record_event("still", worker, text)
 
     def _replace(self, address: str, kind: str, text: str) -> None:
-        """Ends a worker; its nanny starts another, which the next look finds.
+        """End a worker; its nanny starts another, which the next poll finds.
 
         What it worked on is done again.
         """
-        worker = self._workers.pop(address)
-        self._retired[address] = time.monotonic()
-        self._tell(kind, worker, text)
-        self._forget(address, self._again)
+        self._retire(address, kind, text, self._withdrawn)
         restart: Any = self._client.scheduler.restart_workers
-        self._asked(
+        self._ask(
             restart,
             workers=[address],
             timeout=30.0,
             wait_for_workers=False,
             on_error="return",
             stimulus_id=f"workbench-replaces-{time.time()}",
-            callback_timeout=2.0 * ANSWER_WITHIN,
+            callback_timeout=2.0 * SCHEDULER_TIMEOUT,
         )
 
-    def _asked(self, question: Any, **arguments: Any) -> Any:
-        """The scheduler's answer; UserError without one."""
+    def _ask(self, question: Any, **arguments: Any) -> Any:
+        """Return the scheduler's answer; UserError without one."""
         try:
             return self._client.sync(question, **arguments)
         except (OSError, TimeoutError) as error:
             raise UserError(f"the Dask scheduler does not answer any more ({error})") from None
 
-    def _lost(self, address: str) -> None:
+    def _remove_lost(self, address: str) -> None:
+        worker = self._workers[address]
+        text = f"{worker} was lost after {worker.pieces} runs"
+        if worker.memory:
+            text += f" (it held {worker.held})"
+        if set(self._pieces()) & set(self._futures_at(address)):
+            text += "; its run is made again"
+        self._retire(address, "lost", text, self._orphans)
+        self._count_failure(f"{worker} was lost")
+
+    def _retire(self, address: str, kind: str, text: str, indices: list[int]) -> None:
+        """Strike a worker off; its pieces join `indices`."""
         worker = self._workers.pop(address)
         self._retired[address] = time.monotonic()
-        if worker.memory:
-            held = f" (it held {worker.held})"
-        else:
-            held = ""
-        had_piece = any(
-            address == where and place is not None for where, place in self._under_way.values()
-        )
-        ending = "; its run is made again" if had_piece else ""
-        self._tell("lost", worker, f"{worker} was lost after {worker.pieces} runs{held}{ending}")
-        self._forget(address, self._dead)
-        self._death(f"{worker} was lost")
+        self._record_event(kind, worker, text)
+        for future in self._futures_at(address):
+            self._withdraw(future, indices)
 
-    def _forget(self, address: str, places: list[int]) -> None:
-        """Takes back what a worker had; its pieces join `places`."""
-        for future in [
-            future for future, (where, _) in self._under_way.items() if where == address
-        ]:
-            self._forget_future(future, places)
-
-    def _forget_future(self, future: Future, places: list[int]) -> None:
-        _, place = self._under_way.pop(future)
+    def _withdraw(self, future: Future, indices: list[int]) -> None:
+        """Cancel a future; its piece joins `indices`."""
+        _, index = self._pending.pop(future)
         self._client.cancel([future], force=True)
-        if place is not None:
-            places.append(place)
+        if index is not None:
+            indices.append(index)
 
-    def _death(self, text: str) -> None:
-        self._deaths += 1
-        if not self._worked and self._deaths >= DEATHS_AT_THE_START * self.workers:
+    def _count_failure(self, text: str) -> None:
+        self._failures += 1
+        if not self._has_results and self._failures >= MAX_STARTUP_FAILURES * self.workers:
             raise UserError(
-                f"workers died {self._deaths} times before any run was done, the last: {text}"
+                f"workers died {self._failures} times before any run was done, the last: {text}"
             )
 
-    def _tell(self, kind: str, worker: Worker, text: str) -> None:
+    def _record_event(self, kind: str, worker: Worker, text: str) -> None:
         self._record.event(
             kind,
             text,
@@ -465,10 +444,6 @@ class DaskEngine(Engine):
             memory_bytes=worker.memory,
         )
 
-    def _where(self) -> str:
-        busy = [
-            str(worker) for address, worker in self._workers.items() if self._has_piece(address)
-        ]
-        if busy:
-            return f"; at work: {', '.join(busy)}"
-        return "; no worker is there"
+    def _busy_workers(self) -> str:
+        busy = [str(one) for where, one in self._workers.items() if self._futures_at(where)]
+        return f"; at work: {', '.join(busy) or 'no worker'}"

@@ -1,5 +1,5 @@
-"""Does pieces of work in this process (`dask_engine`: in several); says and keeps what happens to
-workers meanwhile.
+"""Engine that does pieces of work in this process (`dask_engine`: in several), and the record of
+what happens to workers.
 """
 
 from __future__ import annotations
@@ -14,18 +14,17 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
-from aerodima.workbench.batch.row_store import ProgressLine, on_stderr
+from aerodima.workbench.batch.row_store import ProgressLine, print_progress
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-STILL_TIMES = 10.0
-"""Work stands still when no run has ended for so many typical run times (their median), and at
-least `STILL_LEAST`."""
-STILL_LEAST = 30.0
-"""s."""
-STILL_FIRST = 120.0
-"""s; while no run has ended at all, so that there is no typical time."""
+STALL_FACTOR = 10.0
+"""Typical run times (their median) without the end of a run after which work has stalled."""
+MIN_STALL_TIME = 30.0
+"""Least time after which work has stalled, s."""
+FIRST_STALL_TIME = 120.0
+"""Time after which work has stalled while no run has ended, so that none is typical, s."""
 
 
 class Engine:
@@ -44,12 +43,12 @@ class Engine:
     workers = 1
     startup = 0.0
 
-    def __init__(self, progress: ProgressLine = on_stderr, record: Path | None = None) -> None:
+    def __init__(self, progress: ProgressLine = print_progress, record: Path | None = None) -> None:
         self._record = WorkerRecord(progress, record)
 
     @property
     def events(self) -> dict[str, int]:
-        """Kind of event (docs/howto/studies.md) -> how often: `replaced`, `lost`, `paused` ..."""
+        """Count events by kind (docs/howto/studies.md): `replaced`, `lost`, `paused` ..."""
         return dict(self._record.counts)
 
     def map(
@@ -59,7 +58,7 @@ class Engine:
         done: Callable[[int, Result], None] | None = None,
         lost: Callable[[Item], Result] | None = None,
     ) -> list[Result]:
-        """Results of `work(item)`, in the order of the items.
+        """Compute `work(item)` of every item; results in the order of the items.
 
         A piece whose worker dies is done again after all others, with nothing beside it; it is
         given up if its worker dies then too.
@@ -79,18 +78,18 @@ class Engine:
             Exception: whatever `work` raises; what has not begun is dropped.
         """
         results = []
-        with Standstill(self._record) as still:
-            for place, item in enumerate(items):
+        with StallMonitor(self._record) as stall:
+            for index, item in enumerate(items):
                 start = time.monotonic()
                 results.append(work(item))
-                still.ended(time.monotonic() - start)
+                stall.record_run(time.monotonic() - start)
                 if done is not None:
-                    done(place, results[-1])
+                    done(index, results[-1])
         return results
 
 
 class WorkerRecord:
-    """Says and keeps the events of one engine.
+    """Prints and keeps the events of one engine.
 
     Args:
         progress: receives a line per event.
@@ -98,13 +97,13 @@ class WorkerRecord:
             study.
     """
 
-    def __init__(self, progress: ProgressLine = on_stderr, path: Path | None = None) -> None:
+    def __init__(self, progress: ProgressLine = print_progress, path: Path | None = None) -> None:
         self._progress = progress
         self._path = path
         self.counts: Counter[str] = Counter()
 
     def event(self, kind: str, text: str, **facts: Any) -> None:
-        """One event (the kinds: docs/howto/studies.md); `facts` go to the file only."""
+        """Record an event (kinds: docs/howto/studies.md); `facts` go to the file only."""
         self.counts[kind] += 1
         self._progress(text)
         if self._path is None:
@@ -120,42 +119,42 @@ class WorkerRecord:
             stream.write(json.dumps(line) + "\n")
 
     def close(self) -> None:
-        """Sums the events up, if there were any."""
-        if self.counts:
-            text = ", ".join(
-                f"{count} {kind.replace('_', ' ')}" for kind, count in sorted(self.counts.items())
-            )
-            self._progress(
-                f"workers: {text}" + ("" if self._path is None else f"; see {self._path}")
-            )
+        """Sum the events up, if there were any."""
+        if not self.counts:
+            return
+        kinds = [f"{count} {kind.replace('_', ' ')}" for kind, count in sorted(self.counts.items())]
+        text = f"workers: {', '.join(kinds)}"
+        if self._path is not None:
+            text += f"; see {self._path}"
+        self._progress(text)
 
 
-class Standstill:
-    """Says when no run ends for long; again after each doubling of that time.
+class StallMonitor:
+    """Records when no run ends for long; again after each doubling of that time.
 
-    As a context manager it looks by itself.
+    As a context manager it polls by itself, once a second.
 
     Args:
         record: receives the event.
-        where: names what is under way.
+        busy: names what is under way.
     """
 
-    def __init__(self, record: WorkerRecord, where: Callable[[], str] = lambda: "") -> None:
+    def __init__(self, record: WorkerRecord, busy: Callable[[], str] = str) -> None:
         self._record = record
-        self._where = where
+        self._busy = busy
         self._seconds: deque[float] = deque(maxlen=101)
-        self._limit = STILL_FIRST
+        self._limit = FIRST_STALL_TIME
         self._last = time.monotonic()
         self._over = threading.Event()
 
-    def ended(self, seconds: float) -> None:
-        """A run has ended that took so many seconds."""
+    def record_run(self, seconds: float) -> None:
+        """Note the end of a run and how long it took, s."""
         self._seconds.append(seconds)
         self._last = time.monotonic()
-        self._limit = max(STILL_LEAST, STILL_TIMES * statistics.median(self._seconds))
+        self._limit = max(MIN_STALL_TIME, STALL_FACTOR * statistics.median(self._seconds))
 
-    def look(self) -> None:
-        """Says it when it is so."""
+    def poll(self) -> None:
+        """Record an event if work has stalled."""
         waited = time.monotonic() - self._last
         if waited < self._limit:
             return
@@ -163,17 +162,16 @@ class Standstill:
         typical = "not known yet"
         if self._seconds:
             typical = f"{statistics.median(self._seconds):.3g} s"
-        text = f"no run has ended for {waited:.0f} s (typical: {typical}){self._where()}"
+        text = f"no run has ended for {waited:.0f} s (typical: {typical}){self._busy()}"
         self._record.event("still", text, waited_s=waited)
 
-    def __enter__(self) -> Standstill:
-        self._last = time.monotonic()
-        threading.Thread(target=self._look_on, daemon=True, name="standstill").start()
+    def __enter__(self) -> StallMonitor:
+        threading.Thread(target=self._poll_on, daemon=True, name="stall monitor").start()
         return self
 
     def __exit__(self, *error: object) -> None:
         self._over.set()
 
-    def _look_on(self) -> None:
+    def _poll_on(self) -> None:
         while not self._over.wait(1.0):
-            self.look()
+            self.poll()

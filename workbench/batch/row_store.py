@@ -1,5 +1,4 @@
-"""Resumable work: its rows on the disk, a line of JSON each as they come, held by one client at a
-time; how far it is.
+"""Resumable work: its rows in a file, a line of JSON each, locked by one process; its progress.
 
 Work that was cut off at any time (Ctrl-C, a killed process, a full disk) goes on with what its file
 does not hold. The first line says what all rows have in common, and each row has a key of
@@ -19,25 +18,24 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
 
-from aerodima.workbench.atomic_write import make_folder
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.core.atomic_write import make_folder
+from aerodima.workbench.core.errors import UserError
 
 ProgressLine = Callable[[str], None]
-"""Told how far work is, a line each."""
+"""Function that receives how far work is, a line each."""
 WORKER_RECORD = "workers.jsonl"
-"""In the folder of a study, once something happened: a line per event with its time, worker,
-process and text."""
+"""File in the folder of a study: a line per event with time, worker, process and text."""
 Row = dict[str, Any]
-BAR = 24
+BAR_WIDTH = 24
 """Width of the bar, characters."""
 
 
-def silent(_line: str) -> None:
-    """Says nothing."""
+def no_progress(_line: str) -> None:
+    """Print nothing."""
 
 
-def on_stderr(line: str) -> None:
-    """Says it at once."""
+def print_progress(line: str) -> None:
+    """Print a line at once."""
     print(line, file=sys.stderr, flush=True)
 
 
@@ -91,18 +89,13 @@ class RowStore:
         self.close()
 
     def add(self, key: str, row: Row) -> None:
-        """Keeps one row; it has reached the operating system when this returns."""
+        """Keep a row; it has reached the operating system when this returns."""
         self.rows[key] = row
         self._append({"key": key, **row})
 
     def close(self) -> None:
-        """Frees the file; the end of the process does so too."""
+        """Unlock the file; the end of the process does so too."""
         self._stream.close()
-
-    def remove(self) -> None:
-        """Forgets the rows, of work that is finished."""
-        self.path.unlink(missing_ok=True)
-        self.close()
 
     def _lock(self) -> None:
         try:
@@ -114,7 +107,7 @@ class RowStore:
             ) from None
 
     def _read(self, identity: Row) -> dict[str, Row]:
-        head, *rows = read_lines(self.path) or [identity]
+        head, *rows = read_rows(self.path) or [identity]
         differing = [key for key in {**identity, **head} if head.get(key) != identity.get(key)]
         if differing:
             raise self._error(
@@ -140,10 +133,8 @@ class RowStore:
             raise self._error(f"{self.path}: cannot be written ({cause.strerror})") from None
 
 
-def read_lines(path: Path) -> list[Row]:
-    """Head and rows of a file of a `RowStore`, as they were written, without damaged lines; none
-    without a file.
-    """
+def read_rows(path: Path) -> list[Row]:
+    """Read head and rows of a `RowStore`, without damaged lines; none if there is no file."""
     lines: list[Row] = []
     if not path.is_file():
         return lines
@@ -158,30 +149,28 @@ def read_lines(path: Path) -> list[Row]:
 
 
 def content_key(*content: Any) -> str:
-    """The same for the same content, JSON-able."""
+    """Make a key that is the same for the same content, JSON-able."""
     text = json.dumps(content, sort_keys=True, default=_plain)
     return hashlib.sha256(text.encode()).hexdigest()[:20]
 
 
 def refuse_foreign_files(folder: Path, error: type[UserError] = UserError) -> None:
-    """Raises `error` when a folder holds what nobody made for the work that is done there."""
+    """Raise `error` if a folder holds other files than those of the work that is done there."""
     names = sorted(path.name for path in folder.iterdir() if path.name != WORKER_RECORD)
     if names:
         shown = ", ".join(names[:3])
-        if len(names) > 3:
-            shown += ", ..."
-        raise error(f"{folder}: holds other files ({shown}); choose another folder, or --force")
+        raise error(f"{folder}: holds files such as {shown}; choose another folder, or --force")
 
 
 def _plain(value: Any) -> Any:
-    """NumPy's scalars as Python's; NumPy itself is not loaded for it."""
+    """Convert NumPy's scalars to Python's, without loading NumPy."""
     if hasattr(value, "item"):
         return value.item()
     return str(value)
 
 
 class ProgressBar:
-    """A bar with the time that is left, from the pace of this call.
+    """A bar with the time that is left, at the pace so far.
 
     Args:
         progress: receives a line per piece.
@@ -196,21 +185,19 @@ class ProgressBar:
         self._progress = progress
         self._start = time.monotonic()
 
-    def one_more(self, what: str = "") -> None:
-        """Counts a piece, and shows `what` beside the count."""
+    def advance(self, what: str = "") -> None:
+        """Count a piece, and show `what` beside the count."""
         self.done += 1
         pace = (time.monotonic() - self._start) / (self.done - self._there)
         left = pace * (self.total - self.done)
-        filled = BAR * self.done // self.total
+        filled = "#" * (BAR_WIDTH * self.done // self.total)
         count = f"{self.done:>{len(str(self.total))}}/{self.total}"
-        self._progress(
-            f"[{'#' * filled + '.' * (BAR - filled)}] {count} {what:8} {left:5.0f} s to go"
-        )
+        self._progress(f"[{filled:.<{BAR_WIDTH}}] {count} {what:8} {left:5.0f} s to go")
 
 
 @contextmanager
-def saying_how_to_go_on(progress: ProgressLine, kept: Callable[[], str]) -> Iterator[None]:
-    """When the work stops (Ctrl-C, an error), says what is kept, `kept()`, and how to continue."""
+def print_resume_hint(progress: ProgressLine, kept: Callable[[], str]) -> Iterator[None]:
+    """Print how to continue, and `kept()`, when work is stopped by Ctrl-C or an error."""
     try:
         yield
     except BaseException:
@@ -218,10 +205,8 @@ def saying_how_to_go_on(progress: ProgressLine, kept: Callable[[], str]) -> Iter
         raise
 
 
-def terminal() -> ProgressLine:
-    """Writes lines to stderr; on a terminal each takes the place of the one before, except messages
-    of a stop.
-    """
+def terminal_progress() -> ProgressLine:
+    """Make a function that prints lines to stderr; on a terminal a line replaces the one before."""
     shown = 0
 
     def progress(line: str) -> None:
@@ -231,9 +216,6 @@ def terminal() -> ProgressLine:
             return
         end = "" if line.startswith("[") or line.endswith("...") else "\n"
         print("\r" + line.ljust(shown), end=end, file=sys.stderr, flush=True)
-        if end:
-            shown = 0
-        else:
-            shown = len(line)
+        shown = 0 if end else len(line)
 
     return progress

@@ -1,6 +1,4 @@
-"""The program `aerodima`, and its commands that need no other package: one module each, heavy
-imports inside.
-"""
+"""The program `aerodima` and the commands of the workbench: heavy imports stand inside them."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
-"""`aerodima doctor`: what this machine has of what the workbench can use, and how to get what is
-missing.
+"""`aerodima doctor`: checks of this machine, and how to get what is missing.
 
-Each check looks at one thing and says in a line what it found. Only what every job needs is
+Each check prints a line with what it found. Only what every job needs is
 `required`; all else names the job that would go without it.
 """
 
@@ -9,10 +8,12 @@ from __future__ import annotations
 
 import importlib
 import os
+import platform
 import shutil
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from glob import glob
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
@@ -21,15 +22,15 @@ import typer
 
 from aerodima import workbench
 from aerodima.workbench.cli import options as cli
-from aerodima.workbench.errors import UserError
-from aerodima.workbench.realtime import permitted
-from aerodima.workbench.resources import models_dir
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.realtime import permitted
+from aerodima.workbench.core.resources import models_dir
 
-OLDEST_PYTHON = (3, 11)
+MIN_PYTHON = (3, 11)
 """Oldest version of Python that the workbench runs on."""
-OLDEST_DRAKE = (1, 51)
+MIN_DRAKE = (1, 51)
 """Oldest version of Drake that the workbench runs on."""
-SMALLEST_DISK = 1e9
+MIN_DISK = 1e9
 """Free bytes below which logs and reports of a day's work may not fit; a turn's log has 2 MB, its
 replay 4 MB."""
 EXTRAS = {
@@ -62,7 +63,7 @@ _ARPHRD_CAN = "280"
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the command."""
+    """Add the command."""
     app.command(rich_help_panel=cli.CHECKS)(doctor)
 
 
@@ -74,13 +75,8 @@ def doctor() -> None:
     """
     findings = examine()
     for finding in findings:
-        if finding.ok:
-            mark = "ok  "
-        elif finding.required:
-            mark = "FAIL"
-        else:
-            mark = "none"
-        typer.echo(f"{mark} {finding.subject + ':':<18} {finding.found}")
+        mark = "ok" if finding.ok else "FAIL" if finding.required else "none"
+        typer.echo(f"{mark:<4} {finding.subject + ':':<18} {finding.found}")
         if finding.remedy:
             typer.echo(f"     {'':<18} -> {finding.remedy}")
     broken = [finding.subject for finding in findings if finding.required and not finding.ok]
@@ -95,7 +91,7 @@ class Finding:
     """One line of the doctor.
 
     Attributes:
-        subject: what was looked at.
+        subject: what was checked.
         found: what is there, with its version or place.
         ok: whether it is as it should be.
         advice: how to fix it when it is not.
@@ -110,14 +106,12 @@ class Finding:
 
     @property
     def remedy(self) -> str:
-        """The advice, where it is needed."""
+        """Return the advice if it is needed."""
         return "" if self.ok else self.advice
 
 
 def examine() -> list[Finding]:
-    """Everything that can be looked at without changing anything; takes a second or two, for
-    importing Drake.
-    """
+    """Examine what can be seen without changing anything; importing Drake takes a second or two."""
     checks = (
         _python,
         _drake,
@@ -134,23 +128,16 @@ def examine() -> list[Finding]:
 
 
 def _python() -> Iterator[Finding]:
-    found, wanted = (
-        ".".join(map(str, version)) for version in (sys.version_info[:3], OLDEST_PYTHON)
-    )
-    yield Finding(
-        "Python",
-        found,
-        sys.version_info[:2] >= OLDEST_PYTHON,
-        f"install Python {wanted} or newer",
-        True,
-    )
+    advice = "install Python {}.{} or newer".format(*MIN_PYTHON)
+    is_new = sys.version_info[:2] >= MIN_PYTHON
+    yield Finding("Python", platform.python_version(), is_new, advice, True)
 
 
 def _drake() -> Iterator[Finding]:
     try:
         importlib.import_module("pydrake.all")
         found = version("drake")
-        ok = tuple(map(int, found.split(".")[:2])) >= OLDEST_DRAKE
+        ok = tuple(map(int, found.split(".")[:2])) >= MIN_DRAKE
     except (ImportError, PackageNotFoundError) as error:
         found = str(error)
         ok = False
@@ -168,64 +155,47 @@ def _solvers() -> Iterator[Finding]:
         (ClarabelSolver(), "fits of swings"),
     ):
         ok = solver.available() and solver.enabled()
-        name = f"solver {solver.solver_id().name()}"
-        found = "not in this Drake"
-        if ok:
-            found = f"for {use}"
-        yield Finding(
-            name, found, ok, "use a Drake wheel from PyPI; builds of one's own may lack it"
-        )
+        found = f"for {use}" if ok else "not in this Drake"
+        advice = "use a Drake wheel from PyPI; builds of one's own may lack it"
+        yield Finding(f"solver {solver.solver_id().name()}", found, ok, advice)
 
 
 def _models() -> Iterator[Finding]:
-
     try:
         workbench.load_scenario("turn_swing")
-        found = str(models_dir())
-        ok = True
+        yield Finding("models", str(models_dir()), True)
     except UserError as error:
-        found = str(error)
-        ok = False
-    yield Finding("models", found, ok, "reinstall the package", True)
+        yield Finding("models", str(error), False, "reinstall the package", True)
 
 
 def _extras() -> Iterator[Finding]:
     for extra, modules in EXTRAS.items():
         missing = [f"{module} ({use})" for module, use in modules if find_spec(module) is None]
-        found = "installed"
-        if missing:
-            found = "not there: " + ", ".join(missing)
-        yield Finding(
-            f"extra {extra}", found, not missing, f"pip install 'aerodima-workbench[{extra}]'"
-        )
+        found = f"not there: {', '.join(missing)}" if missing else "installed"
+        advice = f"pip install 'aerodima-workbench[{extra}]'"
+        yield Finding(f"extra {extra}", found, not missing, advice)
 
 
 def _programs() -> Iterator[Finding]:
     for subject, (names, advice) in PROGRAMS.items():
-        found = next(filter(None, map(shutil.which, names)), None)
-        yield Finding(
-            subject, found or f"no {' or '.join(names)} on the path", found is not None, advice
-        )
+        paths = [path for path in map(shutil.which, names) if path is not None]
+        found = paths[0] if paths else f"no {' or '.join(names)} on the path"
+        yield Finding(subject, found, bool(paths), advice)
 
 
 def _can() -> Iterator[Finding]:
-    types = Path("/sys/class/net").glob("*/type")
-    interfaces = sorted(
-        path.parent.name for path in types if path.read_text().strip() == _ARPHRD_CAN
-    )
+    types = sorted(Path("/sys/class/net").glob("*/type"))
+    interfaces = [path.parent.name for path in types if path.read_text().strip() == _ARPHRD_CAN]
     advice = "for a real car: docs/deployment.md; simulation and the emulated car need none"
     yield Finding("CAN interface", ", ".join(interfaces) or "none", bool(interfaces), advice)
 
 
 def _serial() -> Iterator[Finding]:
-    ports = [
-        str(port) for port in sorted({*Path("/dev").glob("ttyACM*"), *Path("/dev").glob("ttyUSB*")})
-    ]
+    ports = [*glob("/dev/ttyACM*"), *glob("/dev/ttyUSB*")]
     closed = [port for port in ports if not os.access(port, os.R_OK | os.W_OK)]
+    found = ", ".join(ports) or "none"
     if closed:
-        found = "no permission for " + ", ".join(closed)
-    else:
-        found = ", ".join(ports) or "none"
+        found = f"no permission for {', '.join(closed)}"
     advice = (
         "for a real car: plug in the Teensy; add yourself to the group `dialout` and log in again"
     )
@@ -233,20 +203,15 @@ def _serial() -> Iterator[Finding]:
 
 
 def _realtime() -> Iterator[Finding]:
-    words = {True: "permitted", False: "not permitted"}
-    priority, memory = permitted()
+    rights = dict(zip(("priority", "locked memory"), permitted(), strict=True))
+    refused = [name for name, is_permitted in rights.items() if not is_permitted]
+    found = f"not permitted: {', '.join(refused)}" if refused else "permitted"
     advice = "for a real car: hardware/deploy/95-aerodima.conf has the limits to set"
-    yield Finding(
-        "real time",
-        f"priority {words[priority]}, locked memory {words[memory]}",
-        priority and memory,
-        advice,
-    )
+    yield Finding("real time", found, not refused, advice)
 
 
 def _disk() -> Iterator[Finding]:
     free = shutil.disk_usage(Path.cwd()).free
-    advice = f"free some: runs stop when it is full; wanted {SMALLEST_DISK / 1e9:g} GB"
-    yield Finding(
-        "disk", f"{free / 1e9:.1f} GB free in {Path.cwd()}", free >= SMALLEST_DISK, advice
-    )
+    found = f"{free / 1e9:.1f} GB free in {Path.cwd()}"
+    advice = f"free some: runs stop when it is full; wanted {MIN_DISK / 1e9:g} GB"
+    yield Finding("disk", found, free >= MIN_DISK, advice)

@@ -1,4 +1,4 @@
-"""The group `log`: what is done with run logs."""
+"""Commands of the group `log`: metrics, comparison, import, conditioning, export of run logs."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from aerodima import workbench
-from aerodima.workbench.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.cli import options as cli
-from aerodima.workbench.errors import LogError, UserError
-from aerodima.workbench.text_table import shown_value, text_table
+from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
+from aerodima.workbench.core.errors import LogError, UserError
+from aerodima.workbench.core.text_table import shown_value, text_table
 
 if TYPE_CHECKING:
     from aerodima.workbench.logs.exporters import SceneMessage
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the commands."""
+    """Add the commands."""
     group = cli.command_group(
         app, "log", "Measure, compare, import, condition and export run logs.", cli.RUNS
     )
@@ -123,10 +123,10 @@ def export(
 
     form = next((known for known in FORMATS if known == to), None)
     if form is None:
-        raise LogError(f"--to: {to!r}; allowed: {', '.join(FORMATS)}")
+        raise LogError(f"--to: {to!r} must be one of {', '.join(FORMATS)}")
     path = out or log.with_suffix(f".{form}")
     if path.suffix.lower() != f".{form}":
-        raise LogError(f"--out {path}: ending {path.suffix!r}; allowed with --to {form}: .{form}")
+        raise LogError(f"--out {path}: ending {path.suffix!r} must be .{form} with --to {form}")
     _refuse_raw(path, log)
     refuse_existing(path, force, LogError)
     run_log = workbench.read_run_log(log)
@@ -135,12 +135,12 @@ def export(
 
 
 def _scene(run_log: RunLog) -> Iterable[SceneMessage]:
-    """What a viewer draws of a car's run; a note says why there is nothing."""
-    from aerodima.workbench.config.signal_table import RIG_KINDS
+    """Make the scene of a car's run for a viewer; a note says why there is none."""
+    from aerodima.workbench.scenario.signal_table import RIG_KINDS
 
     if run_log.kind in RIG_KINDS:
         return ()
-    from aerodima.workbench.replay.foxglove_scene import foxglove_scene  # imports Drake
+    from aerodima.workbench.view.foxglove_scene import foxglove_scene  # imports Drake
 
     try:
         return foxglove_scene(run_log)
@@ -214,13 +214,13 @@ def compare(
         refuse_existing(html, force, UserError)
     run_logs = [workbench.read_run_log(path) for path in runs]
     from aerodima.workbench.metrics.run_summary import of_plants
-    from aerodima.workbench.report.replay_page import (
+    from aerodima.workbench.view.replay_page import (
         comparison_page,
         different_cars,
         metrics_rows,
         scenario_differences,
     )
-    from aerodima.workbench.report.report_page import write_files
+    from aerodima.workbench.view.report_page import write_files
 
     differences = scenario_differences(run_logs)
     for group in (differences, metrics_rows(run_logs)):
@@ -240,17 +240,17 @@ def compare(
 
 def _refuse_raw(out: Path, log: Path) -> None:
     if out.resolve() == log.resolve():
-        raise LogError(f"--out {out}: is the log that is read; raw logs are kept")
+        raise LogError(f"--out {out}: must not be the log that is read; raw logs are kept")
 
 
 def _refuse_twice(runs: list[Path]) -> None:
     for path in runs:
         if runs.count(path) > 1:
-            raise LogError(f"{path}: named twice")
+            raise LogError(f"{path}: duplicate")
 
 
 def run_names(runs: list[Path]) -> list[str]:
-    """File names without ending; whole paths where these are not enough."""
+    """List file names without ending; whole paths if these are not unique."""
     _refuse_twice(runs)
     stems = [path.stem for path in runs]
     if len(set(stems)) == len(stems):

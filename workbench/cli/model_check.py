@@ -1,11 +1,8 @@
-"""Checks of everything in `models/`: loads, is physical, hides nothing, names its sources, agrees
-with itself.
-"""
+"""Checks of everything in `models/`: loads, is physical, names its sources, agrees with itself."""
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 
@@ -13,16 +10,17 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
 from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coefficients
-from aerodima.workbench.config.rig_scenario import RigScenario, rig_scenario_from_dict
-from aerodima.workbench.config.scenario import Scenario, load_parameter_file, scenario_from_dict
-from aerodima.workbench.config.swing_file import read_swing
-from aerodima.workbench.errors import ModelError, UserError
-from aerodima.workbench.plants.car import MODELS_PACKAGE
-from aerodima.workbench.plants.car_model import car_sdf
-from aerodima.workbench.plants.rig_model import cheetah_rig_sdf, robot_rig_sdf
-from aerodima.workbench.plants.sdf_model import SdfModel
-from aerodima.workbench.plants.tail import tail_sdf
-from aerodima.workbench.resources import models_dir
+from aerodima.workbench.car.car_model import car_sdf
+from aerodima.workbench.car.car_plant import MODELS_PACKAGE
+from aerodima.workbench.car.tail_plant import tail_sdf
+from aerodima.workbench.core.errors import ModelError, UserError
+from aerodima.workbench.core.resources import models_dir
+from aerodima.workbench.core.sdf_model import SdfModel
+from aerodima.workbench.rig.rig_model import cheetah_rig_sdf, robot_rig_sdf
+from aerodima.workbench.scenario.rig_scenario import RigScenario, rig_scenario_from_dict
+from aerodima.workbench.scenario.scenario import Scenario, scenario_from_dict
+from aerodima.workbench.scenario.scenario_file import load_parameter_file
+from aerodima.workbench.scenario.swing_file import read_swing
 
 IGNORED_BY_DRAKE = {
     "sdf": {
@@ -37,68 +35,56 @@ IGNORED_BY_DRAKE = {
 }
 """Elements (or `element@attribute`) below a joint that Drake reads past, even when it parses
 strictly."""
+SOURCED = "unit and source of every number"
 
 
 @dataclass(frozen=True)
 class CheckResult:
-    """One check: what was looked at, and the problems found (none when it passed)."""
+    """One check: its subject, and the problems found (none if it passed)."""
 
     subject: str
     problems: tuple[str, ...]
 
 
 def check_shipped_models() -> Iterator[CheckResult]:
-    """Runs every check of `models/`, one result each, in the order in which a reader would ask."""
+    """Run every check of `models/`, one result each, in the order in which a reader would ask."""
     root = models_dir()
     for path in sorted([*root.rglob("*.sdf"), *root.rglob("*.urdf")]):
         yield from check_model_file(path)
     for scenario in (Scenario, RigScenario):
         for section in scenario.sections():
             if section not in scenario.shared_with_car:
-                yield _attempt(
-                    f"{scenario.parameter_folder}/{section}.yaml: unit and source of every number",
-                    partial(scenario.parameters, section),
-                )
+                name = f"{scenario.parameter_folder}/{section}.yaml"
+                yield _attempt(f"{name}: {SOURCED}", scenario.parameters, section)
     for path in sorted((root / "parameters" / "hardware").glob("*.yaml")):
-        yield _attempt(
-            f"parameters/hardware/{path.name}: unit and source of every number",
-            partial(load_parameter_file, path),
-        )
+        yield _attempt(f"parameters/hardware/{path.name}: {SOURCED}", load_parameter_file, path)
     for name in embedded_sets():
-        yield _attempt(f"coefficients/{name}.yaml: reads and makes a law", partial(_make_law, name))
+        yield _attempt(f"coefficients/{name}.yaml: reads and makes a law", _make_law, name)
     for model in nominal_models():
-        yield CheckResult(
-            f"{model.path.relative_to(root)}: numbers equal the parameters",
-            tuple(sdf_differences(model)),
-        )
+        name = str(model.path.relative_to(root))
+        problems = tuple(sdf_differences(model))
+        yield CheckResult(f"{name}: numbers equal the parameters", problems)
     for scenario in (Scenario, RigScenario):
         for name in scenario.names():
-            yield _attempt(f"{scenario.folder}/{name}.yaml: resolves", partial(scenario.load, name))
+            yield _attempt(f"{scenario.folder}/{name}.yaml: resolves", scenario.load, name)
     for path in sorted((root / "swings").glob("*.yaml")):
-        yield _attempt(f"swings/{path.name}: reads", partial(read_swing, path))
+        yield _attempt(f"swings/{path.name}: reads", read_swing, path)
 
 
 def check_model_file(path: Path) -> Iterator[CheckResult]:
-    """Checks one SDF or URDF file: no ignored attribute, loads strictly, every inertia physical."""
-    if path.is_relative_to(models_dir()):
-        name = str(path.relative_to(models_dir()))
-    else:
-        name = str(path)
-    yield _attempt(
-        f"{name}: nothing that Drake would ignore", lambda: refuse_ignored_attributes(path)
-    )
-    yield _attempt(f"{name}: loads, inertias physical", lambda: load_strictly(path))
+    """Check one SDF or URDF file: no ignored attribute, loads strictly, every inertia physical."""
+    name = str(path).removeprefix(f"{models_dir()}/")
+    yield _attempt(f"{name}: nothing that Drake would ignore", refuse_ignored_attributes, path)
+    yield _attempt(f"{name}: loads, inertias physical", load_strictly, path)
 
 
 def refuse_ignored_attributes(path: Path) -> None:
-    """Raises ModelError for joint friction, or a URDF joint spring, that Drake drops silently."""
+    """Raise ModelError for joint friction, or a URDF joint spring, that Drake drops silently."""
     kind = path.suffix.lower().lstrip(".")
     if kind not in IGNORED_BY_DRAKE:
-        raise ModelError(f"{path}: ending {path.suffix!r}; allowed: .sdf, .urdf")
+        raise ModelError(f"{path}: ending {path.suffix!r} must be .sdf or .urdf")
     try:
         root = ElementTree.parse(path).getroot()
-    except FileNotFoundError:
-        raise ModelError(f"{path}: no such file") from None
     except (ElementTree.ParseError, OSError) as error:
         raise ModelError(f"{path}: cannot be read as XML: {error}") from None
     for joint in root.iter("joint"):
@@ -116,7 +102,7 @@ def refuse_ignored_attributes(path: Path) -> None:
 
 
 def load_strictly(path: Path) -> None:
-    """Parses a file into an empty plant; raises ModelError when Drake warns, fails, or an inertia
+    """Parse a file into an empty plant; raises ModelError when Drake warns, fails, or an inertia
     is not physical.
     """
     plant = MultibodyPlant(0.001)
@@ -141,7 +127,7 @@ def load_strictly(path: Path) -> None:
 
 
 def sdf_differences(nominal: SdfModel) -> list[str]:
-    """Lines in which the file on disk differs from the model with the parameters' numbers."""
+    """List the lines in which a file differs from the model with the parameters' numbers."""
     lines = zip_longest(
         SdfModel(nominal.path).text().splitlines(), nominal.text().splitlines(), fillvalue=""
     )
@@ -153,7 +139,7 @@ def sdf_differences(nominal: SdfModel) -> list[str]:
 
 
 def update_model_files() -> list[Path]:
-    """Writes the numbers of `models/parameters` into the SDF files; returns the files."""
+    """Write the numbers of `models/parameters` into the SDF files; returns the files."""
     models = nominal_models()
     for model in models:
         model.path.write_text(model.text(), encoding="utf-8")
@@ -161,7 +147,7 @@ def update_model_files() -> list[Path]:
 
 
 def nominal_models() -> list[SdfModel]:
-    """The car, its tail arm and the two rigs with the numbers of `models/parameters`."""
+    """Make the car, its tail arm and the two rigs with the numbers of `models/parameters`."""
     scenario = scenario_from_dict({})
     rig = rig_scenario_from_dict({})
     return [
@@ -176,9 +162,9 @@ def _make_law(coefficients: str) -> None:
     load_coefficients(coefficients).law()
 
 
-def _attempt(subject: str, check: Callable[[], object]) -> CheckResult:
+def _attempt(subject: str, check: Callable[..., object], *arguments: object) -> CheckResult:
     try:
-        check()
+        check(*arguments)
     except UserError as error:
         return CheckResult(subject, (str(error),))
     return CheckResult(subject, ())

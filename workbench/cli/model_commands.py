@@ -1,4 +1,4 @@
-"""The group `models`: what looks into models, coefficients and scenarios."""
+"""Commands of the group `models`: models, tails, coefficients and diagrams."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from aerodima import workbench
-from aerodima.workbench.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.cli import options as cli
-from aerodima.workbench.errors import UserError
-from aerodima.workbench.text_table import shown_value, text_table
+from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.text_table import shown_value, text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from aerodima.workbench.plants.tail_geometry import TailGeometry
+    from aerodima.workbench.aero.tail_geometry import TailGeometry
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the commands."""
+    """Add the commands."""
     models = cli.command_group(
         app, "models", "Look into models, tails, coefficients and diagrams.", cli.CHECKS
     )
@@ -105,10 +105,7 @@ def tail(
     for path in out or ():
         refuse_existing(path, force, UserError)
     car = workbench.load_scenario(scenario, settings or [])
-    if file is None:
-        geometry = workbench.tail_geometry(car.tail)
-    else:
-        geometry = workbench.read_tail(file)
+    geometry = workbench.read_tail(file) if file else workbench.tail_geometry(car.tail)
     for line in tail_lines(geometry):
         typer.echo(line)
     for path in out or ():
@@ -125,7 +122,7 @@ def _write_picture(figure: Figure, out: Path, force: bool) -> None:
 
 
 def tail_lines(geometry: TailGeometry) -> list[str]:
-    """What a tail comes to, for the terminal: its plates, then the whole."""
+    """Tabulate a tail: its plates, then the whole."""
     header = ["plate", "kind", "area_cm2", "centre_of_pressure_m", "sections"]
     plates = [
         [
@@ -220,7 +217,7 @@ def export(
 
     Every number and its swing are in it; it needs no other file.
     """
-    from aerodima.workbench.controllers.law_of_scenario import make_bundle
+    from aerodima.workbench.control.controller_bundle import make_bundle
 
     text = (
         json.dumps(make_bundle(workbench.load_scenario(scenario, settings or ())), indent=2) + "\n"

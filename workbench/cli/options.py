@@ -1,12 +1,10 @@
-"""Options that commands of all packages share, their completion, exit statuses; `grouped`: several
-options as one.
-"""
+"""Options that commands of all packages share, their completion, and exit statuses."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from enum import IntEnum
 from functools import wraps
 from glob import glob
@@ -15,9 +13,9 @@ from pathlib import Path
 from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
+from typer.core import TyperGroup
 
-from aerodima.workbench.errors import UserError
-from aerodima.workbench.resources import models_dir
+from aerodima.workbench.core.errors import UserError
 
 RUNS = "Run the car and look at runs"
 SWINGS = "Find swings and vary numbers"
@@ -43,28 +41,23 @@ class Status(IntEnum):
 
 
 def _defined(word: str) -> Callable[[str], list[str]]:
-    """Completion: FILE:NAME of what Python files define with `word`, which is class or def."""
+    """Make a completion: FILE:NAME of what Python files define with `word`, class or def."""
 
     def complete(incomplete: str) -> list[str]:
-        files = [
-            Path(name)
-            for name in sorted(glob(f"{incomplete.partition(':')[0]}*"))
-            if name.endswith(".py")
-        ]
-        found = {
-            path: re.findall(rf"^{word} (\w+)", path.read_text("utf-8", "replace"), re.M)
-            for path in files
-        }
-        return [f"{path}:{name}" for path, names in found.items() for name in names]
+        places = []
+        for file in sorted(glob(f"{incomplete.partition(':')[0]}*.py")):
+            text = Path(file).read_text("utf-8", "replace")
+            places += [f"{file}:{name}" for name in re.findall(rf"^{word} (\w+)", text, re.M)]
+        return places
 
     return complete
 
 
 def _keys(kind: str) -> list[tuple[str, str]]:
-    """`section.key=` of `Scenario` or `RigScenario`, with the value where it is one of a few words;
-    what it is.
+    """List `section.key=`, with a value that is one of a few words, and description of the keys of
+    `Scenario` or `RigScenario`.
     """
-    from aerodima.workbench.config import rig_scenario
+    from aerodima.workbench.scenario import rig_scenario
 
     keys = []
     for section, model in getattr(rig_scenario, kind).sections().items():
@@ -78,42 +71,42 @@ def _keys(kind: str) -> list[tuple[str, str]]:
 
 
 def endings(*allowed: str) -> Callable[[typer.CallbackParam, Any], Any]:
-    """Check of an option: its files end in one of these, so that no name misleads."""
+    """Make the check of an option that its files end in one of these."""
 
     def check(param: typer.CallbackParam, value: Any) -> Any:
         for path in value if isinstance(value, list | tuple) else [value]:
             if path is not None and path.suffix.lower() not in allowed:
-                raise UserError(
-                    f"{param.opts[0]} {path}: ending {path.suffix!r}; allowed: {', '.join(allowed)}"
-                )
+                wrong = f"{path.suffix!r} must be one of {', '.join(allowed)}"
+                raise UserError(f"{param.opts[0]} {path}: ending {wrong}")
         return value
 
     return check
 
 
 def written(words: str, *allowed: str) -> Any:
-    """The option `--out` of a command: a folder, or a file with one of the allowed endings."""
+    """Make the option `--out` of a command: a folder, or a file with one of the allowed endings."""
     return typer.Option("--out", "-o", help=words, callback=endings(*allowed) if allowed else None)
 
 
 def chosen(words: str, *allowed: str) -> Any:
-    """An option that takes one of a few words."""
+    """Make an option that takes one of a few words."""
     return typer.Option(metavar="|".join(allowed), help=words, autocompletion=lambda: list(allowed))
 
 
 def named(words: str, folder: str, kind: Callable[..., Any] = typer.Argument) -> Any:
-    """An argument or option that takes a file, or the name of one in a folder of `models/`."""
+    """Make an argument or option that takes a file, or the name of one in a folder of `models/`."""
 
     def complete() -> list[str]:
-        return sorted(path.stem for path in (models_dir() / folder).glob("*.yaml"))
+        from aerodima.workbench.core.yaml_files import shipped_names
 
-    return kind(
-        help=f"{words}: a file (YAML), or the name of one that ships.", autocompletion=complete
-    )
+        return shipped_names(folder)
+
+    words = f"{words}: a file (YAML), or the name of one that ships."
+    return kind(help=words, autocompletion=complete)
 
 
 def setting(example: str, completion: Callable[..., Any]) -> Any:
-    """The option `--set` of a command."""
+    """Make the option `--set` of a command."""
     words = f"Override such as {example}; may be repeated."
     return typer.Option("--set", "-s", metavar="KEY=VALUE", help=words, autocompletion=completion)
 
@@ -168,15 +161,13 @@ Ensemble = Annotated[str, named("Ensemble of cars", "calibration", typer.Option)
 
 
 class Key(str):
-    """In the annotation of an option: the key of the scenario that it sets."""
+    """Key of the scenario that an option sets; part of the option's annotation."""
 
     __slots__ = ()
 
 
 def settings_of(options: Any) -> list[str]:
-    """Overrides of a scenario that a dataclass of options asks for: its fields with a `Key`, then
-    those of `--set`.
-    """
+    """List the overrides of a scenario: options with a `Key`, then those of `--set`."""
     overrides = []
     for name, hint in get_type_hints(type(options), include_extras=True).items():
         value = getattr(options, name)
@@ -188,7 +179,7 @@ def settings_of(options: Any) -> list[str]:
 
 @dataclass(frozen=True)
 class WorkOptions:
-    """Who computes the runs of a study, and whether it begins anew."""
+    """Workers of a study, and whether it begins anew."""
 
     workers: Workers = 2
     scheduler: Scheduler = None
@@ -196,25 +187,21 @@ class WorkOptions:
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
-    """The command with an option for each field of its dataclass parameters, in their place."""
+    """Replace the dataclass parameters of a command by an option for each of their fields."""
     parameters: list[Parameter] = []
     groups: dict[str, Any] = {}
 
-    def add(name: str, kind: Any, default: Any) -> None:
-        parameters.append(Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind))
+    def add(owner: Callable[..., Any], name: str, hint: Any) -> None:
+        parameter = signature(owner).parameters[name]
+        parameters.append(parameter.replace(kind=Parameter.KEYWORD_ONLY, annotation=hint))
 
-    for name, kind in get_type_hints(command, include_extras=True).items():
-        if is_dataclass(kind):
-            groups[name] = kind
-            hints = get_type_hints(kind, include_extras=True)
-            for field in fields(kind):
-                add(
-                    field.name,
-                    hints[field.name],
-                    Parameter.empty if field.default is MISSING else field.default,
-                )
+    for name, hint in get_type_hints(command, include_extras=True).items():
+        if is_dataclass(hint):
+            groups[name] = hint
+            for field, kind in get_type_hints(hint, include_extras=True).items():
+                add(groups[name], field, kind)
         elif name != "return":
-            add(name, kind, signature(command).parameters[name].default)
+            add(command, name, hint)
 
     @wraps(command)
     def call(**given: Any) -> None:
@@ -230,10 +217,14 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def command_group(
-    app: typer.Typer, name: str, words: str, section: str | None = None
+    app: typer.Typer,
+    name: str,
+    words: str,
+    section: str | None = None,
+    kind: type[TyperGroup] = TyperGroup,
 ) -> typer.Typer:
     """A group of commands in `app`, with its help text and section of the help page."""
-    group = typer.Typer(no_args_is_help=True)
+    group = typer.Typer(cls=kind, no_args_is_help=True)
     group.callback(help=words)(lambda: None)
     app.add_typer(group, name=name, rich_help_panel=section)
     return group

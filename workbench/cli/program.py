@@ -1,5 +1,4 @@
-"""The program `aerodima`: finds the commands of every installed package, turns errors into a line
-and an exit status.
+"""The program `aerodima`: commands of every installed package; errors become a line and a status.
 
 A package adds commands with an entry point in the group `aerodima.commands` that names a function
 `register(app: typer.Typer) -> None`. Everything a command needs beyond the standard library and
@@ -19,32 +18,13 @@ import typer
 from typer.core import TyperGroup
 
 from aerodima.workbench.cli.options import SECTIONS, Status
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.core.errors import UserError
 
 ENTRY_POINT_GROUP = "aerodima.commands"
-RENAMED = {
-    **dict.fromkeys(("turn", "straight", "slalom"), "run SCENARIO"),
-    **{old: f"log {old}" for old in ("metrics", "compare")},
-    **{old: f"models {old}" for old in ("coefficients", "diagram", "export", "range-of-motion")},
-    "rig run": "rig SCENARIO",
-    "threshold": "sweep threshold",
-    "optimise": "swing search",
-    "corner": "swing judge",
-    "verify": "swing verify",
-    "report": "calibrate",
-    "firmware": "drive SCENARIO --ports FILE --firmware FOLDER",
-    **dict.fromkeys(("--log", "--csv", "--save"), "--out"),
-    **dict.fromkeys(("--scenario", "--emulate"), "the argument SCENARIO"),
-    "--replay": "--html",
-    "--played": "--cars",
-}
-"""Commands and options of version 0.2, and what they are called now; goes with the next version."""
 
 
 class ErrorBoundary(TyperGroup):
-    """The outermost group: what a user can fix becomes one line; any other exception is a bug, its
-    traceback stays.
-    """
+    """Outermost group of commands: a user's error becomes one line, a bug keeps its traceback."""
 
     def invoke(self, ctx: Any) -> Any:  # Typer's own class of the context is private
         """Run the command; raises `typer.Exit` with a `Status`."""
@@ -52,19 +32,12 @@ class ErrorBoundary(TyperGroup):
             return super().invoke(ctx)
         except UserError as error:
             message = str(error)
-            cause: BaseException = error
+            cause: Exception = error
         except OSError as error:
             # Such an error is not about a file that the user named: closed pipe, lost network.
             if error.filename is None:
                 raise
             message = f"{error.filename}: {error.strerror}"
-            cause = error
-        except Exception as error:
-            # The error about an option that is not there has its name.
-            option = getattr(error, "option_name", "")
-            if option not in RENAMED:
-                raise
-            message = f"{option} is now {RENAMED[option]}"
             cause = error
         except KeyboardInterrupt as error:
             print("interrupted", file=sys.stderr)
@@ -72,24 +45,18 @@ class ErrorBoundary(TyperGroup):
         print(f"error: {message}", file=sys.stderr)
         raise typer.Exit(Status.WRONG) from cause
 
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """The command that is asked for; UserError with the new name where the old one is used."""
-        for old in (args[0], " ".join(args[:2])):
-            if old in RENAMED and self.get_command(ctx, old) is None and not ctx.resilient_parsing:
-                raise UserError(f"`aerodima {old}` is now `aerodima {RENAMED[old]}`")
-        return super().resolve_command(ctx, args)
-
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Lists the commands by section, those of other packages last."""
-        commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
-        room = formatter.width - 6 - max(len(name) for name, _ in commands)
+        """List the commands by section, those of other packages last."""
+        names = self.list_commands(ctx)
+        room = formatter.width - 6 - max(map(len, names))
         sections: dict[str, list[tuple[str, str]]] = {
             title: [] for title in (*SECTIONS, "Commands")
         }
-        for name, command in commands:
+        for name in names:
+            command = self.get_command(ctx, name)
+            panel = getattr(command, "rich_help_panel", None)
+            title = panel if panel in SECTIONS else "Commands"
             if command is not None and not command.hidden:
-                panel = getattr(command, "rich_help_panel", None)
-                title = panel if panel in SECTIONS else "Commands"
                 sections[title].append((name, command.get_short_help_str(room)))
         for title, rows in sections.items():
             if rows:
@@ -117,8 +84,7 @@ def _root(
 
 
 def build_app() -> typer.Typer:
-    """The program with the commands of every installed package, sorted by the name of the entry
-    point.
+    """Build the program with the commands of every installed package, sorted by entry point.
 
     An exception while a package registers its commands names that package and is raised: half a
     program helps nobody.
@@ -145,7 +111,7 @@ def build_app() -> typer.Typer:
 
 
 def main() -> None:
-    """Entry point of the console command."""
+    """Run the console command."""
     try:
         build_app()()
     except KeyboardInterrupt:  # before a command began

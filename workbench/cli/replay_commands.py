@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from aerodima import workbench
-from aerodima.workbench.atomic_write import refuse_existing
 from aerodima.workbench.cli import options as cli
 from aerodima.workbench.cli.log_commands import run_names
-from aerodima.workbench.errors import LogError, UserError
+from aerodima.workbench.core.atomic_write import refuse_existing
+from aerodima.workbench.core.errors import LogError, UserError
 
 if TYPE_CHECKING:
     from aerodima.workbench.logs.schema import RunLog
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the commands."""
+    """Add the commands."""
     app.command(rich_help_panel=cli.RUNS)(play)
     app.command(rich_help_panel=cli.RUNS)(replay)
 
@@ -45,15 +45,15 @@ def play(
     Example: aerodima play --out by_hand.parquet --pace 0.5
     """
     if not 0.1 <= pace <= 1.0:
-        raise UserError(f"--pace: {pace:g}; allowed: 0.1 to 1")
+        raise UserError(f"--pace: {pace:g} must be 0.1 to 1")
     if not length > 0.0:
-        raise UserError(f"--length: {length:g} s; allowed: > 0")
+        raise UserError(f"--length: {length:g} s must be > 0")
     if out is not None:
         refuse_existing(out, force, LogError)
 
     car = workbench.load_scenario(scenario, settings or ())
     from aerodima.workbench.cli.run_commands import live_view
-    from aerodima.workbench.replay.hand_drive import HELP, MeshcatControls, drive_by_hand
+    from aerodima.workbench.view.hand_drive import HELP, MeshcatControls, drive_by_hand
 
     meshcat = live_view(port)
     typer.echo(HELP, err=True)
@@ -61,9 +61,9 @@ def play(
     for written in drive_by_hand(
         car, controls, log=out, meshcat=meshcat, length=length, force=force, say=typer.echo
     ):
-        from aerodima.workbench.replay.captions import caption_of
+        from aerodima.workbench.view.captions import run_caption
 
-        typer.echo(f"log: {written}: {caption_of(workbench.read_run_log(written)).text}")
+        typer.echo(f"log: {written}: {run_caption(workbench.read_run_log(written)).text}")
 
 
 def replay(
@@ -103,7 +103,7 @@ def replay(
     others = html is not None or strip is not None or port is not None
     if len(runs) > 1 and (video is None or others):
         raise UserError(
-            f"{len(runs)} runs: allowed with --video alone; `aerodima log compare` makes a page "
+            f"{len(runs)} runs: must be with --video alone; `aerodima log compare` makes a page "
             "of them"
         )
     for path in (html, strip, video):
@@ -117,28 +117,26 @@ def replay(
 
 def _write_video(runs: list[Path], video: Path, start: float, rate: float, force: bool) -> None:
     from aerodima.workbench.cli.run_commands import show_progress
-    from aerodima.workbench.replay.video import check_video, write_video
+    from aerodima.workbench.view.video import check_video, write_video
 
     check_video(video, force)
     names = [name.replace("_", " ") for name in run_names(runs)]
     filmed = {name: workbench.read_run_log(path) for name, path in zip(names, runs, strict=True)}
-    told = show_progress("frame", "")
-    typer.echo(
-        f"video: {write_video(filmed, video, force=force, rate=rate, progress=told, start=start)}"
-    )
+    progress = show_progress("frame", "")
+    path = write_video(filmed, video, force=force, rate=rate, progress=progress, start=start)
+    typer.echo(f"video: {path}")
 
 
 def _replay_one(
     run: Path, html: Path | None, strip: Path | None, port: int | None, rate: float, force: bool
 ) -> None:  # fmt: skip
-
     run_log = workbench.read_run_log(run)
     if html is not None:
-        from aerodima.workbench.report.replay_page import write_replay_html
+        from aerodima.workbench.view.replay_page import write_replay_html
 
         typer.echo(f"replay: {write_replay_html(run_log, html, force=force, rate=rate)}")
     if strip is not None:
-        from aerodima.workbench.replay.strip import write_strip
+        from aerodima.workbench.view.filmstrip import write_strip
 
         typer.echo(f"strip: {write_strip(run_log, strip, force=force)}")
     if port is not None or (html is None and strip is None):
@@ -146,14 +144,14 @@ def _replay_one(
 
 
 def _show(run_log: RunLog, port: int | None, rate: float) -> None:
-    """Plays the run in Meshcat until Ctrl-C."""
-    from aerodima.workbench.replay.captions import caption_of
-    from aerodima.workbench.replay.recording import record_run
-    from aerodima.workbench.replay.viewer import open_meshcat
+    """Play the run in Meshcat until Ctrl-C."""
+    from aerodima.workbench.view.captions import run_caption
+    from aerodima.workbench.view.recording import record_run
+    from aerodima.workbench.view.viewer import open_meshcat
 
     meshcat = open_meshcat(port)
     record_run(run_log, meshcat, rate)
-    typer.echo(caption_of(run_log).text)
+    typer.echo(run_caption(run_log).text)
     typer.echo(f"open {meshcat.web_url()} in a browser; Ctrl-C ends")
     try:
         while True:

@@ -9,21 +9,21 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from aerodima import workbench
-from aerodima.workbench.atomic_write import refuse_existing
 from aerodima.workbench.cli import options as cli
-from aerodima.workbench.errors import LogError
-from aerodima.workbench.text_table import shown_value, text_table
+from aerodima.workbench.core.atomic_write import refuse_existing
+from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.core.text_table import shown_value, text_table
 
 if TYPE_CHECKING:
     from aerodima.workbench.logs.schema import RunLog
 
 SHOWN_FACTS = ("tail", "axis", "wind_speed_m_per_s", "exposed")
-"""What `extra` of a log says of its experiment; `exposed`: part of the tail is in the jet."""
+"""Keys of `extra` of a log that are shown; `exposed` is the part of the tail in the jet."""
 
 
 @dataclass(frozen=True)
 class ExperimentOptions:
-    """What an experiment changes in its scenario, and where its log goes."""
+    """Changes of an experiment to its scenario, and where its log goes."""
 
     out: cli.LogOut
     tail: Annotated[
@@ -58,7 +58,7 @@ class ExperimentOptions:
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the command."""
+    """Add the command."""
     app.command(rich_help_panel=cli.COEFFICIENTS, no_args_is_help=True)(rig)
 
 
@@ -79,11 +79,10 @@ def rig(
     from aerodima.workbench.cli.run_commands import live_view, show_progress
 
     refuse_existing(options.out, options.force, LogError)
-    if options.angle is None:
-        angle = []
-    else:
-        angle = [f"experiment.angle={radians(options.angle)!r}"]
-    experiment = workbench.load_rig_scenario(scenario, [*angle, *cli.settings_of(options)])
+    settings = cli.settings_of(options)
+    if options.angle is not None:
+        settings.insert(0, f"experiment.angle={radians(options.angle)!r}")
+    experiment = workbench.load_rig_scenario(scenario, settings)
     log = workbench.simulate(
         experiment,
         options.out,
@@ -98,13 +97,11 @@ def rig(
 
 
 def summary_lines(log: RunLog) -> list[str]:
-    """What an experiment came to, for the terminal: its facts, then what was measured."""
-    from aerodima.workbench.config.signal_table import TIME
+    """Tabulate an experiment: its facts, then mean and extremes of the signals."""
+    from aerodima.workbench.scenario.signal_table import TIME
 
     facts = [[name, shown_value(log.extra[name])] for name in SHOWN_FACTS if name in log.extra]
-    measured = log.table.describe().loc[["mean", "min", "max"]].T
-    signals = text_table(
-        ["", *measured.columns],
-        [[str(name), *map(shown_value, row)] for name, row in measured.iterrows() if name != TIME],
-    )
+    measured = log.table.drop(columns=TIME).agg(["mean", "min", "max"])
+    rows = [[str(name), *map(shown_value, values)] for name, values in measured.items()]
+    signals = text_table(["", *measured.index], rows)
     return [*text_table(["kind", log.kind], facts), "", *signals]

@@ -13,18 +13,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from aerodima import workbench
-from aerodima.workbench.atomic_write import make_folder, refuse_existing
 from aerodima.workbench.cli import options as cli
-from aerodima.workbench.errors import LogError, UserError
-from aerodima.workbench.text_table import shown_value, text_table
+from aerodima.workbench.core.atomic_write import make_folder, refuse_existing
+from aerodima.workbench.core.errors import LogError, UserError
+from aerodima.workbench.core.text_table import shown_value, text_table
 
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
 
-    from aerodima.workbench.config.scenario import Scenario
-    from aerodima.workbench.controllers.tail_law import TailLaw
+    from aerodima.workbench.car.run_view import Progress
+    from aerodima.workbench.control.tail_law import TailLaw
     from aerodima.workbench.logs.schema import RunLog
-    from aerodima.workbench.simulate.car_run import Progress
+    from aerodima.workbench.scenario.scenario import Scenario
 
 SHOWN_METRICS = (
     "speed_m_per_s",
@@ -41,14 +41,14 @@ SHOWN_FACTS = (
     "sections_outside_measured_range",
     "sections_above_quasi_steady_limit",
 )
-"""What the sections of a tail met, in `extra` of a log; the last two as shares of the time."""
-_STILL = 0.2
-"""rad; a tail that rolls less has not swung."""
+"""Keys of `extra` of a log about the sections of a tail; the last two are shares of the time."""
+_MIN_SWING = 0.2
+"""Travel of the roll joint below which a tail has not swung, rad."""
 
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What a run changes in its scenario, and what is kept and shown of it."""
+    """Changes of a run to its scenario, and what is kept and shown of it."""
 
     scenario: cli.OtherScenario = None
     speed: Annotated[
@@ -72,7 +72,7 @@ class RunOptions:
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the commands."""
+    """Add the commands."""
     app.command(rich_help_panel=cli.RUNS, no_args_is_help=True)(run)
     app.command(rich_help_panel=cli.RUNS)(demo)
     cli.command_group(app, "scenarios", "List the scenarios that ship.", cli.RUNS).command("list")(
@@ -93,11 +93,13 @@ def demo(
     Asked for again after Ctrl-C it keeps the finished runs and goes on. Example: aerodima demo
     --out out/demo
     """
-    from aerodima.workbench.batch.row_store import terminal
-    from aerodima.workbench.report.demo import DemoPlan, make_demo
+    from aerodima.workbench.batch.row_store import terminal_progress
+    from aerodima.workbench.view.demo import DemoPlan, make_demo
 
     start = time.monotonic()
-    page = make_demo(out, DemoPlan(seed=seed), workers=workers, force=force, progress=terminal())
+    page = make_demo(
+        out, DemoPlan(seed=seed), workers=workers, force=force, progress=terminal_progress()
+    )
     typer.echo(f"page: {page} ({time.monotonic() - start:.0f} s)")
 
 
@@ -111,42 +113,37 @@ def run(options: RunOptions) -> None:
     Example: aerodima run turn_swing --speed 4.44 --out run.parquet --html run.html
     """
     # What can be wrong is looked at before Drake is imported, which takes seconds.
-    from aerodima.workbench.controllers.law_of_scenario import (
+    from aerodima.workbench.control.swing_library import (
         find_swing,
-        own_turn,
         refuse_other_car,
         swing_of_scenario,
+        turn_of_swing,
         turn_words,
     )
 
-    if options.law is not None and options.swing is not None:
-        raise UserError("--law: allowed without --swing; each says what the tail does")
-    if options.diagram is not None and (options.law is not None or options.swing is not None):
-        raise UserError("--diagram: allowed without --law and --swing; it says what the tail does")
+    drivers = {"--swing": options.swing, "--law": options.law, "--diagram": options.diagram}
+    stated = [name for name, value in drivers.items() if value is not None]
+    if len(stated) > 1:
+        raise UserError(f"{' and '.join(stated)}: must be one only, since each drives the tail")
     if options.scenario is None and options.swing is None:
         raise UserError(
-            "SCENARIO: missing; allowed: a scenario file, a name of `aerodima scenarios list`, or "
-            "--swing"
+            "SCENARIO: missing; must be a file or a name of `aerodima scenarios list`, or --swing"
         )
     if options.swing is None and options.other_car:
-        raise UserError("--other-car: allowed together with --swing")
+        raise UserError("--other-car: needs --swing")
     name = options.scenario
     own = tuple[str, ...]()
     if options.swing is not None:
-        name, own = own_turn(find_swing(options.swing), name)
+        name, own = turn_of_swing(find_swing(options.swing), name)
     scenario = workbench.load_scenario(str(name), [*own, *cli.settings_of(options)])
-    if options.law is None:
-        law = None
-    else:
-        law = _own_law(options.law, scenario)
+    law = None
+    if options.law is not None:
+        law = _user_law(options.law, scenario)
     if law is None and options.diagram is None and not options.other_car:
         refuse_other_car(scenario)
     _refuse_outputs(options.out, options.html, options.force)
     run_log = _simulated(scenario, options, law)
-    if own:
-        swing = swing_of_scenario(scenario)
-    else:
-        swing = None
+    swing = swing_of_scenario(scenario) if own else None
     if swing is not None:
         typer.echo(f"turn: {scenario.name}, {turn_words(swing, scenario)}")
     for line in summary_lines(run_log):
@@ -154,7 +151,7 @@ def run(options: RunOptions) -> None:
     if options.out is not None:
         typer.echo(f"log: {options.out}")
     if options.html is not None:
-        from aerodima.workbench.report.replay_page import write_replay_html
+        from aerodima.workbench.view.replay_page import write_replay_html
 
         typer.echo(f"replay: {write_replay_html(run_log, options.html, force=options.force)}")
 
@@ -168,19 +165,18 @@ def _refuse_outputs(log: Path | None, html: Path | None, force: bool) -> None:
 
 
 def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> RunLog:
-    from aerodima.workbench.controllers.law_of_scenario import load_build, traceback_and_reason
+    from aerodima.workbench.car.termination import turn_end
+    from aerodima.workbench.control.user_law import load_build, traceback_and_reason
     from aerodima.workbench.logs.journal import journal_path
-    from aerodima.workbench.simulate.car_run import turn_end
 
     duration = scenario.manoeuvre.duration
     end = turn_end(scenario)
     if scenario.manoeuvre.kind == "turn" and duration < end:  # its metrics need the whole turn
         raise UserError(
-            f"manoeuvre.duration: {duration:g} s; allowed: >= {end:g} s, the end of the turn"
+            f"manoeuvre.duration: {duration:g} s must be >= {end:g} s, the end of the turn"
         )
-    if options.diagram is None:
-        build = None
-    else:
+    build = None
+    if options.diagram is not None:
         build = load_build(options.diagram)
     try:
         return workbench.simulate(
@@ -200,11 +196,8 @@ def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> 
             raise
         text, reason = traceback_and_reason(error)
         typer.echo(text, err=True)
-        if build is None:
-            own = f"--law {options.law}"
-        else:
-            own = f"--diagram {options.diagram}"
-        raise UserError(f"{own}: {reason}") from None
+        place = f"--law {options.law}" if build is None else f"--diagram {options.diagram}"
+        raise UserError(f"{place}: {reason}") from None
     except KeyboardInterrupt:
         if options.out is not None:
             typer.echo(
@@ -214,33 +207,35 @@ def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> 
         raise
 
 
-def _own_law(place: str, scenario: Scenario) -> TailLaw:
-    from aerodima.workbench.controllers.law_of_scenario import load_law
+def _user_law(place: str, scenario: Scenario) -> TailLaw:
+    from aerodima.workbench.control.user_law import load_law
 
     if scenario.tail.mode == "none":
-        raise UserError(f"--law {place}: this car has no tail; allowed with --tail held or swing")
+        raise UserError(f"--law {place}: this car has no tail; needs --tail held or swing")
     return load_law(place, scenario)
 
 
 def list_scenarios() -> None:
     """List the scenarios of the car, for `run`, and of the rigs, for `rig`."""
-    from aerodima.workbench.config.rig_scenario import RigScenario
-    from aerodima.workbench.config.scenario import Scenario
+    from aerodima.workbench.scenario.rig_scenario import RigScenario
+    from aerodima.workbench.scenario.scenario import Scenario
 
-    cars = [(name, Scenario.load(name)) for name in Scenario.names()]
-    rows = [
-        [name, one.name, one.manoeuvre.kind, shown_value(one.manoeuvre.speed), one.tail.mode]
-        for name, one in cars
-    ]
-    rigs = [(name, RigScenario.load(name)) for name in RigScenario.names()]
-    experiments = [[name, one.name, one.experiment.kind] for name, one in rigs]
-    table = text_table(["scenario", "name", "manoeuvre", "speed_m_per_s", "tail"], rows)
-    typer.echo("\n".join([*table, "", *text_table(["rig", "name", "experiment"], experiments)]))
+    cars = []
+    for name in Scenario.names():
+        car = Scenario.load(name)
+        speed = shown_value(car.manoeuvre.speed)
+        cars.append([name, car.name, car.manoeuvre.kind, speed, car.tail.mode])
+    rigs = []
+    for name in RigScenario.names():
+        rig = RigScenario.load(name)
+        rigs.append([name, rig.name, rig.experiment.kind])
+    table = text_table(["scenario", "name", "manoeuvre", "speed_m_per_s", "tail"], cars)
+    typer.echo("\n".join([*table, "", *text_table(["rig", "name", "experiment"], rigs)]))
 
 
 def live_view(port: int | None = None) -> Meshcat:
-    """Opens Meshcat and says where to watch."""
-    from aerodima.workbench.replay.viewer import open_meshcat
+    """Open Meshcat and print where to watch."""
+    from aerodima.workbench.view.viewer import open_meshcat
 
     meshcat = open_meshcat(port)
     typer.echo(f"watch: {meshcat.web_url()}", err=True)
@@ -248,7 +243,7 @@ def live_view(port: int | None = None) -> Meshcat:
 
 
 def show_progress(what: str = "simulating", unit: str = " s") -> Progress | None:
-    """A progress line on stderr when that is a terminal; None otherwise."""
+    """Make a progress line on stderr if that is a terminal; None otherwise."""
     if not sys.stderr.isatty():
         return None
 
@@ -260,10 +255,8 @@ def show_progress(what: str = "simulating", unit: str = " s") -> Progress | None
 
 
 def summary_lines(run_log: RunLog) -> list[str]:
-    """What a run came to, for the terminal: its outcome, the first metrics, and what the sail's
-    sections met.
-    """
-    from aerodima.workbench.replay.captions import outcome_in_words
+    """Tabulate a run: its outcome, the first metrics, and the flow at the sail's sections."""
+    from aerodima.workbench.view.captions import outcome_in_words
 
     metrics = workbench.metrics_of(run_log)
     row = metrics.as_row()
@@ -273,12 +266,9 @@ def summary_lines(run_log: RunLog) -> list[str]:
         ["", run_log.scenario["name"]],
         [[name, shown_value(value)] for name, value in shown.items()],
     )
+    lines = [f"outcome: {outcome_in_words(metrics.outcome)}"]
     if run_log.scenario["tail"]["mode"] == "swing":
         roll = run_log.signal("tail_roll_angle_rad")
-    else:
-        roll = None
-    rests = roll is not None and roll.max() - roll.min() < _STILL
-    still = []
-    if rests:
-        still = ["note: the tail did not swing, since its law saw no reason to"]
-    return [f"outcome: {outcome_in_words(metrics.outcome)}", *still, *table]
+        if roll.max() - roll.min() < _MIN_SWING:
+            lines.append("note: the tail did not swing, since its law saw no reason to")
+    return [*lines, *table]

@@ -6,18 +6,20 @@ A file keeps every bit of every number, and the metadata: a CSV has them in a fi
 
 import json
 from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from heapq import merge
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from aerodima.workbench.atomic_write import refuse_existing, write_atomically
-from aerodima.workbench.config.signal_table import PLANT_POSITION_PREFIX, TIME
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.foreign_files import NANOSECOND, require_packages
 from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.scenario.signal_table import PLANT_POSITION_PREFIX, TIME
 
 Format = Literal["csv", "mcap"]
 FORMATS: tuple[Format, ...] = ("csv", "mcap")
@@ -47,14 +49,14 @@ def export_log(
     force: bool = False,
     scene: Iterable[SceneMessage] = (),
 ) -> list[Path]:
-    """Writes a run log as CSV or MCAP; gives the files written.
+    """Writes a run log as CSV or MCAP; returns the files written.
 
     Args:
         run_log: the run.
         path: to write.
         form: of the file.
         force: replace an existing file.
-        scene: for MCAP, what a viewer draws, such as `aerodima.workbench.replay.foxglove_scene`
+        scene: for MCAP, what a viewer draws, such as `aerodima.workbench.view.foxglove_scene`
             gives.
 
     Raises:
@@ -72,17 +74,12 @@ def export_log(
     require_packages(path, "mcap", "mcap_protobuf", "foxglove_schemas_protobuf")
     if not np.all(np.isfinite(run_log.time)) or run_log.time.min(initial=0.0) < 0.0:
         raise LogError(f"column {TIME!r}: MCAP needs finite times from 0 s on")
-    write_atomically(
-        path,
-        lambda temporary: _write_mcap(temporary, run_log.table, metadata, scene),
-        force,
-        LogError,
-    )
-    return [path]
+    write = partial(_write_mcap, table=run_log.table, metadata=metadata, scene=scene)
+    return [write_atomically(path, write, force, LogError)]
 
 
 def topics_of(columns: Sequence[str]) -> dict[str, list[str]]:
-    """MCAP topics and their columns: one per device, so that a viewer shows them in groups."""
+    """Groups columns by MCAP topics: one per device, so that a viewer shows them in groups."""
     topics: dict[str, list[str]] = {}
     for name in columns:
         if name != TIME:
@@ -91,13 +88,14 @@ def topics_of(columns: Sequence[str]) -> dict[str, list[str]]:
 
 
 def _topic(column: str) -> str:
+    """Names the topic of a column."""
     if column.startswith(PLANT_POSITION_PREFIX):
         return "/plant"
     if "_truth" in column:
         return "/truth"
-    for device in ("imu", "tail", "sail", "status", "speed"):
-        if column.startswith(f"{device}_"):
-            return f"/{device}"
+    device = column.partition("_")[0]
+    if device in ("imu", "tail", "sail", "status", "speed"):
+        return f"/{device}"
     if column.startswith(("angle", "angular", "current", "force", "torque")):
         return "/rig"
     return "/driver"
@@ -106,7 +104,7 @@ def _topic(column: str) -> str:
 def _write_mcap(
     path: Path, table: pd.DataFrame, metadata: str, scene: Iterable[SceneMessage]
 ) -> None:
-    """JSON messages, one per row and topic, each with its time; NaN becomes null.
+    """Writes JSON messages, one per row and topic, each with its time; NaN becomes null.
 
     The scene is Protobuf.
     """
@@ -115,20 +113,18 @@ def _write_mcap(
     with open(path, "wb") as stream:
         writer: Any = Writer(stream)
         writer.start(profile="", library="aerodima")
-        signals = [
-            _signals(writer, topic, table[[TIME, *names]])
-            for topic, names in topics_of(list(table.columns)).items()
-        ]
-        for stamp, channel, data in merge(
-            *signals, _drawn(writer, scene), key=lambda item: item[0]
-        ):
+        messages = []
+        for topic, names in topics_of(list(table.columns)).items():
+            messages.append(_signals(writer, topic, table[[TIME, *names]]))
+        messages.append(_drawn(writer, scene))
+        for stamp, channel, data in merge(*messages, key=itemgetter(0)):
             writer.add_message(channel, log_time=stamp, data=data, publish_time=stamp)
         writer.add_metadata("aerodima", {"json": metadata})
         writer.finish()
 
 
 def _signals(writer: Any, topic: str, table: pd.DataFrame) -> Iterator[Stamped]:
-    """The messages of a topic; times are kept in them too, as nanoseconds round them."""
+    """Makes the messages of a topic; times are kept in them too, as nanoseconds round them."""
     names = list(table.columns)
     properties = {name: {"type": ["number", "null"]} for name in names}
     schema = json.dumps({"type": "object", "properties": properties}).encode()
@@ -138,11 +134,12 @@ def _signals(writer: Any, topic: str, table: pd.DataFrame) -> Iterator[Stamped]:
     channel = writer.register_channel(topic=topic, message_encoding="json", schema_id=schema_id)
     for row in table.to_numpy().tolist():
         numbers = (value if np.isfinite(value) else None for value in row)
-        yield stamp_of(row[0]), channel, json.dumps(dict(zip(names, numbers, strict=True))).encode()
+        data = json.dumps(dict(zip(names, numbers, strict=True)))
+        yield stamp_of(row[0]), channel, data.encode()
 
 
 def _drawn(writer: Any, scene: Iterable[SceneMessage]) -> Iterator[Stamped]:
-    """The messages of Foxglove's schemas."""
+    """Makes the messages of Foxglove's schemas."""
     from mcap_protobuf.schema import register_schema
 
     channels: dict[str, int] = {}
@@ -156,5 +153,5 @@ def _drawn(writer: Any, scene: Iterable[SceneMessage]) -> Iterator[Stamped]:
 
 
 def stamp_of(time: float) -> int:
-    """A time (s) in ns, as MCAP keeps it."""
+    """Converts a time (s) to ns, as MCAP keeps it."""
     return round(time / NANOSECOND)

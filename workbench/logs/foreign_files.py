@@ -25,12 +25,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.checked_files import nearest
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.logs.mapping import CsvFormat
 
-MOST_COLUMNS = 64
+MAX_COLUMNS = 64
 """A matrix with more columns than this (and than rows) is a picture or a table of something else,
 not a log; so is a list with more numbers."""
 NANOSECOND = 1e-9
@@ -57,7 +57,7 @@ class ForeignLog:
     unreadable: Mapping[str, str] = field(default_factory=dict)
 
     def numbers(self, name: str) -> FloatArray:
-        """A column as float64, empty cells as NaN.
+        """Reads a column as float64, empty cells as NaN.
 
         Raises:
             LogError: no such column (names the nearest), a cell that is not a number (names its
@@ -65,29 +65,28 @@ class ForeignLog:
         """
         series = self._series(name)
         if series.dtype.kind in "fiub":
-            return series.to_numpy(dtype=np.float64)
+            return series.to_numpy(float)
         numbers = pd.to_numeric(series, errors="coerce")
-        bad = np.flatnonzero(numbers.isna().to_numpy() & series.notna().to_numpy())
+        bad = np.flatnonzero(numbers.isna() & series.notna())
         if bad.size:
+            text = str(series.iloc[bad[0]])
             raise LogError(
-                f"{self.path}: column {name!r}: {str(series.iloc[bad[0]])!r} in row {bad[0] + 1} "
-                "is not a number"
+                f"{self.path}: column {name!r}: {text!r} in row {bad[0] + 1} is not a number"
             )
-        return numbers.to_numpy(dtype=np.float64)
+        return numbers.to_numpy(float)
 
     def times(self, name: str) -> FloatArray:
-        """A column of times: numbers as they are, dates (ISO 8601) as seconds since 1970."""
+        """Reads a column of times: numbers as they are, dates (ISO 8601) as seconds since 1970."""
         series = self._series(name)
         if series.dtype.kind in "fiub":
             return self.numbers(name)
+        form = None if series.dtype.kind == "M" else "ISO8601"
         try:
-            dates = pd.to_datetime(
-                series, utc=True, format=None if series.dtype.kind == "M" else "ISO8601"
-            )
+            dates = pd.to_datetime(series, utc=True, format=form)
         except (ValueError, TypeError):
             return self.numbers(name)
         seconds = (dates - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1)
-        return np.asarray(seconds, dtype=np.float64)
+        return np.asarray(seconds, float)
 
     def _series(self, name: str) -> pd.Series:
         if name in self.unreadable:
@@ -98,25 +97,24 @@ class ForeignLog:
 
 
 def joined(logs: list[ForeignLog]) -> ForeignLog:
-    """Files of one run as one: the columns of the second are called `2:<name>`, and so on."""
-    if len(logs) == 1:
-        return logs[0]
-    columns: dict[str, pd.Series] = {}
-    time_of: dict[str, str] = {}
-    unreadable: dict[str, str] = {}
-    for number, log in enumerate(logs, start=1):
-        if number == 1:
-            prefix = ""
-        else:
-            prefix = f"{number}:"
-        columns |= {prefix + name: series for name, series in log.columns.items()}
-        time_of |= {prefix + name: prefix + time for name, time in log.time_of.items()}
-        unreadable |= {prefix + name: reason for name, reason in log.unreadable.items()}
-    return ForeignLog(" + ".join(log.path for log in logs), columns, time_of, unreadable)
+    """Joins files of one run: the columns of the second are called `2:<name>`, and so on."""
+    whole = logs[0]
+    for number, log in enumerate(logs[1:], start=2):
+        prefix = f"{number}:"
+        columns = {prefix + name: series for name, series in log.columns.items()}
+        time_of = {prefix + name: prefix + time for name, time in log.time_of.items()}
+        unreadable = {prefix + name: reason for name, reason in log.unreadable.items()}
+        whole = ForeignLog(
+            f"{whole.path} + {log.path}",
+            {**whole.columns, **columns},
+            {**whole.time_of, **time_of},
+            {**whole.unreadable, **unreadable},
+        )
+    return whole
 
 
 def read_csv(path: Path, form: CsvFormat) -> ForeignLog:
-    """Columns of a CSV; LogError when it is not a table that can be read."""
+    """Reads the columns of a CSV; LogError when it is not a table that can be read."""
     first = form.skip_lines + 1
     skipped = [*range(form.skip_lines), *range(first, first + form.skip_after_names)]
     try:
@@ -139,9 +137,7 @@ def read_csv(path: Path, form: CsvFormat) -> ForeignLog:
             f"{form.delimiter!r} and `csv.decimal` {form.decimal!r} right?"
         ) from cause
     except (ValueError, LookupError, pd.errors.ParserError) as cause:
-        raise LogError(
-            f"{path}: not a table that can be read: {' '.join(str(cause).split())}"
-        ) from cause
+        raise LogError(f"{path}: not a table that can be read: {_one_line(cause)}") from cause
     if table.shape[1] < 2:
         raise LogError(
             f"{path}: one column only, {str(table.columns[0])!r}; is `csv.delimiter` "
@@ -150,8 +146,13 @@ def read_csv(path: Path, form: CsvFormat) -> ForeignLog:
     return ForeignLog(str(path), {str(name).strip(): table[name] for name in table.columns})
 
 
+def _one_line(cause: Exception) -> str:
+    """Joins the lines of a parser's message."""
+    return " ".join(str(cause).split())
+
+
 def read_parquet(path: Path) -> ForeignLog:
-    """Columns of a Parquet file; LogError when it is damaged."""
+    """Reads the columns of a Parquet file; LogError when it is damaged."""
     try:
         table = pq.read_table(path)
     except (pa.ArrowException, OSError) as cause:
@@ -161,34 +162,29 @@ def read_parquet(path: Path) -> ForeignLog:
 
 
 def read_mat(path: Path) -> ForeignLog:
-    """Columns of a MAT file.
+    """Reads the columns of a MAT file.
 
     Raises:
         LogError: damaged or not a MAT file; h5py is not installed and the file is of version 7.3.
     """
-    columns: dict[str, FloatArray] = {}
+    columns: dict[str, pd.Series] = {}
     unreadable: dict[str, str] = {}
-    for name, value in _leaves_7_3(path) if is_version_7_3(path) else _leaves_5(path):
+    leaves = _leaves_7_3(path) if is_version_7_3(path) else _leaves_5(path)
+    for name, value in leaves:
         if isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
             columns |= _vectors(name, value)
         elif isinstance(value, int | float | np.number) and not isinstance(value, bool):
-            columns[name] = np.array([value], dtype=np.float64)
+            columns[name] = pd.Series([float(value)])
         elif not isinstance(value, str | bytes):
             unreadable[name] = _OBJECT
     if not columns:
-        raise LogError(
-            f"{path}: no vectors of numbers"
-            + (f"; {', '.join(unreadable)}: {_OBJECT}" if unreadable else "")
-        )
-    return ForeignLog(
-        str(path),
-        {name: pd.Series(values) for name, values in columns.items()},
-        unreadable=unreadable,
-    )
+        objects = f"; {', '.join(unreadable)}: {_OBJECT}" if unreadable else ""
+        raise LogError(f"{path}: no vectors of numbers{objects}")
+    return ForeignLog(str(path), columns, unreadable=unreadable)
 
 
 def is_version_7_3(path: Path) -> bool:
-    """Whether a MAT file is HDF5: its text header says so, or the HDF5 signature is at a place
+    """Says whether a MAT file is HDF5: its text header says so, or the HDF5 signature is at a place
     where it may be.
     """
     with open(path, "rb") as stream:
@@ -196,36 +192,25 @@ def is_version_7_3(path: Path) -> bool:
     return head.startswith(b"MATLAB 7.3") or b"\x89HDF\r\n\x1a\n" in (head[:8], head[512:520])
 
 
-def _vectors(name: str, value: NDArray) -> dict[str, FloatArray]:
-    value = np.squeeze(value)
+def _vectors(name: str, value: NDArray) -> dict[str, pd.Series]:
+    """Splits an array into its columns; none of what is no table."""
+    value = np.squeeze(value).astype(float)
     if value.ndim <= 1:
-        return {name: np.atleast_1d(value).astype(np.float64)}
-    if value.ndim > 2 or (value.shape[1] > MOST_COLUMNS and value.shape[1] > value.shape[0]):
+        return {name: pd.Series(np.atleast_1d(value))}
+    if value.ndim > 2 or value.shape[1] > max(MAX_COLUMNS, value.shape[0]):
         return {}
-    return {
-        f"{name}({column + 1})": value[:, column].astype(np.float64)
-        for column in range(value.shape[1])
-    }
+    return {f"{name}({number})": pd.Series(column) for number, column in enumerate(value.T, 1)}
 
 
 def _leaves_5(path: Path) -> Iterator[tuple[str, Any]]:
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadError
 
+    errors = (ValueError, TypeError, MatReadError, NotImplementedError, OSError, LookupError)
     try:
         yield from _walk("", loadmat(path, simplify_cells=True))
-    except (
-        ValueError,
-        TypeError,
-        MatReadError,
-        NotImplementedError,
-        OSError,
-        KeyError,
-        IndexError,
-    ) as cause:
-        raise LogError(
-            f"{path}: damaged or not a MAT file ({' '.join(str(cause).split())})"
-        ) from cause
+    except errors as cause:
+        raise LogError(f"{path}: damaged or not a MAT file ({_one_line(cause)})") from cause
 
 
 def _leaves_7_3(path: Path) -> Iterator[tuple[str, Any]]:
@@ -240,7 +225,7 @@ def _leaves_7_3(path: Path) -> Iterator[tuple[str, Any]]:
 
 
 def _walk(prefix: str, struct: Any) -> Iterator[tuple[str, Any]]:
-    """Leaves of a struct, a dict of SciPy or a group of h5py, with their names."""
+    """Walks over the leaves of a struct, a dict of SciPy or a group of h5py, with their names."""
     for key, value in struct.items():
         if key.startswith(("__", "#")):
             continue
@@ -251,7 +236,7 @@ def _walk(prefix: str, struct: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _content(dataset: Any) -> NDArray | str | None:
-    """Content of an HDF5 dataset.
+    """Reads an HDF5 dataset.
 
     It keeps MATLAB's order of the numbers, so that rows and columns are exchanged.
     """
@@ -265,7 +250,7 @@ def _content(dataset: Any) -> NDArray | str | None:
 
 
 def read_mcap(path: Path) -> ForeignLog:
-    """Columns of an MCAP file.
+    """Reads the columns of an MCAP file.
 
     Raises:
         LogError: a package is not installed, the file is cut off or damaged, no topic can be read.
@@ -279,16 +264,15 @@ def read_mcap(path: Path) -> ForeignLog:
     try:
         with open(path, "rb") as stream:
             for _, channel, message in make_reader(stream).iter_messages():
-                if channel.message_encoding != "json":
-                    unreadable[channel.topic] = (
-                        f"its messages are {channel.message_encoding!r}; read are 'json'"
-                    )
-                    continue
                 topic = channel.topic
-                row = {channel.topic: json.loads(message.data)}
-                row |= {
-                    f"{topic}@{name}": getattr(message, name) * NANOSECOND
-                    for name in ("log_time", "publish_time")
+                encoding = channel.message_encoding
+                if encoding != "json":
+                    unreadable[topic] = f"its messages are {encoding!r}; read are 'json'"
+                    continue
+                row = {
+                    topic: json.loads(message.data),
+                    f"{topic}@log_time": message.log_time * NANOSECOND,
+                    f"{topic}@publish_time": message.publish_time * NANOSECOND,
                 }
                 messages.setdefault(topic, []).append(row)
     except (McapError, ValueError, EOFError) as cause:
@@ -297,34 +281,32 @@ def read_mcap(path: Path) -> ForeignLog:
         ) from cause
     if not messages:
         reasons = "; ".join(f"{topic}: {reason}" for topic, reason in unreadable.items())
-        raise LogError(
-            f"{path}: no messages that can be read" + (f" ({reasons})" if reasons else "")
-        )
+        raise LogError(f"{path}: no messages that can be read ({reasons or 'the file is empty'})")
     columns: dict[str, pd.Series] = {}
     time_of: dict[str, str] = {}
     for topic, rows in messages.items():
-        found = dict(_numbers(pd.json_normalize(rows)))
-        columns |= found
-        time_of |= dict.fromkeys(found, f"{topic}@log_time")
+        numbers = dict(_numbers(pd.json_normalize(rows)))
+        columns |= numbers
+        time_of |= dict.fromkeys(numbers, f"{topic}@log_time")
     return ForeignLog(str(path), columns, time_of, unreadable)
 
 
 def _numbers(table: pd.DataFrame) -> Iterator[tuple[str, pd.Series]]:
-    """Every column of numbers by name, null as NaN; a list gives one for each of its places."""
+    """Selects every column of numbers by name, null as NaN; a list gives one for each of its
+    places.
+    """
     for name, values in table.items():
         is_list = values.map(lambda value: isinstance(value, list))
         if values.dtype.kind in "fiub" or values.isna().all():
             yield str(name), values.astype(np.float64)
         elif is_list.any():
             lists = pd.DataFrame(
-                [value if there else [] for value, there in zip(values, is_list, strict=True)]
+                values.where(is_list, None).map(lambda value: value or []).tolist()
             )
-            if lists.shape[1] <= MOST_COLUMNS:
-                yield from _numbers(
-                    lists.set_axis(
-                        [f"{name}({index + 1})" for index in range(lists.shape[1])], axis=1
-                    )
-                )
+            numbers = range(1, lists.shape[1] + 1)
+            lists.columns = [f"{name}({number})" for number in numbers]
+            if lists.shape[1] <= MAX_COLUMNS:
+                yield from _numbers(lists)
 
 
 def require_packages(path: Path | str, *packages: str) -> None:

@@ -9,16 +9,12 @@ would have seen it. Nothing is filtered or filled in: gaps and NaN stay in the l
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.rig_scenario import load_rig_scenario
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.config.signal_table import RIG_KINDS, TIME
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.foreign_files import (
     ForeignLog,
     joined,
@@ -36,14 +32,16 @@ from aerodima.workbench.logs.log_findings import (
     table_findings,
 )
 from aerodima.workbench.logs.mapping import (
-    ColumnSource,
     CsvFormat,
     Mapping,
     known_columns,
     unit_factor,
 )
-from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
-from aerodima.workbench.logs.signals import GAP_FACTOR, check_time, hold_last
+from aerodima.workbench.logs.schema import Json, RunLog, run_log_from_metadata, run_metadata
+from aerodima.workbench.logs.signals import GAP_FACTOR, check_time, hold_last, median_step
+from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.signal_table import RIG_KINDS, TIME
 
 _TEXT_FILES = (".csv", ".txt", ".tsv")
 _READERS = {".parquet": read_parquet, ".mat": read_mat, ".mcap": read_mcap}
@@ -74,9 +72,8 @@ def import_log(paths: Sequence[Path | str] | Path | str, mapping: Mapping) -> Im
     """
     if isinstance(paths, str | Path):
         paths = [paths]
-    else:
-        paths = list(paths)
-    foreign = joined([read_foreign_log(Path(path), mapping.csv) for path in paths])
+    files = [Path(path) for path in paths]
+    foreign = joined([read_foreign_log(file, mapping.csv) for file in files])
     table, findings = mapped_table(foreign, mapping)
     units = {name: column.unit for name, column in known_columns().items()}
     largest = {name: source.largest for name, source in mapping.columns.items()}
@@ -84,7 +81,7 @@ def import_log(paths: Sequence[Path | str] | Path | str, mapping: Mapping) -> Im
     if mapping.check_rates:
         refuse_inconsistent_rates(table, foreign.path)
     findings = [*findings, *table_findings(table, mapping.kind)]
-    metadata = _metadata(mapping, [Path(path).name for path in paths], findings)
+    metadata = _metadata(mapping, [file.name for file in files], findings)
     return Imported(run_log_from_metadata(table, metadata, source=foreign.path), tuple(findings))
 
 
@@ -103,49 +100,42 @@ def read_foreign_log(path: Path, csv: CsvFormat) -> ForeignLog:
     if suffix in _READERS:
         return _READERS[suffix](path)
     allowed = " ".join((*_TEXT_FILES, *_READERS))
-    raise LogError(f"{path}: {suffix or 'a file without ending'} is not read; allowed: {allowed}")
+    raise LogError(f"{path}: {suffix or 'a file without ending'} is not read; must be {allowed}")
 
 
 def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, list[LogFinding]]:
-    """The table of a run log from foreign columns: SI units, one time grid, `time_s` first.
+    """Makes the table of a run log from foreign columns: SI units, one time grid, `time_s` first.
 
     Raises:
         LogError: as for `import_log`, apart from the checks of units.
     """
     findings: list[LogFinding] = []
     time = _times(foreign, mapping.time.from_, mapping.time.unit)
-    columns: dict[str, FloatArray] = {}
+    columns = {TIME: time}
     held = []
+    known = {None, *foreign.columns, *foreign.unreadable}
+    there = ", ".join(foreign.columns)
     for name, source in mapping.columns.items():
-        if (
-            source.from_ is not None
-            and source.from_ not in foreign.columns
-            and source.from_ not in foreign.unreadable
-        ):
-            there = ", ".join(foreign.columns)
-            findings.append(
-                LogFinding(
-                    name, None, f"left out: the file has no column {source.from_!r}; it has {there}"
-                )
-            )
+        if source.from_ not in known:
+            text = f"left out: the file has no column {source.from_!r}; it has {there}"
+            findings.append(LogFinding(name, None, text))
             continue
-        columns[name], other_times = _column(foreign, mapping, name, source, time, findings)
+        values, other_times = _column(foreign, mapping, name, time, findings)
+        if not np.isfinite(values).any():
+            findings.append(LogFinding(name, None, "left out: not one sample is a number"))
+            continue
+        columns[name] = values
         if other_times:
             held.append(name)
-    columns, empty = _without_empty(columns)
     if mapping.kind != "car_log" and "angle_rad" in mapping.columns and "angle_rad" not in columns:
         raise LogError(
             f"{foreign.path}: no column {mapping.columns['angle_rad'].from_!r}, which angle_rad "
             "comes from"
         )
-    if not any(mapping.columns[name].constant is None for name in columns):
-        raise LogError(
-            f"{foreign.path}: none of the mapped columns is there; it has "
-            f"{', '.join(foreign.columns)}"
-        )
-    findings += [*empty, *_unused(foreign, mapping)]
-    table = pd.DataFrame({TIME: time, **columns})
-    table, late = _from_first_samples(table, [name for name in held if name in columns])
+    if all(mapping.columns[name].constant is not None for name in columns if name != TIME):
+        raise LogError(f"{foreign.path}: none of the mapped columns is there; it has {there}")
+    findings += _unused(foreign, mapping)
+    table, late = _from_first_samples(pd.DataFrame(columns), held)
     if mapping.time.starts_at is not None:
         table[TIME] += mapping.time.starts_at - table[TIME].iloc[0]
     return table, [*findings, *late]
@@ -155,51 +145,49 @@ def _column(
     foreign: ForeignLog,
     mapping: Mapping,
     name: str,
-    source: ColumnSource,
     time: FloatArray,
     findings: list[LogFinding],
 ) -> tuple[FloatArray, bool]:
-    """One of our columns on the grid `time`, and whether its own times differ and it is held."""
+    """Puts one of our columns on the grid `time`; says whether its own times differ and it is
+    held.
+    """
+    source = mapping.columns[name]
     if source.from_ is None:
         return np.full(time.size, float(source.constant or 0.0)), False
-    values = (
-        source.scale * mapping.unit_factor(name) * (foreign.numbers(source.from_) - source.zero)
-    )
-    own = source.time or foreign.time_of.get(source.from_)
-    if own is None or own == mapping.time.from_:
-        sample_time = time
-    else:
-        sample_time = _times(
-            foreign, own, source.time_unit or (mapping.time.unit if source.time else "s")
-        )
+    factor = source.scale * mapping.unit_factor(name)
+    values = factor * (foreign.numbers(source.from_) - source.zero)
+    own = source.time or foreign.time_of.get(source.from_) or mapping.time.from_
+    sample_time = time
+    if own != mapping.time.from_:
+        unit = source.time_unit or (mapping.time.unit if source.time else "s")
+        sample_time = _times(foreign, own, unit)
+    where = f"{foreign.path}: column {source.from_!r}"
     if values.size != sample_time.size:
         raise LogError(
-            f"{foreign.path}: column {source.from_!r} has {values.size} samples for "
-            f"{sample_time.size} times of "
-            f"{own or mapping.time.from_!r}; name the column with its own times as `time`"
+            f"{where} has {values.size} samples for {sample_time.size} times of {own!r}; name the "
+            "column with its own times as `time`"
         )
     if mapping.sparse:
         sampled = np.isfinite(values)
         sample_time = sample_time[sampled]
         values = values[sampled]
-    if name in CONTINUOUS and values.size:
-        values = np.where(np.isfinite(values), _unwrapped(values), np.nan)
+    if name in CONTINUOUS:
+        finite = np.isfinite(values)
+        values[finite] = np.unwrap(values[finite])
     if sample_time is time:
         return values, False
     if sample_time.size == 0:
         return np.full(time.size, np.nan), True
     if sample_time.size < 2:
-        raise LogError(
-            f"{foreign.path}: column {source.from_!r}: {sample_time.size} sample(s), at least 2 "
-            "are needed"
-        )
+        raise LogError(f"{where}: {sample_time.size} sample(s), at least 2 are needed")
     if not mapping.sparse or sample_time.size < time.size:
         findings += gap_findings(sample_time, name)
         findings += nan_findings(sample_time, name, values)
-        age = float(time[-1] - sample_time[-1])
-        if age > GAP_FACTOR * float(np.median(np.diff(sample_time))):
-            late = f"no sample in the last {age:.3g} s of the log, the value is held"
-            findings.append(LogFinding(name, float(sample_time[-1]), late))
+        last = float(sample_time[-1])
+        age = time[-1] - last
+        if age > GAP_FACTOR * median_step(sample_time):
+            text = f"no sample in the last {age:.3g} s of the log, the value is held"
+            findings.append(LogFinding(name, last, text))
     return hold_last(time, sample_time, values), True
 
 
@@ -212,60 +200,37 @@ def _times(foreign: ForeignLog, name: str, unit: str) -> FloatArray:
     return time
 
 
-def _unwrapped(angle: FloatArray) -> FloatArray:
-    """An angle without jumps of whole turns; NaN are passed over."""
-    result = angle.copy()
-    finite = np.isfinite(angle)
-    result[finite] = np.unwrap(angle[finite])
-    return result
-
-
 def _unused(foreign: ForeignLog, mapping: Mapping) -> list[LogFinding]:
-    used = {mapping.time.from_, *foreign.time_of.values()}
-    used |= {
-        part for source in mapping.columns.values() for part in (source.from_, source.time) if part
-    }
-    unused = [
-        name for name in foreign.columns if name not in used and not name.endswith("@publish_time")
-    ]
-    found = [
+    """Lists the columns of the files that cannot be read, or are not in the mapping."""
+    used: set[str | None] = {mapping.time.from_, *foreign.time_of.values()}
+    for source in mapping.columns.values():
+        used |= {source.from_, source.time}
+    names = [name for name in foreign.columns if not name.endswith("@publish_time")]
+    unused = ", ".join(name for name in names if name not in used)
+    findings = [
         LogFinding(name, None, f"not read: {reason}") for name, reason in foreign.unreadable.items()
     ]
     if unused:
-        found.append(
-            LogFinding(
-                "", None, f"columns of the file that are not in the mapping: {', '.join(unused)}"
-            )
-        )
-    return found
-
-
-def _without_empty(
-    columns: dict[str, FloatArray],
-) -> tuple[dict[str, FloatArray], list[LogFinding]]:
-    """The columns that hold at least one number."""
-    empty = [name for name, values in columns.items() if not np.isfinite(values).any()]
-    found = [LogFinding(name, None, "left out: not one sample is a number") for name in empty]
-    return {name: values for name, values in columns.items() if name not in empty}, found
+        text = f"columns of the file that are not in the mapping: {unused}"
+        findings.append(LogFinding("", None, text))
+    return findings
 
 
 def _from_first_samples(
     table: pd.DataFrame, held: list[str]
 ) -> tuple[pd.DataFrame, list[LogFinding]]:
-    """The rows from which on every held column has had a sample."""
-    first = {name: int(np.argmax(np.isfinite(table[name].to_numpy()))) for name in held}
+    """Drops the rows before every held column has had a sample."""
+    first = {name: int(np.argmax(np.isfinite(table[name]))) for name in held}
     name, start = max(first.items(), key=lambda item: item[1], default=("", 0))
     if start == 0:
         return table, []
-    time = float(table[TIME].iloc[start])
-    found = LogFinding(
-        name, time, f"its first sample is here; the {start} earlier rows of the log are left out"
-    )
-    return table.iloc[start:].reset_index(drop=True), [found]
+    text = f"its first sample is here; the {start} earlier rows of the log are left out"
+    finding = LogFinding(name, float(table[TIME].iloc[start]), text)
+    return table.iloc[start:].reset_index(drop=True), [finding]
 
 
-def _metadata(mapping: Mapping, files: list[str], findings: list[LogFinding]) -> dict[str, Any]:
-    scenario = _scenario(mapping)
+def _metadata(mapping: Mapping, files: list[str], findings: list[LogFinding]) -> Json:
+    """Makes the metadata of the log: what was driven, its facts, and where it came from."""
     facts = mapping.facts
     if "tail" in facts:
         facts["tail"] = str(facts["tail"])
@@ -274,12 +239,14 @@ def _metadata(mapping: Mapping, files: list[str], findings: list[LogFinding]) ->
         "mapping": mapping.model_dump(mode="json", by_alias=True, exclude_defaults=True),
         "findings": [str(finding) for finding in findings],
     }
-    return run_metadata(scenario, seed=0, kind=mapping.kind, extra={**facts, "imported": imported})
+    return run_metadata(
+        _scenario(mapping), seed=0, kind=mapping.kind, extra={**facts, "imported": imported}
+    )
 
 
-def _scenario(mapping: Mapping) -> dict[str, Any]:
-    """The car or the rig that a mapping names; of a rig without its experiment, which the metadata
-    state.
+def _scenario(mapping: Mapping) -> Json:
+    """Loads the car or the rig that a mapping names; of a rig without its experiment, which the
+    metadata state.
     """
     if mapping.scenario is None:
         return {}
@@ -287,9 +254,7 @@ def _scenario(mapping: Mapping) -> dict[str, Any]:
     settings = list(mapping.scenario.set)
     if mapping.kind not in RIG_KINDS:
         return load_scenario(base, settings).resolved()
-    resolved = load_rig_scenario(base, settings).resolved()
-    return {
-        key: value
-        for key, value in resolved.items()
-        if key not in ("experiment", "schema", "name", "seed")
-    }
+    rig = load_rig_scenario(base, settings).resolved()
+    for key in ("experiment", "schema", "name", "seed"):
+        del rig[key]
+    return rig

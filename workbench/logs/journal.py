@@ -9,21 +9,21 @@ the file is still there, and `recover` turns them into a run log. `run.parquet` 
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, BinaryIO, Self
+from typing import BinaryIO, Self
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import ArrayLike
 
-from aerodima.workbench.atomic_write import make_folder, refuse_existing
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.atomic_write import make_folder, refuse_existing
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import (
     METADATA_KEY,
+    Facts,
     RunLog,
     decode_metadata,
     encode_metadata,
@@ -51,7 +51,7 @@ class Recovery:
 
 
 def journal_path(path: Path | str) -> Path:
-    """Name of the journal of a run log."""
+    """Names the journal of a run log."""
     path = Path(path)
     return path.with_name(path.name + JOURNAL_SUFFIX)
 
@@ -84,7 +84,7 @@ class JournalWriter:
         self,
         path: Path | str,
         columns: Sequence[str],
-        metadata: Mapping[str, Any],
+        metadata: Facts,
         force: bool = False,
         rows_per_batch: int = 250,
         flush_interval: float = 1.0,
@@ -120,7 +120,7 @@ class JournalWriter:
         self._open = True
 
     def append(self, row: ArrayLike) -> None:
-        """Take one row, shape (number of columns,), in the order of the columns."""
+        """Takes one row, shape (number of columns,), in the order of the columns."""
         if len(row) != self._width:  # type: ignore[arg-type]
             raise LogError(f"{self.path}: row of {len(row)} values for {self._width} columns")  # type: ignore[arg-type]
         self._buffer[self._filled] = row
@@ -128,7 +128,7 @@ class JournalWriter:
         if self._filled == len(self._buffer) or time.monotonic() >= self._flush_due:
             self.flush()
 
-    def add_facts(self, facts: Mapping[str, Any]) -> None:
+    def add_facts(self, facts: Facts) -> None:
         """Adds to `extra` of the log what only the run's end knows; the journal goes without."""
         self._metadata["extra"] = {**self._metadata.get("extra", {}), **facts}
 
@@ -145,8 +145,8 @@ class JournalWriter:
             ) from cause
 
     def close(self) -> Path:
-        """End the journal, write the Parquet file, remove the journal; the name of the Parquet
-        file.
+        """Ends the journal, writes the Parquet file, removes the journal; returns the name of the
+        Parquet file.
 
         The rows are read through the open file: it holds them also when its folder has been removed
         or renamed.
@@ -162,7 +162,7 @@ class JournalWriter:
 
     @property
     def in_place(self) -> bool:
-        """Whether the name of the journal still leads to the file that is being written."""
+        """Says whether the name of the journal still leads to the file that is being written."""
         try:
             return os.path.samestat(os.stat(self.journal), os.fstat(self._file.fileno()))
         except OSError:
@@ -173,11 +173,11 @@ class JournalWriter:
             self.journal.unlink()
 
     def run_log(self) -> RunLog:
-        """The log that was written, read again."""
+        """Reads the log that was written."""
         return read_run_log(self.path)
 
     def abandon(self) -> Path:
-        """Flush and leave the journal for `recover`; its name. What a run that failed does."""
+        """Flushes a run that failed and leaves its journal for `recover`; returns its name."""
         if self._open:
             try:
                 self.flush()
@@ -188,12 +188,7 @@ class JournalWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, *_: object) -> None:
         if kind is None:
             self.close()
         else:
@@ -242,7 +237,7 @@ class JournalWriter:
 
 
 def read_journal(path: Path | str, descriptor: int | None = None) -> tuple[pa.Table, bool]:
-    """The complete batches of a journal and whether it had been ended in order.
+    """Reads the complete batches of a journal and whether it had been ended in order.
 
     The cut may be anywhere: a batch that is not whole is left out, with all that comes after it.
 
@@ -279,7 +274,9 @@ def read_journal(path: Path | str, descriptor: int | None = None) -> tuple[pa.Ta
 
 
 def _has_end_mark(file: BinaryIO) -> bool:
-    """Whether the file ends with Arrow's end-of-stream mark (continuation 0xFFFFFFFF, length 0)."""
+    """Says whether the file ends with Arrow's end-of-stream mark (continuation 0xFFFFFFFF, length
+    0).
+    """
     size = file.seek(0, os.SEEK_END)
     file.seek(max(0, size - 8))
     return file.read() == b"\xff\xff\xff\xff\x00\x00\x00\x00"
@@ -288,7 +285,7 @@ def _has_end_mark(file: BinaryIO) -> bool:
 def recover(
     journal: Path | str, out_path: Path | str | None = None, force: bool = False
 ) -> Recovery:
-    """Write the complete batches of a cut-off journal as a run log; the journal stays where it is.
+    """Writes the complete batches of a cut-off journal as a run log; the journal stays where it is.
 
     Args:
         journal: the journal, `run.parquet.journal`.

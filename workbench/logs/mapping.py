@@ -4,20 +4,16 @@ Schema `aerodima/log-mapping/1`, YAML, strict; `workbench/logs/README.md` explai
 example that runs.
 """
 
-import math
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, StrictBool, StrictFloat, StrictInt, field_validator, model_validator
 
-from aerodima.workbench.config.checked_files import (
-    STANDARD_GRAVITY,
-    StrictModel,
-    checked,
-    nearest,
-    read_yaml,
-)
-from aerodima.workbench.config.signal_table import (
+from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.core.key_errors import nearest
+from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
+from aerodima.workbench.scenario.signal_table import (
     RIG_KINDS,
     TIME,
     Column,
@@ -25,62 +21,19 @@ from aerodima.workbench.config.signal_table import (
     sensor_columns,
     truth_columns,
 )
-from aerodima.workbench.errors import LogError
 
 Number = Annotated[float, Field(strict=False)]
 
-_DEGREE = math.pi / 180.0
-"""One degree, rad."""
-_KMH = 1.0 / 3.6
-"""One kilometre per hour, m/s."""
-_MPH = 1609.344 / 3600
-"""One mile per hour, m/s."""
-_KNOT = 1852.0 / 3600
-"""One knot, m/s."""
-_FACTORS: dict[str, dict[str, float]] = {
-    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
-    "rad": {"rad": 1.0, "mrad": 1e-3, "deg": _DEGREE, "rev": 2.0 * math.pi},
-    "rad/s": {
-        "rad/s": 1.0,
-        "mrad/s": 1e-3,
-        "deg/s": _DEGREE,
-        "rev/s": 2.0 * math.pi,
-        "rpm": 2.0 * math.pi / 60.0,
-    },
-    "A": {"A": 1.0, "mA": 1e-3, "uA": 1e-6},
-    "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": STANDARD_GRAVITY, "gf": STANDARD_GRAVITY * 1e-3},
-    "N m": {
-        "N m": 1.0,
-        "mN m": 1e-3,
-        "N cm": 1e-2,
-        "N mm": 1e-3,
-        "kgf cm": STANDARD_GRAVITY * 1e-2,
-    },
-    "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3},
-    "m/s": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2, "km/h": _KMH, "mph": _MPH, "kn": _KNOT},
-    "m/s2": {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY * 1e-3},
-    "W": {"W": 1.0, "mW": 1e-3, "kW": 1e3},
-    "kg": {"kg": 1.0, "g": 1e-3},
-    "1": {"1": 1.0, "%": 1e-2},
-}
-_SPELLINGS = {
-    "°": "deg", "degree": "deg", "degrees": "deg", "°/s": "deg/s", "dps": "deg/s", "radians": "rad",
-    "sec": "s", "seconds": "s", "µs": "us", "kph": "km/h", "kmh": "km/h", "knots": "kn",
-    "mps": "m/s",
-    "m/s^2": "m/s2", "m/s²": "m/s2", "Nm": "N m", "N*m": "N m", "N·m": "N m", "mNm": "mN m",
-    "Nmm": "N mm",
-    "Ncm": "N cm", "percent": "%", "": "1", "-": "1", "amp": "A", "kgf*cm": "kgf cm",
-}  # fmt: skip
 
-_SUFFIXES = {
-    "_rad_per_s": "rad/s", "_m_per_s2": "m/s2", "_m_per_s": "m/s", "_n_m_s": "N m s",
-    "_n_m": "N m", "_n_s": "N s",
-    "_rad": "rad", "_kg": "kg", "_n": "N", "_m": "m", "_w": "W", "_a": "A", "_s": "s",
-}  # fmt: skip
+@cache
+def _tables() -> dict[str, dict[str, Any]]:
+    """Reads units, their spellings and the endings of names."""
+    return read_yaml(Path(__file__).with_name("units.yaml"), LogError)
 
 
 def unit_factor(name: str, si: str, where: str) -> float:
-    """SI value of one unit called `name`, which measures the quantity whose SI unit is `si`.
+    """Looks up the SI value of one unit called `name`, which measures the quantity whose SI unit is
+    `si`.
 
     Args:
         name: as written in a mapping file, `deg/s`; `Nm`, `°` and the like are understood too.
@@ -92,27 +45,23 @@ def unit_factor(name: str, si: str, where: str) -> float:
             `si` says).
     """
     wanted = si or "1"
-    name = _SPELLINGS.get(name.strip(), name.strip())
-    units = _FACTORS.get(wanted, {wanted: 1.0})
+    name = _tables()["spellings"].get(name.strip(), name.strip())
+    units = _tables()["units"].get(wanted, {wanted: 1.0})
     if name in units:
         return units[name]
-    allowed = ", ".join(units)
-    others = [other for other, table in _FACTORS.items() if name in table]
-    if others:
+    if any(name in table for table in _tables()["units"].values()):
         raise LogError(
-            f"{where}: unit {name!r} does not measure what is in {wanted}; allowed: {allowed}"
+            f"{where}: unit {name!r} does not measure what is in {wanted}; it must be one of "
+            f"{', '.join(units)}"
         )
     raise LogError(f"{where}: unknown unit {name!r}; {nearest(name, units)}")
 
 
 def unit_in_name(name: str) -> str:
-    """SI unit at the end of a column or metadata name, `wind_speed_m_per_s` -> `m/s`; `1` when
-    there is none.
-    """
-    for suffix, unit in _SUFFIXES.items():
-        if name.endswith(suffix):
-            return unit
-    return "1"
+    """Reads the SI unit at the end of a name, `wind_speed_m_per_s` -> `m/s`; "" without one."""
+    return next(
+        (unit for suffix, unit in _tables()["endings"].items() if name.endswith(suffix)), ""
+    )
 
 
 class ColumnSource(StrictModel):
@@ -245,25 +194,24 @@ class Mapping(StrictModel):
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Metadata in SI units."""
-        return {
-            name: value.value * unit_factor(value.unit, unit_in_name(name), f"metadata.{name}")
-            if isinstance(value, MetadataValue)
-            else value
-            for name, value in self.metadata.items()
-        }
+        """Converts the metadata to SI units."""
+        facts: dict[str, Any] = dict(self.metadata)
+        for name, value in self.metadata.items():
+            if isinstance(value, MetadataValue):
+                factor = unit_factor(value.unit, unit_in_name(name), f"metadata.{name}")
+                facts[name] = value.value * factor
+        return facts
 
     def unit_factor(self, name: str) -> float:
-        """SI value of one foreign unit of our column `name`."""
+        """Looks up the SI value of one foreign unit of our column `name`."""
         unit = self.columns[name].unit
-        si = known_columns()[name].unit
         if unit is None:
             return 1.0
-        return unit_factor(unit, si, f"columns.{name}")
+        return unit_factor(unit, known_columns()[name].unit, f"columns.{name}")
 
 
 def known_columns() -> dict[str, Column]:
-    """Every column that a mapping may fill, by name: of the rig, of the car, and of its truth
+    """Lists every column that a mapping may fill, by name: of the rig, of the car, and of its truth
     (motion capture).
     """
     return {column.name: column for column in [*rig_columns(), *sensor_columns(), *truth_columns()]}
@@ -280,5 +228,5 @@ def load_mapping(path: Path | str) -> Mapping:
 
 
 def mapping_from(data: dict[str, Any], where: str = "mapping") -> Mapping:
-    """A mapping from the content of its file; LogError as for `load_mapping`."""
+    """Checks the content of a mapping file; LogError as for `load_mapping`."""
     return checked(Mapping, data, where, LogError)

@@ -21,23 +21,24 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import VectorLogSink
 
-from aerodima.workbench.config.signal_table import TIME, Column, names_of
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.event_order import nominal_time, row_period
+from aerodima.workbench.core.port_wiring import vector_of
 from aerodima.workbench.logs.journal import JournalWriter
-from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata
+from aerodima.workbench.logs.schema import Facts, RunLog, run_log_from_metadata
 from aerodima.workbench.logs.signals import RowUnwrapper
-from aerodima.workbench.systems.system_ports import nominal_time, row_period, vector_of
+from aerodima.workbench.scenario.signal_table import TIME, Column, names_of
 
 Signals = list[tuple[OutputPort, list[str]]]
 """Ports with the names of the columns that they fill."""
 
 
-class LogInMemory:
+class MemoryLog:
     """Does without a file what `JournalWriter` does: takes rows within a `with` block; after it
     there is the log.
     """
 
-    def __init__(self, columns: Sequence[str], metadata: Mapping[str, Any]) -> None:
+    def __init__(self, columns: Sequence[str], metadata: Facts) -> None:
         self._columns = list(columns)
         self._metadata = dict(metadata)
         self._rows: list[np.ndarray] = []
@@ -46,24 +47,24 @@ class LogInMemory:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Nothing to be closed."""
+        """Closes nothing."""
 
     def append(self, row: np.ndarray) -> None:
         """Takes a copy of one row: the recorder writes the next one into the same array."""
         self._rows.append(row.copy())
 
-    def add_facts(self, facts: Mapping[str, Any]) -> None:
+    def add_facts(self, facts: Facts) -> None:
         """Adds to `extra` of the log what only the end of the run knows."""
         self._metadata["extra"] = {**self._metadata["extra"], **facts}
 
     def run_log(self) -> RunLog:
-        """The log, after the block."""
+        """Makes the log, after the block."""
         return run_log_from_metadata(
             pd.DataFrame(np.array(self._rows), columns=self._columns), self._metadata
         )
 
 
-LogSink = JournalWriter | LogInMemory
+LogSink = JournalWriter | MemoryLog
 
 
 class RowSink(Protocol):
@@ -74,15 +75,15 @@ class RowSink(Protocol):
 
 
 def open_log(
-    path: str | Path | None, columns: Sequence[str], metadata: Mapping[str, Any], force: bool
+    path: str | Path | None, columns: Sequence[str], metadata: Facts, force: bool
 ) -> LogSink:
-    """A journal that becomes the log `path`, or rows in memory without one.
+    """Opens a journal that becomes the log `path`, or rows in memory without one.
 
     Raises:
         LogError: as `JournalWriter`.
     """
     if path is None:
-        return LogInMemory(columns, metadata)
+        return MemoryLog(columns, metadata)
     return JournalWriter(path, columns, metadata, force=force)
 
 
@@ -98,24 +99,23 @@ class OpenBuilder(DiagramBuilder):
 
     def ExportOutput(self, output: OutputPort, name: Any = None) -> Any:  # noqa: N802 (Drake's)
         """Exports an output as Drake does."""
-        if name is None:
-            index = super().ExportOutput(output)
-        else:
-            index = super().ExportOutput(output, name)
         self.exported[output.get_name() if name is None else str(name)] = output
-        return index
+        if name is None:
+            return super().ExportOutput(output)
+        return super().ExportOutput(output, name)
 
     def sources(self, system: System) -> dict[str, OutputPort]:
-        """Name of an input port of a system -> the output port that is connected to it."""
-        return {
-            system.get_input_port(int(port)).get_name(): source.get_output_port(int(output))
-            for (fed, port), (source, output) in self.connection_map().items()
-            if fed is system
-        }
+        """Maps the name of an input port of a system -> the output port that is connected to it."""
+        sources = {}
+        for (target, port), (source, output) in self.connection_map().items():
+            if target is system:
+                name = system.get_input_port(int(port)).get_name()
+                sources[name] = source.get_output_port(int(output))
+        return sources
 
     def signals(self, taken: Sequence[str]) -> Signals:
-        """Ports that were exported, or logged by `LogVectorOutput`, with the columns that they
-        fill.
+        """Lists ports that were exported, or logged by `LogVectorOutput`, with the columns that
+        they fill.
 
         The name of the export, or of the logger (`set_name`), has the columns' names with their
         units, such as `x_m,y_m`; with one name for several elements their numbers follow it. A
@@ -132,11 +132,12 @@ class OpenBuilder(DiagramBuilder):
         for sink in self.GetSystems():
             if isinstance(sink, VectorLogSink):
                 (source,) = self.sources(sink).values()
-                system: Any = source.get_system()  # an object, by Drake's stubs
-                own = (
-                    f"{system.get_name().rpartition('/')[2].partition('@')[0]}_{source.get_name()}"
-                )
-                ports.append((own if "@" in sink.get_name() else sink.get_name(), source))
+                name = sink.get_name()
+                if "@" in name:
+                    system: Any = source.get_system()  # an object, by Drake's stubs
+                    system_name = system.get_name().rpartition("/")[2].partition("@")[0]
+                    name = f"{system_name}_{source.get_name()}"
+                ports.append((name, source))
         signals = []
         known = set(taken)
         for name, port in ports:
@@ -146,7 +147,7 @@ class OpenBuilder(DiagramBuilder):
                 names = [f"{name}_{index}" for index in range(size)]
             if len(names) != size or known.intersection(names) or len(set(names)) < size:
                 raise UserError(
-                    f"port exported or logged as {name!r}: {size} elements; allowed: as many new "
+                    f"port exported or logged as {name!r}: {size} elements; must be as many new "
                     "columns"
                 )
             known.update(names)
@@ -185,21 +186,18 @@ class RunRecorder(LeafSystem):
     ):
         super().__init__()
         columns = recorded_columns(signals)
-        sizes = [port.size() for port, _ in signals]
         self.set_name("run_recorder")
         self._journal = journal
         self._rate = rate
-        self._row = np.zeros(1 + sum(sizes))
-        ends = (1 + np.cumsum([0, *sizes])).tolist()
-        self._ports = [
-            (self.DeclareVectorInputPort(f"signal_{index}", size), ends[index], ends[index + 1])
-            for index, size in enumerate(sizes)
-        ]
+        self._row = np.zeros(len(columns))
+        self._ports = []
+        start = 1
+        for index, (_, names) in enumerate(signals):
+            port = self.DeclareVectorInputPort(f"signal_{index}", len(names))
+            self._ports.append((port, start, start + len(names)))
+            start += len(names)
         self._unwrapper = RowUnwrapper(columns)
-        if step:
-            period = row_period(rate, step)
-        else:
-            period = 1.0 / rate
+        period = row_period(rate, step) if step else 1.0 / rate
         if with_samples:
             self.DeclareDiscreteState(1)
             self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._record_in_update)
@@ -227,8 +225,7 @@ class RunRecorder(LeafSystem):
         row = self._row
         row[0] = nominal_time(context.get_time(), self._rate)
         for port, start, end in self._ports:
-            values = vector_of(port, context)
-            row[start:end] = values
+            row[start:end] = vector_of(port, context)
         self._journal.append(self._unwrapper.apply(row))
         return EventStatus.Succeeded()
 
@@ -237,24 +234,24 @@ class RunRecorder(LeafSystem):
 
 
 def output_ports(*systems: System) -> dict[str, OutputPort]:
-    """Name -> port, of several systems."""
-    ports = [
-        system.get_output_port(index)
-        for system in systems
-        for index in range(system.num_output_ports())
-    ]
-    return {port.get_name(): port for port in ports}
+    """Lists the output ports of several systems by name."""
+    ports = {}
+    for system in systems:
+        for index in range(system.num_output_ports()):
+            port = system.get_output_port(index)
+            ports[port.get_name()] = port
+    return ports
 
 
 def signals_of(table: Mapping[str, list[Column]], ports: Mapping[str, OutputPort]) -> Signals:
-    """The ports of a table (`aerodima.workbench.config.signal_table`) that are there, with the
-    names of its columns.
+    """Selects the ports of a table (`aerodima.workbench.scenario.signal_table`) that are there,
+    with the names of its columns.
     """
     return [(ports[name], names_of(columns)) for name, columns in table.items() if name in ports]
 
 
 def recorded_columns(signals: Signals) -> list[str]:
-    """Column names of a recording, time first.
+    """Lists the column names of a recording, time first.
 
     Raises:
         ValueError: a port and its names differ in number.

@@ -1,7 +1,7 @@
 """The run log: one run in one Parquet file, its signals as columns and its provenance in the file's
 metadata.
 
-Columns are float64 (`aerodima.workbench.config.signal_table`). The metadata are one JSON object
+Columns are float64 (`aerodima.workbench.scenario.signal_table`). The metadata are one JSON object
 under the key `aerodima`: schema, scenario (resolved), seed, versions, created, kind, extra. Two
 runs of the same scenario and seed have equal signals, bit for bit; `created` is all that may
 differ.
@@ -24,9 +24,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, field_validator
 
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.checked_files import checked
-from aerodima.workbench.config.signal_table import (
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.core.yaml_files import checked
+from aerodima.workbench.scenario.signal_table import (
     CAR_TRUTH,
     RIG_KINDS,
     TIME,
@@ -34,14 +35,17 @@ from aerodima.workbench.config.signal_table import (
     sensor_columns,
     truth_columns,
 )
-from aerodima.workbench.errors import LogError
 
 SCHEMA = "aerodima/run-log/1"
 METADATA_KEY = b"aerodima"
+Json = dict[str, Any]
+"""A JSON object."""
+Facts = Mapping[str, Any]
+"""A JSON object that is read only."""
 _TAIL_TRUTH = frozenset(names_of(CAR_TRUTH["tail_truth"]))
 PLANT_RUN = "plant_run"
 """Kind of a log that `observe` wrote: of any plant, with the columns of
-`aerodima.workbench.stations.ground_truth`."""
+`aerodima.workbench.car.ground_truth`."""
 TAIL_LAW = "tail_law"
 """Key in `extra` of a run whose tail followed a law that the scenario does not name: the name of
 its class."""
@@ -58,16 +62,16 @@ class _Metadata(BaseModel):
 
     model_config = ConfigDict(strict=True)
 
-    scenario: dict[str, Any]
+    scenario: Json
     seed: int
-    versions: dict[str, Any]
+    versions: Json
     created: str
     kind: str
-    extra: dict[str, Any]
+    extra: Json
 
     @field_validator("scenario")
     @classmethod
-    def _tail_has_keys(cls, scenario: dict[str, Any]) -> dict[str, Any]:
+    def _tail_has_keys(cls, scenario: Json) -> Json:
         if not isinstance(scenario.get("tail", {}), dict | None):
             raise ValueError(
                 f"tail: {scenario['tail']!r} is not allowed; it takes keys with values"
@@ -91,100 +95,103 @@ class RunLog:
     """
 
     table: pd.DataFrame
-    scenario: dict[str, Any]
+    scenario: Json
     seed: int
     versions: dict[str, str] = field(default_factory=dict)
     kind: str = "car_run"
     created: str = ""
-    extra: dict[str, Any] = field(default_factory=dict)
+    extra: Json = field(default_factory=dict)
     source: str = ""
 
     @property
     def name(self) -> str:
-        """What messages call it."""
+        """Gives the name for messages."""
         return self.source or "run log"
 
     @property
     def time(self) -> FloatArray:
-        """Log times, s, shape (n,)."""
+        """Gives the log times, s, shape (n,)."""
         return self.signal(TIME)
 
     @property
     def has_truth(self) -> bool:
-        """Whether the run was simulated with its ground truth logged."""
+        """Says whether the run was simulated with its ground truth logged."""
         return "gyro_z_truth_rad_per_s" in self.table.columns
 
     @property
     def has_tail(self) -> bool:
-        """Whether the car had a tail; a log that does not say is taken to have one."""
+        """Says whether the car had a tail; a log that does not say is taken to have one."""
         return scenario_has_tail(self.scenario)
 
     def signal(self, name: str) -> FloatArray:
-        """One column, shape (n,); LogError when the log has no such column."""
+        """Reads one column, shape (n,); LogError when the log has no such column."""
         if name not in self.table.columns:
             raise LogError(f"{self.name}: no column {name!r}")
         return self.table[name].to_numpy(dtype=np.float64)
 
     def vector(self, stem: str, suffix: str) -> FloatArray:
-        """The columns `<stem>_{x,y,z}_<suffix>`, shape (n, 3)."""
+        """Reads the columns `<stem>_{x,y,z}_<suffix>`, shape (n, 3)."""
         return np.column_stack([self.signal(f"{stem}_{axis}_{suffix}") for axis in "xyz"])
 
     def setting(self, section: str, key: str) -> Any:
-        """A value of the scenario; LogError when it has none."""
+        """Reads a value of the scenario; LogError when it has none."""
         try:
             return self.scenario[section][key]
         except (KeyError, TypeError):
             raise LogError(f"{self.name}: its scenario has no {section}.{key}") from None
 
     def number(self, section: str, key: str) -> float:
-        """A number of the scenario; LogError when it has none, or not a finite one."""
+        """Reads a number of the scenario; LogError when it has none, or not a finite one."""
         value = self.setting(section, key)
-        try:
-            number = float(value)
-        except (TypeError, ValueError, OverflowError):
-            number = math.nan
-        if not math.isfinite(number):
+        numbers = _finite([value])
+        if not numbers:
             raise LogError(
                 f"{self.name}: its scenario has {section}.{key} {value!r}, but it must be a "
                 "finite number"
             )
-        return number
+        return numbers[0]
 
     def stated(self, key: str, count: int) -> tuple[float, ...] | None:
-        """Numbers under a key of `extra`; None without the key, LogError unless there are `count`
-        finite ones.
+        """Reads numbers under a key of `extra`; None without the key, LogError unless there are
+        `count` finite ones.
         """
         value = self.extra.get(key)
         if value is None:
             return None
-        try:
-            numbers = tuple(float(number) for number in value)
-        except (TypeError, ValueError):
-            numbers = ()
-        if len(numbers) != count or not np.all(np.isfinite(numbers)):
+        numbers = _finite(value)
+        if len(numbers) != count or not numbers:
             raise LogError(
                 f"{self.name}: metadata {key!r} is {value!r}; {count} numbers are needed"
             )
         return numbers
 
-    def metadata(self) -> dict[str, Any]:
-        """What goes into the file's metadata."""
+    def metadata(self) -> Json:
+        """Collects what goes into the file's metadata."""
         named = {name: getattr(self, name) for name in _Metadata.model_fields}
         return {"schema": SCHEMA, **named}
 
 
-def scenario_has_tail(scenario: Mapping[str, Any]) -> bool:
-    """False when the scenario's `tail.mode` is `none`."""
+def _finite(values: Any) -> tuple[float, ...]:
+    """Converts values to finite numbers; none if one of them is not."""
+    try:
+        numbers = tuple(float(value) for value in values)
+    except (TypeError, ValueError, OverflowError):
+        return ()
+    return numbers if all(map(math.isfinite, numbers)) else ()
+
+
+def scenario_has_tail(scenario: Facts) -> bool:
+    """Says whether the scenario's `tail.mode` is not `none`."""
     return str((scenario.get("tail") or {}).get("mode", "held")) != "none"
 
 
 def run_metadata(
-    scenario: Mapping[str, Any],
+    scenario: Facts,
     seed: int,
     kind: str = "car_run",
-    extra: Mapping[str, Any] | None = None,
-) -> dict[str, Any]:
-    """Metadata of a run that starts now, with the versions of this environment."""
+    extra: Facts | None = None,
+) -> Json:
+    """Makes the metadata of a run that starts now, with the versions of this environment."""
     return {
         "schema": SCHEMA,
         "scenario": dict(scenario),
@@ -198,7 +205,7 @@ def run_metadata(
 
 @cache
 def _versions() -> dict[str, str]:
-    """Looked up once in a process: one that is read from its distribution takes 1 ms."""
+    """Looks versions up once in a process: one that is read from its distribution takes 1 ms."""
     versions = {"python": platform.python_version(), "numpy": np.__version__}
     for key, distribution in (("project", "aerodima-workbench"), ("drake", "drake")):
         try:
@@ -209,21 +216,21 @@ def _versions() -> dict[str, str]:
 
 
 def software_versions() -> dict[str, str]:
-    """Versions that a run depends on, of the installed distributions: Drake is not imported."""
+    """Lists the versions that a run depends on, of the installed distributions: Drake is not
+    imported.
+    """
     return dict(_versions())
 
 
-def run_log_from_metadata(
-    table: pd.DataFrame, metadata: Mapping[str, Any], source: str = ""
-) -> RunLog:
-    """A run log from its table and its metadata object (`run_metadata`)."""
+def run_log_from_metadata(table: pd.DataFrame, metadata: Facts, source: str = "") -> RunLog:
+    """Makes a run log from its table and its metadata object (`run_metadata`)."""
     return RunLog(
         table=table, source=source, **{name: metadata[name] for name in _Metadata.model_fields}
     )
 
 
 def write_run_log(run_log: RunLog, path: Path | str, force: bool = False) -> Path:
-    """Write a run to a Parquet file, whole or not at all.
+    """Writes a run to a Parquet file, whole or not at all.
 
     Raises:
         LogError: the file exists and `force` is not set, the folder cannot be used, a column is
@@ -238,9 +245,9 @@ def write_run_log(run_log: RunLog, path: Path | str, force: bool = False) -> Pat
     return write_table(pa.table(columns), run_log.metadata(), Path(path), force)
 
 
-def write_table(table: pa.Table, metadata: Mapping[str, Any], path: Path, force: bool) -> Path:
-    """Write an Arrow table of float64 columns with this metadata object; see `write_run_log`."""
-    from aerodima.workbench.atomic_write import write_atomically  # who reads a log writes none
+def write_table(table: pa.Table, metadata: Facts, path: Path, force: bool) -> Path:
+    """Writes an Arrow table of float64 columns with this metadata object; see `write_run_log`."""
+    from aerodima.workbench.core.atomic_write import write_atomically  # who reads a log writes none
 
     refuse_missing(table.column_names, metadata, str(path))
     table = table.replace_schema_metadata({METADATA_KEY: encode_metadata(metadata)})
@@ -255,7 +262,7 @@ def write_table(table: pa.Table, metadata: Mapping[str, Any], path: Path, force:
 
 
 def read_run_log(path: Path | str) -> RunLog:
-    """Read a run.
+    """Reads a run.
 
     Raises:
         LogError: no such file, cut off or not Parquet, not a run log, another schema version,
@@ -263,7 +270,7 @@ def read_run_log(path: Path | str) -> RunLog:
     """
     path = Path(path)
     if path.is_dir():
-        raise LogError(f"{path}: is a folder; allowed: the Parquet file of a run")
+        raise LogError(f"{path}: is a folder; must be the Parquet file of a run")
     if not path.is_file():
         raise LogError(f"{path}: no such run log" + _journal_hint(path))
     try:
@@ -271,33 +278,33 @@ def read_run_log(path: Path | str) -> RunLog:
             metadata = decode_metadata(file.schema_arrow.metadata, str(path))
             table = file.read()
     except (pa.ArrowException, OSError) as cause:
-        hint = (
-            _journal_hint(path)
-            or "; a run that was cut off leaves a *.journal for `aerodima log recover`"
+        hint = _journal_hint(path) or (
+            "; a run that was cut off leaves a *.journal for `aerodima log recover`"
         )
         raise LogError(f"{path}: cut off, damaged or not a Parquet file{hint}") from cause
     refuse_missing(table.column_names, metadata, str(path))
     frame = table.to_pandas(ignore_metadata=True)
     if metadata["kind"] == "car_run":
-        absent = [
-            column.name
-            for column in sensor_columns()
-            if column.optional and column.name not in frame
-        ]
+        optional = [column.name for column in sensor_columns() if column.optional]
+        absent = [name for name in optional if name not in frame]
         frame[absent] = math.nan
     return run_log_from_metadata(frame, metadata, source=str(path))
 
 
-def encode_metadata(metadata: Mapping[str, Any]) -> bytes:
-    """The JSON of a metadata object; LogError when something in it is NaN, infinite or not JSON."""
+def encode_metadata(metadata: Facts) -> bytes:
+    """Writes the JSON of a metadata object; LogError when something in it is NaN, infinite or not
+    JSON.
+    """
     try:
         return json.dumps(metadata, sort_keys=True, allow_nan=False).encode()
     except (TypeError, ValueError) as cause:
         raise LogError(f"run log metadata cannot be written as JSON: {cause}") from cause
 
 
-def decode_metadata(schema_metadata: Mapping[bytes, bytes] | None, source: str) -> dict[str, Any]:
-    """Metadata object of an Arrow schema; LogError when absent or of another schema version."""
+def decode_metadata(schema_metadata: Mapping[bytes, bytes] | None, source: str) -> Json:
+    """Reads the metadata object of an Arrow schema; LogError when absent or of another schema
+    version.
+    """
     raw = (schema_metadata or {}).get(METADATA_KEY)
     if raw is None:
         raise LogError(f"{source}: not a run log (no {METADATA_KEY.decode()!r} metadata)")
@@ -305,11 +312,9 @@ def decode_metadata(schema_metadata: Mapping[bytes, bytes] | None, source: str) 
         metadata = json.loads(raw)
     except ValueError as cause:
         raise LogError(f"{source}: metadata are not readable JSON ({cause})") from cause
-    found = None
-    if isinstance(metadata, dict):
-        found = metadata.get("schema")
-    if found != SCHEMA:
-        raise LogError(f"{source}: schema {found!r} cannot be read; this version reads {SCHEMA!r}")
+    schema = metadata.get("schema") if isinstance(metadata, dict) else None
+    if schema != SCHEMA:
+        raise LogError(f"{source}: schema {schema!r} cannot be read; this version reads {SCHEMA!r}")
     checked(_Metadata, metadata, f"{source}: metadata", LogError)
     return dict(metadata)
 
@@ -321,7 +326,7 @@ def _journal_hint(path: Path) -> str:
     return ""
 
 
-def refuse_missing(names: Sequence[str], metadata: Mapping[str, Any], source: str) -> None:
+def refuse_missing(names: Sequence[str], metadata: Facts, source: str) -> None:
     """Raises LogError when a log of this kind and scenario must have a column that is not there."""
     has_tail = scenario_has_tail(metadata.get("scenario") or {})
     missing = missing_columns(names, str(metadata.get("kind")), has_tail)
@@ -330,7 +335,7 @@ def refuse_missing(names: Sequence[str], metadata: Mapping[str, Any], source: st
 
 
 def missing_columns(names: Iterable[str], kind: str, has_tail: bool) -> list[str]:
-    """Names that a log of this kind must have and has not.
+    """Lists the names that a log of this kind must have and has not.
 
     A `car_run` has every sensor column that is not optional; if it has one truth column it has all
     of them, apart from those of the tail when the car has none. A rig log needs time and angle:
@@ -338,14 +343,12 @@ def missing_columns(names: Iterable[str], kind: str, has_tail: bool) -> list[str
     columns are welcome.
     """
     present = set(names)
+    required = [TIME]
     if kind in RIG_KINDS:
         required = [TIME, "angle_rad"]
-    else:
-        required = [TIME]
     if kind == "car_run":
         required = [column.name for column in sensor_columns() if not column.optional]
         if any("_truth_" in name for name in present):
-            required += [
-                name for name in names_of(truth_columns()) if has_tail or name not in _TAIL_TRUTH
-            ]
+            truth = names_of(truth_columns())
+            required += [name for name in truth if has_tail or name not in _TAIL_TRUTH]
     return [name for name in required if name not in present]

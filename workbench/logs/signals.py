@@ -11,18 +11,19 @@ drift of a sensor goes, a low pass takes noise away; other columns than those na
 are.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.signal_table import TIME
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.array_types import FloatArray, IntArray
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.scenario.signal_table import TIME
 
 GAP_FACTOR = 1.5
 """A step longer than this many median steps is a gap."""
@@ -32,7 +33,7 @@ _JITTER = 0.01
 """Steps that differ by more than this fraction of the mean one are resampled before filtering."""
 BoolArray = NDArray[np.bool_]
 Interval = tuple[float, float]
-LEAST_REST_SAMPLES = 10
+MIN_REST_SAMPLES = 10
 """Samples that a resting part has at least."""
 REST = "rest_s"
 """Key in a log's `extra`: first and last time of its rest phase, s; a cut moves it with the times
@@ -63,8 +64,8 @@ RIG_FILTER = LowPass(order=6, cutoff_hz=20.0)
 """Rig signals."""
 
 
-def check_time(time: FloatArray, column: str = "time_s") -> None:
-    """Raise LogError unless times are finite, strictly increasing and at least two."""
+def check_time(time: FloatArray, column: str = TIME) -> None:
+    """Raises LogError unless times are finite, strictly increasing and at least two."""
     if len(time) < 2:
         raise LogError(f"column {column!r}: {len(time)} sample(s), at least 2 are needed")
     bad = np.flatnonzero(~np.isfinite(time))
@@ -79,34 +80,38 @@ def check_time(time: FloatArray, column: str = "time_s") -> None:
         )
 
 
-def gaps_in(time: FloatArray) -> NDArray[np.int64]:
-    """Rows of times (n,) with a gap behind them: a step longer than `GAP_FACTOR` median steps."""
-    steps = np.diff(time)
-    if steps.size:
-        return np.flatnonzero(steps > GAP_FACTOR * np.median(steps))
-    return np.zeros(0, dtype=np.int64)
+def gaps_in(time: FloatArray) -> IntArray:
+    """Finds the rows of times (n,) with a gap behind them: a step longer than `GAP_FACTOR` median
+    steps.
+    """
+    return np.flatnonzero(np.diff(time) > GAP_FACTOR * median_step(time))
 
 
-def check_gaps(time: FloatArray, largest_step: float | None = None, column: str = "time_s") -> None:
+def median_step(time: FloatArray) -> float:
+    """Returns the median of the steps between times (n,), s; 0 of a single time."""
+    if len(time) < 2:
+        return 0.0
+    return float(np.median(np.diff(time)))
+
+
+def check_gaps(time: FloatArray, largest_step: float | None = None) -> None:
     """Raises LogError with the first step above `largest_step` (s; default 1.5 median steps)."""
     steps = np.diff(time)
     if largest_step is None:
-        allowed = GAP_FACTOR * float(np.median(steps))
-    else:
-        allowed = largest_step
-    wide = np.flatnonzero(steps > allowed)
+        largest_step = GAP_FACTOR * median_step(time)
+    wide = np.flatnonzero(steps > largest_step)
     if wide.size:
-        at = int(wide[0])
+        first = wide[0]
         raise LogError(
-            f"column {column!r}: {wide.size} gap(s), the first of {steps[at]:.6g} s after "
-            f"{time[at]:g} s; at most {allowed:.6g} s is allowed"
+            f"column {TIME!r}: {wide.size} gap(s), the first of {steps[first]:.6g} s after "
+            f"{time[first]:g} s; at most {largest_step:.6g} s is allowed"
         )
 
 
 def check_signals(
     time: FloatArray, signals: Mapping[str, FloatArray], largest_step: float | None = None
 ) -> None:
-    """Raise LogError for unsorted time, gaps, a signal of another length, and any NaN or infinite
+    """Raises LogError for unsorted time, gaps, a signal of another length, and any NaN or infinite
     sample.
 
     Args:
@@ -130,7 +135,7 @@ def check_signals(
 def low_pass(
     time: FloatArray, signal: FloatArray, design: LowPass, column: str = "signal"
 ) -> FloatArray:
-    """Zero-phase low pass of a signal, at the same times.
+    """Filters a signal without phase lag, at the same times.
 
     Jittered times (a live log) are filtered on an even grid of the mean step and brought back by
     linear interpolation.
@@ -149,16 +154,12 @@ def low_pass(
             f"{2 * design.cutoff_hz:g} samples per second, there are {1 / step:.4g}"
         )
     even = bool(np.all(np.abs(np.diff(time) - step) <= _JITTER * step))
-    if even:
-        grid = time
-        samples = signal
-    else:
-        grid = np.linspace(time[0], time[-1], len(time))
-        samples = np.interp(grid, time, signal)
+    grid = np.linspace(time[0], time[-1], len(time))
+    if not even:
+        signal = np.interp(grid, time, signal)
+    sections = butter(design.order, design.cutoff_hz, output="sos", fs=1.0 / step)
     try:
-        filtered = sosfiltfilt(
-            butter(design.order, design.cutoff_hz, output="sos", fs=1.0 / step), samples
-        )
+        filtered = sosfiltfilt(sections, signal)
     except ValueError as cause:
         raise LogError(
             f"column {column!r}: {len(signal)} samples are too few for a filter of order "
@@ -170,9 +171,9 @@ def low_pass(
 
 
 def resting_line(
-    time: FloatArray, signal: FloatArray, resting: NDArray[np.bool_]
+    time: FloatArray, signal: FloatArray, resting: BoolArray
 ) -> tuple[float, float, float]:
-    """The line that fits the resting samples best: slope (per s), level at the mean resting time,
+    """Fits a line to the resting samples: slope (per s), level at the mean resting time,
     and that time (s).
     """
     centre = float(np.mean(time[resting]))
@@ -181,7 +182,7 @@ def resting_line(
 
 
 def hold_last(time: FloatArray, sample_time: FloatArray, samples: FloatArray) -> FloatArray:
-    """Samples (m,) taken at `sample_time`, held until the next one, at the times `time` (n,); NaN
+    """Holds samples (m,) taken at `sample_time` until the next one, at the times `time` (n,); NaN
     before the first.
     """
     margin = _SAME_TIME * (sample_time[-1] - sample_time[0])
@@ -190,19 +191,17 @@ def hold_last(time: FloatArray, sample_time: FloatArray, samples: FloatArray) ->
 
 
 def stated_rest(run_log: RunLog) -> Interval | None:
-    """The rest phase that the metadata of a log state; None without.
+    """Reads the rest phase that the metadata of a log state; None without.
 
     LogError when it is not two times.
     """
     stated = run_log.stated(REST, 2)
-    if stated is None:
-        return None
-    return (stated[0], stated[1])
+    return (stated[0], stated[1]) if stated else None
 
 
 def in_parts(time: FloatArray, parts: Sequence[Interval]) -> BoolArray:
-    """Which times lie in any of the parts, both ends included."""
-    inside = np.zeros(time.size, dtype=bool)
+    """Says which times lie in any of the parts, both ends included."""
+    inside = np.zeros(time.size, bool)
     for start, end in parts:
         inside |= (time >= start) & (time <= end)
     return inside
@@ -233,30 +232,29 @@ def fill_gaps(run_log: RunLog, longest: float) -> RunLog:
             number of a column.
     """
     time = run_log.time
-    _named(run_log, check_time, time)
-    step = float(np.median(np.diff(time)))
-    steps = np.diff(time)
-    _named(run_log, check_gaps, time, max(longest * (1 + 1e-9), GAP_FACTOR * step))
-    wide = gaps_in(time)
-    inserted = [
-        np.linspace(time[at], time[at + 1], round(steps[at] / step) + 1)[1:-1] for at in wide
-    ]
-    grid = np.sort(np.concatenate([time, *inserted]))
-    notes = [
-        f"gap of {steps[at]:.4g} s at {time[at]:g} s filled with {new.size} rows"
-        for at, new in zip(wide, inserted, strict=True)
-    ]
-    filled: dict[str, FloatArray] = {}
+    with _naming(run_log):
+        check_time(time)
+        step = median_step(time)
+        max_step = max(longest * (1 + 1e-9), GAP_FACTOR * step)
+        check_gaps(time, max_step)
+    times = [time]
+    notes = []
+    for row in gaps_in(time):
+        gap = time[row + 1] - time[row]
+        count = round(gap / step) + 1
+        inserted = np.linspace(time[row], time[row + 1], count)[1:-1]
+        times.append(inserted)
+        notes.append(f"gap of {gap:.4g} s at {time[row]:g} s filled with {inserted.size} rows")
+    grid = np.sort(np.concatenate(times))
+    table = pd.DataFrame({TIME: grid})
     for name in run_log.table.columns.drop(TIME):
         signal = run_log.signal(name)
         good = np.isfinite(signal)
-        if np.count_nonzero(good) < time.size:
-            notes.append(_check_nan(run_log, name, good, longest, step))
-        if _is_held(name):
-            filled[name] = hold_last(grid, time[good], signal[good])
-        else:
-            filled[name] = np.interp(grid, time[good], signal[good])
-    return _noted(replace(run_log, table=pd.DataFrame({TIME: grid, **filled})), notes)
+        if not good.all():
+            notes.append(_check_nan(run_log, name, good, longest, max_step))
+        fill = hold_last if _is_held(name) else np.interp
+        table[name] = fill(grid, time[good], signal[good])
+    return _noted(replace(run_log, table=table), notes)
 
 
 def remove_drift(
@@ -280,44 +278,43 @@ def remove_drift(
     """
     time = run_log.time
     resting = in_parts(time, rest)
-    if np.count_nonzero(resting) < LEAST_REST_SAMPLES:
+    if np.count_nonzero(resting) < MIN_REST_SAMPLES:
         raise LogError(
-            f"{run_log.name}: no resting part with at least {LEAST_REST_SAMPLES} samples, so no "
+            f"{run_log.name}: no resting part with at least {MIN_REST_SAMPLES} samples, so no "
             f"drift line for {', '.join(columns)}"
         )
-    changed: dict[str, FloatArray] = {}
+    table = run_log.table.copy()
     notes = []
     for name in columns:
         signal = run_log.signal(name)
-        _named(run_log, check_signals, time, {name: signal}, largest_step=np.inf)
+        with _naming(run_log):
+            check_signals(time, {name: signal}, largest_step=np.inf)
         slope, mean, centre = resting_line(time, signal, resting)
+        note = f"drift of {name}: {slope:.3g} per s, {mean:.4g} at rest"
         kept = 0.0
         if level == "keep":
             kept = mean + slope * (time[resting][0] - centre)
-        changed[name] = signal - (mean + slope * (time - centre)) + kept
-        notes.append(
-            f"drift of {name}: {slope:.3g} per s, {mean:.4g} at rest"
-            + (", kept" if level == "keep" else "")
-        )
-    return _noted(replace(run_log, table=run_log.table.assign(**changed)), notes)
+            note += ", kept"
+        table[name] = signal - (mean + slope * (time - centre)) + kept
+        notes.append(note)
+    return _noted(replace(run_log, table=table), notes)
 
 
 def low_pass_columns(run_log: RunLog, columns: Sequence[str], design: LowPass) -> RunLog:
-    """Columns after a zero-phase low pass; LogError for gaps, NaN, a low rate or few samples."""
-    time = run_log.time
-    changed = {
-        name: _named(run_log, low_pass, time, run_log.signal(name), design, column=name)
-        for name in columns
-    }
-    what = f"order {design.order}, {design.cutoff_hz:g} Hz, forwards and back"
-    return _noted(
-        replace(run_log, table=run_log.table.assign(**changed)),
-        [f"low pass ({what}): {', '.join(columns)}"],
+    """Filters columns without phase lag; LogError for gaps, NaN, a low rate or few samples."""
+    table = run_log.table.copy()
+    for name in columns:
+        with _naming(run_log):
+            table[name] = low_pass(run_log.time, run_log.signal(name), design, name)
+    note = (
+        f"low pass (order {design.order}, {design.cutoff_hz:g} Hz, forwards and back): "
+        f"{', '.join(columns)}"
     )
+    return _noted(replace(run_log, table=table), [note])
 
 
 def conditioning_notes(run_log: RunLog) -> list[str]:
-    """What was done to a log before, a line each."""
+    """Lists what was done to a log before, a line each."""
     return [
         str(note)
         for entry in run_log.extra.get("conditioning", [])
@@ -326,50 +323,51 @@ def conditioning_notes(run_log: RunLog) -> list[str]:
 
 
 def earlier_shift(run_log: RunLog) -> float:
-    """By how much a log's times were made earlier when it was cut, s, as version 0.2 has it."""
+    """Says by how much version 0.2 made a log's times earlier when it cut the log, s."""
     return float(
         sum(entry.get("time_shift_s", 0.0) for entry in run_log.extra.get("conditioning", []))
     )
 
 
 def _noted(run_log: RunLog, notes: Sequence[str]) -> RunLog:
-    entries = [*run_log.extra.get("conditioning", []), {"notes": list(notes)}]
+    """Adds notes of what was done to the metadata of a log."""
+    entries = list(run_log.extra.get("conditioning", []))
     if notes:
-        return replace(run_log, extra={**run_log.extra, "conditioning": entries})
+        entries.append({"notes": list(notes)})
+        run_log = replace(run_log, extra={**run_log.extra, "conditioning": entries})
     return run_log
 
 
 def _is_held(column: str) -> bool:
-    """Whether a column is a command, state or held sample: it jumps, and is not interpolated."""
+    """Says whether a column is a command, state or held sample, which is not interpolated."""
     return "_command" in column or column.startswith(
         ("status_", "speed_", "planned_", "controller_")
     )
 
 
-def _check_nan(run_log: RunLog, name: str, good: BoolArray, longest: float, step: float) -> str:
-    """Note about the NaN of a column; LogError when they last too long or stand at an end."""
+def _check_nan(run_log: RunLog, name: str, good: BoolArray, longest: float, max_step: float) -> str:
+    """Notes the NaN of a column; LogError when they last too long or stand at an end."""
     time = run_log.time
-    at = int(np.flatnonzero(~good)[0])
+    lost = time[~good]
     where = f"{run_log.name}: column {name!r}"
-    if not good.any() or not (good[0] and good[-1]):
+    if not (good[0] and good[-1]):
         raise LogError(
-            f"{where}: not a number at {time[at]:g} s, with no sample on both sides; cut the log"
+            f"{where}: not a number at {lost[0]:g} s, with no sample on both sides; cut the log"
         )
-    lasting = np.diff(time[good])
-    if float(lasting.max()) > max(longest * (1 + 1e-9), GAP_FACTOR * step):
-        begin = float(time[good][int(np.argmax(lasting))])
+    steps = np.diff(time[good])
+    widest = np.argmax(steps)
+    if steps[widest] > max_step:
         raise LogError(
-            f"{where}: no numbers for {lasting.max():.4g} s after {begin:g} s; at most "
-            f"{longest:g} s is filled"
+            f"{where}: no numbers for {steps[widest]:.4g} s after {time[good][widest]:g} s; at "
+            f"most {longest:g} s is filled"
         )
-    return f"{np.count_nonzero(~good)} lost sample(s) of {name} filled, the first at {time[at]:g} s"
+    return f"{lost.size} lost sample(s) of {name} filled, the first at {lost[0]:g} s"
 
 
-def _named(
-    run_log: RunLog, function: Callable[..., FloatArray | None], *args: Any, **kwargs: Any
-) -> Any:
-    """The function's result; its LogError gets the name of the log."""
+@contextmanager
+def _naming(run_log: RunLog) -> Iterator[None]:
+    """Puts the name of the log before a LogError."""
     try:
-        return function(*args, **kwargs)
+        yield
     except LogError as error:
         raise LogError(f"{run_log.name}: {error}") from None

@@ -4,7 +4,7 @@ from dataclasses import dataclass, fields
 from functools import cache
 from typing import Literal
 
-from aerodima.workbench.resources import published_rows
+from aerodima.workbench.core.resources import published_rows
 
 SAMPLE_TIMES = {"simulated": 0.001, "physical": 0.01}
 """Time between the samples that the printed roll sums were made of, s: inferred, not published
@@ -63,7 +63,7 @@ class PublishedValues:
 
 
 def published_values() -> tuple[PublishedValues, ...]:
-    """The four published rows, as in `models/published/manoeuvre_metrics.csv`."""
+    """Returns the four published rows, as in `models/published/manoeuvre_metrics.csv`."""
     return tuple(_figures(row) for row in published_rows("manoeuvre_metrics"))
 
 
@@ -78,8 +78,8 @@ class FlipBracket:
 
 
 def flip_bracket(configuration: Literal["tailless", "tailed"]) -> FlipBracket:
-    """Published bracket of the simulated car (thesis 7.1.1, 7.1.2; which speed is which: ERRATA
-    E37, E38).
+    """Returns the published bracket of the simulated car (thesis 7.1.1, 7.1.2; which speed is
+    which: ERRATA E37, E38).
     """
     constants = _constants("m/s")
     survived = {
@@ -93,8 +93,8 @@ def flip_bracket(configuration: Literal["tailless", "tailed"]) -> FlipBracket:
 
 @cache
 def inner_lift_yaw_rate() -> float:
-    """Yaw rate up to which both inner wheels of the thesis' simulated car stay on the ground, rad/s
-    (thesis 6.3.4).
+    """Returns the yaw rate up to which both inner wheels of the thesis' simulated car stay on the
+    ground, rad/s (thesis 6.3.4).
     """
     return _constants("rad/s")["tail_trigger_yaw_rate"]
 

@@ -13,22 +13,18 @@ from typing import Any
 import numpy as np
 from scipy.integrate import trapezoid
 
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.ensemble import BUILT
-from aerodima.workbench.controllers.law_of_scenario import NO_SWING
-from aerodima.workbench.controllers.swing_law import SwingState
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.car.tail_impulses import CAUSES, Impulses, tail_impulses
+from aerodima.workbench.car.turn_signals import turn_window
+from aerodima.workbench.car.verdict import FLIP_TILT
+from aerodima.workbench.control.swing_law import SwingState
+from aerodima.workbench.control.swing_library import NO_SWING
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import check_signals, check_time
 from aerodima.workbench.metrics.published_values import Platform, PublishedValues, published_values
-from aerodima.workbench.metrics.tail_impulses import CAUSES, FLIP_TILT, Impulses, tail_impulses
-from aerodima.workbench.metrics.turn_metrics import (
-    Outcome,
-    RunMetrics,
-    metrics_of,
-    outcome_from,
-)
-from aerodima.workbench.metrics.turn_signals import turn_window
+from aerodima.workbench.metrics.turn_metrics import Outcome, RunMetrics, metrics_of, outcome_from
+from aerodima.workbench.scenario.ensemble import BUILT
 
 TAILS = "tails"
 """Key in `extra` of a `plant_run`: name and body of each tail force."""
@@ -52,29 +48,33 @@ MODE_WORDS = {
 
 
 def tails_of(run_log: RunLog) -> list[tuple[str, str]]:
-    """Name and body of each tail force of a `plant_run`; the name begins its columns."""
+    """Returns name and body of each tail force of a `plant_run`; the name begins its columns."""
     return [(str(tail["name"]), str(tail["body"])) for tail in run_log.extra.get(TAILS, [])]
 
 
 def air_force(run_log: RunLog, name: str) -> FloatArray:
-    """Magnitude of the force of the air on a tail, N, shape (n,)."""
+    """Returns the magnitude of the force of the air on a tail, N, shape (n,)."""
     return np.asarray(np.linalg.norm(run_log.vector(name, "truth_n"), axis=1))
 
 
 def plant_speed(run_log: RunLog) -> FloatArray:
-    """Speed of the centre of mass, m/s, shape (n,)."""
+    """Returns the speed of the centre of mass, m/s, shape (n,)."""
     return np.asarray(np.linalg.norm(run_log.vector("com_velocity", "truth_m_per_s"), axis=1))
 
 
 def plant_tilt(run_log: RunLog) -> FloatArray | None:
-    """Angle of the base's z axis from the world's, degrees, shape (n,); None without a base."""
+    """Returns the angle of the base's z axis from the world's, degrees, shape (n,); None without a
+    base.
+    """
     if "tilt_truth_rad" in run_log.table:
         return np.degrees(run_log.signal("tilt_truth_rad"))
     return None
 
 
 def plant_air(run_log: RunLog) -> FloatArray | None:
-    """Forces of the air on all tails, sum of their magnitudes, N, (n,); None without a tail."""
+    """Returns forces of the air on all tails, sum of their magnitudes, N, (n,); None without a
+    tail.
+    """
     forces = [air_force(run_log, name) for name, _ in tails_of(run_log)]
     if forces:
         return np.asarray(np.sum(forces, axis=0))
@@ -82,7 +82,9 @@ def plant_air(run_log: RunLog) -> FloatArray | None:
 
 
 def of_plants(run_logs: Sequence[RunLog]) -> bool:
-    """Whether these are runs that `observe` logged; LogError when some are and some are not."""
+    """Returns whether these are runs that `observe` logged; LogError when some are and some are
+    not.
+    """
     plants = [run_log.kind == PLANT_RUN for run_log in run_logs]
     if any(plants) and not all(plants):
         car = run_logs[plants.index(False)].name
@@ -94,8 +96,8 @@ def of_plants(run_logs: Sequence[RunLog]) -> bool:
 
 
 def plant_outcome(run_log: RunLog) -> Outcome | None:
-    """Whether the base stayed upright, as for a car without wheel loads; None without a base that
-    starts upright.
+    """Returns whether the base stayed upright, as for a car without wheel loads; None without a
+    base that starts upright.
     """
     if "tilt_truth_rad" not in run_log.table:
         return None
@@ -106,7 +108,7 @@ def plant_outcome(run_log: RunLog) -> Outcome | None:
 
 
 def plant_metrics(run_log: RunLog) -> dict[str, float | str | None]:
-    """One flat row for a table; units are at the end of the names.
+    """Returns one flat row for a table; units are at the end of the names.
 
     `outcome`: see `plant_outcome`, None where it is not defined. Tilt and heading are those of the
     base, speed, height and path those of the centre of mass. Per tail: largest force of the air,
@@ -157,7 +159,7 @@ def plant_metrics(run_log: RunLog) -> dict[str, float | str | None]:
 
 
 def metrics_of_runs(run_logs: Sequence[RunLog]) -> list[dict[str, Any]]:
-    """A flat row of metrics per run: of the car (`RunMetrics.as_row`), or of other plants
+    """Returns a flat row of metrics per run: of the car (`RunMetrics.as_row`), or of other plants
     (`plant_metrics`).
 
     Raises:
@@ -198,16 +200,16 @@ class RunSummary:
 
     @property
     def survived(self) -> bool:
-        """Whether the car stayed on its wheels."""
+        """Returns whether the car stayed on its wheels."""
         return self.metrics.outcome.result == "survived"
 
     @property
     def clean(self) -> bool:
-        """Survived, and nothing but the wheels touched the ground."""
+        """Returns whether it survived and nothing but the wheels touched the ground."""
         return bool(self.metrics.outcome.clean)
 
     def as_row(self) -> dict[str, Any]:
-        """One flat row for a table, without impulses; units are at the end of the names."""
+        """Returns one flat row for a table, without impulses; units are at the end of the names."""
         return {
             "tail_mode": self.tail_mode,
             "commanded_speed_m_per_s": self.commanded_speed,
@@ -218,8 +220,8 @@ class RunSummary:
         }
 
     def impulses_row(self) -> dict[str, float | None]:
-        """The impulses of the tail about the heading axis, positive = against rolling outwards;
-        None without a tail.
+        """Returns the impulses of the tail about the heading axis, positive = against rolling
+        outwards; None without a tail.
         """
         found = self.impulses
         return {
@@ -229,8 +231,8 @@ class RunSummary:
 
 
 def tail_mode_of(scenario: Mapping[str, Any]) -> str:
-    """What the tail does in a resolved scenario: `none`, `held`, `swing`, or a swing that is not
-    the published one.
+    """Returns what the tail does in a resolved scenario: `none`, `held`, `swing`, or a swing that
+    is not the published one.
 
     Those are `optimised`, played from a file, and `designed`, the published motion of another tail
     than the built one.
@@ -274,7 +276,7 @@ def summarise(run_log: RunLog, name: str) -> RunSummary:
 
 
 def published_for(summary: RunSummary) -> dict[Platform, PublishedValues]:
-    """Published rows that were made as this run was, by platform."""
+    """Returns the published rows that were made as this run was, by platform."""
     kilometres_per_hour = KM_PER_H * summary.commanded_speed
     whole = round(kilometres_per_hour)
     if not math.isclose(kilometres_per_hour, whole, abs_tol=0.02):

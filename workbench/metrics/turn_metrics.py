@@ -4,7 +4,7 @@ stayed on its wheels.
 Everything is computed from the log alone. The eight metrics come twice, from the signals that the
 thesis took for its simulated car (`RunMetrics.raw`) and for the real one (`RunMetrics.filtered`);
 all else from the ground truth if the log has it, otherwise from the sensors (`RunMetrics.source`).
-Signs are turned so that the turn is positive (`aerodima.workbench.metrics.turn_signals`), so left
+Signs are turned so that the turn is positive (`aerodima.workbench.car.turn_signals`), so left
 and right turns are measured alike. Definitions: design section 10, thesis section 3.3 and eqs
 7.1-7.7.
 """
@@ -17,8 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid, trapezoid
 
-from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.signal_table import GROUND_CONTACTS, WHEELS
+from aerodima.workbench.car.tail_impulses import tail_effort
+from aerodima.workbench.car.turn_signals import TurnSignals, settled_row, turn_signals
+from aerodima.workbench.car.verdict import FLIP_TILT, has_flipped, is_loaded
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, check_time, low_pass
 from aerodima.workbench.metrics.published_values import (
@@ -27,16 +29,7 @@ from aerodima.workbench.metrics.published_values import (
     Platform,
     TurnMetrics,
 )
-from aerodima.workbench.metrics.tail_impulses import FLIP_TILT, tail_effort
-from aerodima.workbench.metrics.turn_signals import (
-    LOADED_FORCE,
-    TurnSignals,
-    settled_row,
-    turn_signals,
-)
-
-END_TILT = math.radians(20.0)
-"""Beyond this tilt at the end of the run, with a wheel in the air, it has too, rad."""
+from aerodima.workbench.scenario.signal_table import GROUND_CONTACTS, WHEELS
 
 OF_THE_TURN = ("speed_in_turn_m_per_s", "lift_yaw_rate_rad_per_s")
 """What the thesis says of a turn beside its eight metrics."""
@@ -112,12 +105,14 @@ class RunMetrics:
     lift_yaw_rate_rad_per_s: float | None
 
     def like(self, platform: Platform) -> TurnMetrics:
-        """The eight metrics from the signals that the published rows of a platform were made of."""
+        """Returns the eight metrics from the signals that the published rows of a platform were
+        made of.
+        """
         return self.filtered if platform == "physical" else self.raw
 
     def as_row(self) -> dict[str, float | str | bool | None]:
-        """One flat row for a table: raw metrics under their names, filtered ones with `filtered_`
-        before them.
+        """Returns one flat row for a table: raw metrics under their names, filtered ones with
+        `filtered_` before them.
         """
         whole = (
             "peak_roll_rad",
@@ -142,7 +137,7 @@ class RunMetrics:
 
 
 def metrics_of(run_log: RunLog) -> RunMetrics:
-    """All metrics of a run.
+    """Returns all metrics of a run.
 
     Raises:
         LogError: a column or scenario key is missing, NaN, unsorted time or a gap, the log ends
@@ -184,7 +179,7 @@ def metrics_of(run_log: RunLog) -> RunMetrics:
 
 
 def turn_metrics(signals: TurnSignals, filtered: bool = False) -> TurnMetrics:
-    """The eight metrics over the window of the turn.
+    """Returns the eight metrics over the window of the turn.
 
     Maxima are of magnitudes, averages are signed means over time; Kohut = speed at the start of the
     window x yaw rate in degrees per second; the roll integral is the largest value over the whole
@@ -222,7 +217,7 @@ def turn_metrics(signals: TurnSignals, filtered: bool = False) -> TurnMetrics:
 
 
 def outcome_of(run_log: RunLog) -> Outcome:
-    """Outcome of a run; LogError as for `metrics_of`."""
+    """Returns the outcome of a run; LogError as for `metrics_of`."""
     return _outcome(turn_signals(run_log))
 
 
@@ -233,7 +228,7 @@ def outcome_from(
     ground_contact: FloatArray | None = None,
     turn_start: float = -math.inf,
 ) -> Outcome:
-    """Outcome from the histories themselves.
+    """Returns the outcome from the histories themselves.
 
     Args:
         time: s, shape (n,).
@@ -247,13 +242,13 @@ def outcome_from(
     end_loaded = None
     if wheel_loads is not None:
         end_loaded = int(_wheels_loaded(wheel_loads[-1:])[0])
-    leaning = end_tilt > END_TILT and (end_loaded is None or end_loaded < 4)
-    flipped = bool(np.max(tilt) > FLIP_TILT) or leaning
+    lifted = end_loaded is None or end_loaded < 4
+    flipped = bool(has_flipped(np.max(tilt) > FLIP_TILT, end_tilt, lifted))
     touched: tuple[str, ...] = ()
     clean = None
     board_before = None
     if ground_contact is not None:
-        hit = ground_contact > LOADED_FORCE
+        hit = is_loaded(ground_contact)
         board = GROUND_CONTACTS.index("board")
         before = time < turn_start
         board_before = _time_while(time, hit[:, board] & before)
@@ -307,17 +302,17 @@ def _lift_yaw_rate(signals: TurnSignals, loads: FloatArray) -> float:
 
 
 def _mean(time: FloatArray, values: FloatArray) -> float:
-    """Mean over time, which for evenly spaced samples differs from their plain mean by half a step
-    at each end.
+    """Returns the mean over time, which for evenly spaced samples differs from their plain mean by
+    half a step at each end.
     """
     return float(trapezoid(values, time) / (time[-1] - time[0]))
 
 
 def _wheels_loaded(loads: FloatArray) -> NDArray[np.int64]:
-    """How many wheels press on the ground, per row of loads (n, 4)."""
-    return np.count_nonzero(loads > LOADED_FORCE, axis=1)
+    """Returns how many wheels press on the ground, per row of loads (n, 4)."""
+    return np.count_nonzero(is_loaded(loads), axis=1)
 
 
 def _time_while(time: FloatArray, condition: NDArray[np.bool_]) -> float:
-    """Total time of the steps that begin with the condition true, s."""
+    """Returns the total time of the steps that begin with the condition true, s."""
     return float(np.sum(np.diff(time)[condition[:-1]]))

@@ -163,7 +163,7 @@ function show() {
   get("disarm").disabled = !controls || !car?.driving;
   get("reset").disabled = !controls || !stopped || mode !== "rest";
   setText("said", !known ? "" : car ? (car.said ? `Drive: ${car.said}` : "Arm starts a drive: it checks the car first.")
-    : "This car is armed beside it, with aerodima drive.");
+    : "This car is armed beside it, with aerodima drive run.");
   for (const input of document.querySelectorAll("input[name=mode]"))
     input.disabled = !controls || stopped || (input.value !== "rest" && !armed && mode === "rest");
   showTail();

@@ -18,9 +18,9 @@ from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_group import MotorGroup
 from aerodima.hardware.devices.radio_link import IDLE, RadioLink
 from aerodima.hardware.devices.ublox import GpsSample
-from aerodima.hardware.protocol.radio import Asks, OperatorCommand, RadioMode
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.errors import HardwareError
+from aerodima.hardware.protocol.radio import OperatorCommand, OperatorPrompt, RadioMode
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.scenario.scenario import load_scenario
 from tests.hardware.fake_motors import FakeMotor, FakePort
 
 PORTS = {"schema": "aerodima/ports/1", "teensy": {"path": "/dev/a"}, "imu": {"path": "/dev/b"}}
@@ -103,7 +103,11 @@ class FakeRadio(RadioLink):
 
     @property
     def command(self):
-        return IDLE if self.car is not None and self.car.asks is Asks.REST else self._chosen
+        return (
+            IDLE
+            if self.car is not None and self.car.prompt is OperatorPrompt.RETURN_TO_IDLE
+            else self._chosen
+        )
 
     @command.setter
     def command(self, chosen):
@@ -131,7 +135,7 @@ class FakeWatchdog:
     def arm(self):
         self.calls.append("arm")
 
-    def beat(self):
+    def heartbeat(self):
         self.calls.append("beat")
 
     def disarm(self):

@@ -7,11 +7,11 @@ import time
 
 import pytest
 
-from aerodima.hardware.car.bus_watch import ANSWER_ID, BEAT_ID, BeatState, BusWatch
+from aerodima.hardware.car.bus_watch import ANSWER_ID, HEARTBEAT_ID, BusWatch, HeartbeatState
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.hardware.protocol.teensy import SWITCHED_OFF, TeensyStatus
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from tests.refusals import assert_refused
 
 ANSWER = load_drive_safety().heartbeat_answer
@@ -30,10 +30,10 @@ class Bus:
         self.inbox = []
 
     def send(self, frame, urgent=False):
-        if frame.arbitration_id == BEAT_ID:
+        if frame.arbitration_id == HEARTBEAT_ID:
             _, state, counter, check = frame.data
             assert check == ~(state ^ counter) & 0xFF
-            self.beats.append((BeatState(state), counter))
+            self.beats.append((HeartbeatState(state), counter))
             if self.there:
                 answer = bytes([0xAD, self.status, counter, ~(self.status ^ counter) & 0xFF])
                 self.inbox.append((0.0, CanFrame(ANSWER_ID, answer)))
@@ -66,7 +66,7 @@ def turn(watch, clock, seconds=0.1):
     for _ in range(round(seconds / 0.01)):
         clock.now += 0.01
         watch.poll()
-        watch.beat()
+        watch.heartbeat()
 
 
 def test_it_is_not_armed_before_the_teensy_has_answered(watch, clock):
@@ -75,7 +75,7 @@ def test_it_is_not_armed_before_the_teensy_has_answered(watch, clock):
     watch.arm()
     turn(watch, clock, 3.0)
     assert watch.healthy
-    assert watch._port.beats[-1][0] is BeatState.ARMED
+    assert watch._port.beats[-1][0] is HeartbeatState.ARMED
     counters = [counter for _, counter in watch._port.beats]
     assert all(a != b for a, b in itertools.pairwise(counters))
 
@@ -119,7 +119,7 @@ def test_a_teensy_that_has_acted_is_not_armed_with_and_stops_a_car(watch, clock)
 
 def test_the_frames_of_the_motors_pass_and_the_answers_do_not(watch, clock):
     reply = (1.0, CanFrame(0, bytes([1, 0, 0, 0, 0, 0])))
-    watch.beat()
+    watch.heartbeat()
     watch._port.inbox.append(reply)
     assert watch.poll() == [reply]
     assert watch.answers == 1
@@ -129,10 +129,10 @@ def test_trip_and_disarm_are_said_on_the_bus(watch, clock):
     turn(watch, clock)
     watch.arm()
     watch.trip()
-    assert watch._port.beats[-1][0] is BeatState.TRIP
+    assert watch._port.beats[-1][0] is HeartbeatState.TRIP
     watch.disarm()
-    watch.beat()
-    assert watch._port.beats[-1][0] is BeatState.OFF
+    watch.heartbeat()
+    assert watch._port.beats[-1][0] is HeartbeatState.OFF
 
 
 def test_answers_that_are_damaged_or_of_a_beat_to_come_are_no_life(watch, clock):

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from aerodima.workbench.realtime import SWITCH_INTERVAL, prefer_latency, restore_latency
+from aerodima.workbench.core.realtime import SWITCH_INTERVAL, prefer_latency, restore_latency
 
 
 def test_habits_change_and_come_back():

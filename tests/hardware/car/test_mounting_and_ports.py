@@ -12,9 +12,9 @@ from aerodima.hardware.car.mounting import AXES, load_mounting
 from aerodima.hardware.car.wirings import tail_motors, wire_car
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_settings import MotorSettings
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.stations.car_station import NOT_FITTED
+from aerodima.workbench.car.car_station import NOT_FITTED
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.scenario.scenario import load_scenario
 from tests.hardware.car.fake_devices import PORTS
 from tests.refusals import assert_refused
 

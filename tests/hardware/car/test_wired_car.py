@@ -16,8 +16,8 @@ from aerodima.hardware.devices.ublox import GpsSample
 from aerodima.hardware.driving.car_guard import CarGuard
 from aerodima.hardware.protocol.ak70 import make_exit
 from aerodima.hardware.protocol.radio import decode_report
-from aerodima.workbench.config.signal_table import STATUS
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.scenario.signal_table import STATUS
 from tests.hardware.car.fake_devices import CarOnTheBench
 from tests.refusals import assert_refused
 

@@ -1,4 +1,4 @@
-"""What a user can get wrong with `aerodima drive`: one line, status 2, and nothing written."""
+"""What a user can get wrong with `aerodima drive ...`: one line, status 2, and nothing written."""
 
 import json
 import subprocess
@@ -8,11 +8,12 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from aerodima.hardware.commands.drive_commands import current_words
 from aerodima.workbench.cli.program import build_app
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.controllers.law_of_scenario import load_drive, make_bundle
-from aerodima.workbench.controllers.swing_player import SwingPlayer
-from aerodima.workbench.resources import model_path
+from aerodima.workbench.control.controller_bundle import load_drive, make_bundle
+from aerodima.workbench.control.swing_player import SwingPlayer
+from aerodima.workbench.core.resources import model_path
+from aerodima.workbench.scenario.scenario import load_scenario
 
 
 @pytest.fixture(autouse=True)
@@ -42,19 +43,22 @@ def drive(*words):
 WATCHED = ["--wiring", "watched_can"]
 RIG = str(model_path("scenarios/rig/robot.yaml"))
 REFUSED = {
-    "wiring": (["auto_turn", "--wiring", "usb"], {}, "--wiring", "usb"),
-    "scenario": (["nothing"], {}, "nothing"),
-    "scenario of the rig": ([RIG], {}, "robot.yaml"),
-    "firmware": (["auto_turn"], {"firmware_profile": "v3"}, "v3"),
-    "traffic on the bridge": (["auto_turn", "--traffic", "a.blf"], {}, "--traffic", "watched_can"),
-    "rate": (["auto_turn", "--set", "controller.rate=50"], {}, "controller.rate", "50"),
-    "no watchdog test": (["auto_turn"], {}, "teensy_bridge"),
-    "missing device": (["auto_turn", "--dry-run"], {}, "teensy", "/dev/no-teensy"),
-    "missing adapter": (["auto_turn", "--dry-run", *WATCHED], {}, "slcan", "/dev/no-can"),
-    "no terminal": (["auto_turn", "--watchdog-test"], {}),
-    "law": (["auto_turn", "--law", "nowhere.py:Law"], {}, "nowhere.py"),
+    "wiring": (["run", "auto_turn", "--wiring", "usb"], {}, "--wiring", "usb"),
+    "scenario": (["run", "nothing"], {}, "nothing"),
+    "scenario of the rig": (["run", RIG], {}, "robot.yaml"),
+    "firmware": (["run", "auto_turn"], {"firmware_profile": "v3"}, "v3"),
+    "traffic on the bridge": (
+        ["run", "auto_turn", "--traffic", "a.blf"], {}, "--traffic", "watched_can"
+    ),
+    "rate": (["run", "auto_turn", "--set", "controller.rate=50"], {}, "controller.rate", "50"),
+    "no watchdog test": (["run", "auto_turn"], {}, "teensy_bridge"),
+    "missing device": (["check", "auto_turn"], {}, "teensy", "/dev/no-teensy"),
+    "missing adapter": (["check", "auto_turn", *WATCHED], {}, "slcan", "/dev/no-can"),
+    "no terminal": (["watchdog-test", "auto_turn"], {}),
+    "command": (["chek"], {}, "chek", "check"),
+    "law": (["run", "auto_turn", "--law", "nowhere.py:Law"], {}, "nowhere.py"),
     "law and swing": (
-        ["auto_turn", "--law", "nowhere.py:Law", "--swing", "thesis_8_rad_per_s"], {}, "--swing"
+        ["run", "auto_turn", "--law", "no.py:Law", "--swing", "thesis_8_rad_per_s"], {}, "--swing"
     ),
 }  # fmt: skip
 
@@ -66,7 +70,7 @@ def test_what_is_wrong_is_named_in_the_last_line_and_nothing_is_written(row):
 
 
 def test_a_missing_ports_file_is_named():
-    refused("auto_turn", "--ports", "none.json", named=["none.json"])
+    refused("run", "auto_turn", "--ports", "none.json", named=["none.json"])
 
 
 def refused(*words, named):
@@ -92,12 +96,12 @@ def test_wrong_bundles_are_named(tmp_path, row):
     path = tmp_path / "bundle.json"
     if text is not None:
         path.write_text(text)
-    refused(str(path), "--ports", ports(), *words, named=named)
+    refused("run", str(path), "--ports", ports(), *words, named=named)
 
 
 def test_an_existing_log_is_kept(tmp_path):
     (tmp_path / "run.parquet").write_text("mine")
-    status, err = drive("auto_turn", "--ports", ports(), "--out", "run.parquet")
+    status, err = drive("run", "auto_turn", "--ports", ports(), "--out", "run.parquet")
     assert status == 2
     assert "run.parquet" in err
     assert (tmp_path / "run.parquet").read_text() == "mine"
@@ -117,7 +121,7 @@ def test_a_bundle_carries_scenario_and_swing(tmp_path):
 @pytest.mark.parametrize(
     "words",
     [
-        ["drive", "auto_turn", "--ports", "ports.json", "--dry-run"],
+        ["drive", "check", "auto_turn", "--ports", "ports.json"],
         ["emulate", "auto_turn", "--out", "emulated"],
     ],
     ids=["drive", "emulate"],
@@ -134,18 +138,33 @@ def test_a_missing_can_library_is_named_with_what_to_install(words):
     assert "Traceback" not in done.stderr
 
 
-def test_sketch_of_the_teensy_is_written_for_the_scenario_and_nothing_drives(tmp_path):
-    words = (
-        "auto_turn",
-        "--ports",
-        ports(),
-        "--set",
-        "sail_encoder.bits=10",
-        "--firmware",
-        str(tmp_path / "sketch"),
-    )
+SKETCH = ["auto_turn", "--set", "sail_encoder.bits=10", "--ports", "ports.json"]
+
+
+@pytest.mark.parametrize(
+    ("words", "lines"),
+    [(["firmware", *SKETCH, "--out=sketch"], 0), ([*SKETCH, "--firmware=sketch"], 1)],
+    ids=["now", "version 0.3"],
+)
+def test_sketch_of_the_teensy_is_written_for_the_scenario_and_nothing_drives(
+    tmp_path, words, lines
+):
+    ports()
     status, err = drive(*words)
-    assert (status, err) == (0, "")
+    assert (status, err.count("\n")) == (0, lines)
+    assert lines == err.count(f"drive firmware {' '.join(SKETCH)} --out=sketch")
     assert (tmp_path / "sketch" / "sketch.ino").is_file()
     assert "#define AERODIMA_SAIL_BITS 10\n" in (tmp_path / "sketch" / "config.h").read_text()
     assert not list(tmp_path.glob("drive*"))
+
+
+def test_words_of_version_0_3_are_those_of_a_command():
+    for old, now in (
+        ("a.yaml --arm", "run a.yaml --arm"),
+        ("--ports p a.yaml --dry-run --arm", "check --ports p a.yaml"),
+        (
+            "a.yaml --motor-test=tail_roll --ports p",
+            "motor-test a.yaml --joint=tail_roll --ports p",
+        ),
+    ):
+        assert current_words(old.split()) == now.split()

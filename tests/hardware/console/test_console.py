@@ -5,9 +5,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from aerodima.hardware.console.console import GONE_AFTER, Console, ConsoleRecord, Limits, Seats
+from aerodima.hardware.console.console import GONE_AFTER, Clients, Console, ConsoleRecord, Limits
 from aerodima.hardware.console.operator_radio import OperatorRadio
-from aerodima.hardware.console.page_messages import Beat, Logging, Request, Stop
+from aerodima.hardware.console.page_messages import Logging, PageHeartbeat, Request, Stop
 from aerodima.hardware.protocol.radio import (
     CarReport,
     EmergencyStop,
@@ -15,7 +15,7 @@ from aerodima.hardware.protocol.radio import (
     OperatorCommand,
     RadioMode,
 )
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.core.errors import UserError
 from tests.hardware.console.test_operator_radio import CAR, REST, FakeLink
 from tests.refusals import assert_refused
 
@@ -36,12 +36,12 @@ class Bench:
         radio = OperatorRadio(self.link, CAR)
         self.console = Console(radio, ConsoleRecord(self.record), Limits(0.5, 1.0, 2.0), process)
         self.now = 10.0
-        self.first = self.console.enter(self.now)
-        self.second = self.console.enter(self.now)
+        self.first = self.console.connect(self.now)
+        self.second = self.console.connect(self.now)
         self.count = 0
 
     def say(self, message, page=None):
-        self.console.hear(page or self.first, message, self.now)
+        self.console.handle(page or self.first, message, self.now)
 
     def ask(self, what, page=None):
         self.say(Request(type=what), page)
@@ -49,12 +49,12 @@ class Bench:
     def beat(self, page=None, late=0.0, **values):
         self.now += 0.05
         self.count += 1
-        self.say(Beat(type="beat", count=self.count, time=self.now - late, **values), page)
+        self.say(PageHeartbeat(type="beat", count=self.count, time=self.now - late, **values), page)
 
     def drive(self):
         """The first page drives the armed car in MANUAL."""
         self.link.report(ARMED, self.now)
-        self.console.turn(self.now)
+        self.console.poll(self.now)
         self.beat()
         self.beat(mode="manual", throttle=0.25)
         assert self.commands()[-1] == OperatorCommand(RadioMode.MANUAL, 0.25)
@@ -109,9 +109,9 @@ def test_a_page_that_looks_on_may_stop_the_car_and_nothing_else(bench):
 def test_the_car_goes_to_rest_with_the_page_that_drives_it_and_with_no_other(bench):
     bench.drive()
     sent = len(bench.link.sent)
-    bench.console.leave(bench.second)
+    bench.console.disconnect(bench.second)
     assert len(bench.link.sent) == sent
-    bench.console.leave(bench.first)
+    bench.console.disconnect(bench.first)
     assert bench.link.sent[sent:] == [[REST]], "once, and without a heartbeat"
 
 
@@ -128,7 +128,7 @@ def test_the_record_says_what_was_sent_and_what_a_lost_port_did_not_take(bench):
     bench.say(Logging(type="log", on=True))
     bench.drive()
     bench.link.fault = "there is no such device"
-    bench.console.turn(bench.now)
+    bench.console.poll(bench.now)
     bench.beat(mode="manual", throttle=0.5)
     bench.say(STOP)
     assert bench.recorded("command", "throttle") == [0.0, 0.25]
@@ -154,13 +154,13 @@ def test_a_car_is_armed_at_rest_and_without_a_stop_only(bench):
 
 
 def test_control_is_free_only_when_the_page_that_has_it_has_gone():
-    seats = Seats()
-    first = seats.enter(0.0)
-    second = seats.enter(0.0)
-    seats.hear(first, 1.0)
-    assert not seats.take(second, 1.1)
-    assert seats.controller == first
-    assert seats.take(second, 1.1 + GONE_AFTER)
-    assert not seats.take(first, 1.2 + GONE_AFTER)
-    seats.leave(second)
-    assert seats.take(first, 1.3 + GONE_AFTER)
+    clients = Clients()
+    first = clients.connect(0.0)
+    second = clients.connect(0.0)
+    clients.refresh(first, 1.0)
+    assert not clients.claim_control(second, 1.1)
+    assert clients.controller == first
+    assert clients.claim_control(second, 1.1 + GONE_AFTER)
+    assert not clients.claim_control(first, 1.2 + GONE_AFTER)
+    clients.disconnect(second)
+    assert clients.claim_control(first, 1.3 + GONE_AFTER)

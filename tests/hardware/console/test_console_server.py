@@ -30,7 +30,7 @@ from aerodima.hardware.protocol.radio import (
     RadioMode,
 )
 from aerodima.workbench.cli.program import build_app
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from tests.hardware.console.test_console import ARMED
 from tests.hardware.console.test_operator_radio import CAR, FakeLink
 from tests.refusals import assert_refused
@@ -217,7 +217,7 @@ def die(*_):
     raise ZeroDivisionError("in a part of the console")
 
 
-@pytest.mark.parametrize("part", ["turn", "state", "welcome", "hear"])
+@pytest.mark.parametrize("part", ["poll", "state", "welcome", "handle"])
 def test_a_part_of_the_console_that_dies_sends_the_car_to_rest_says_so_and_ends_it(tmp_path, part):
     with contextlib.closing(Served(tmp_path)) as served:
         cookie = served.enter()
@@ -230,7 +230,7 @@ def test_a_part_of_the_console_that_dies_sends_the_car_to_rest_says_so_and_ends_
         setattr(served.console, part, die)
         if part == "welcome":
             served.page(cookie)
-        elif part == "hear":
+        elif part == "handle":
             page.beat(mode="auto")
         told = page.until(lambda message: message["type"] == "failed")
         assert "ZeroDivisionError" in told["text"]
@@ -245,7 +245,7 @@ def test_a_console_that_has_failed_ends_with_its_reason(tmp_path):
         ConsoleRecord(tmp_path / "record.jsonl"),
         Limits(0.5, 1.0, 2.0),
     )
-    console.turn = die
+    console.poll = die
     with contextlib.closing(open_socket(0)) as listener, ThreadPoolExecutor(1) as thread:
         served = thread.submit(
             run_server, listener, console, Access(listener.getsockname()[1]), print

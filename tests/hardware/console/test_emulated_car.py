@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from aerodima.hardware.car.car_ports import PORTS_FILE, READY_FILE
-from aerodima.hardware.commands.car_commands import _next_record
+from aerodima.hardware.commands.console_command import _next_record
 from aerodima.hardware.console.emulated_car import EmulatedCarProcess
 
 

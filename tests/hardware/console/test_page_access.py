@@ -9,7 +9,7 @@ import time
 import pytest
 
 from aerodima.hardware.console import page_access as waiting
-from aerodima.hardware.console.page_access import MOST_WAITING
+from aerodima.hardware.console.page_access import MAX_WAITING
 from tests.hardware.console.test_console_server import Served, eventually
 
 FLOOD = 400
@@ -46,12 +46,12 @@ def test_a_flood_is_kept_out_and_the_operator_gets_in(tmp_path, connections, mon
     monkeypatch.setattr(waiting, "REQUEST_TIME", 60.0)
     with contextlib.closing(Served(tmp_path)) as served:
         flood = [connections(open_connection(served, sent)) for _ in range(FLOOD)]
-        eventually(lambda: sum(map(is_closed, flood)) >= FLOOD - MOST_WAITING)
+        eventually(lambda: sum(map(is_closed, flood)) >= FLOOD - MAX_WAITING)
         page = served.page(served.enter())
         page.beat()
         assert page.state()["controls"]
         more = [connections(open_connection(served, sent)) for _ in range(FLOOD)]
-        eventually(lambda: sum(map(is_closed, more)) >= FLOOD - MOST_WAITING)
+        eventually(lambda: sum(map(is_closed, more)) >= FLOOD - MAX_WAITING)
         assert page.state()[
             "controls"
         ]  # one that has asked for something is not among those that are closed

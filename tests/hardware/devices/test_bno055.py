@@ -22,7 +22,7 @@ from aerodima.hardware.devices.bno055 import (
     make_sample_request,
     make_write,
 )
-from aerodima.hardware.devices.sensor_threads import Repeats
+from aerodima.hardware.devices.sensor_threads import FrozenSensorMonitor
 from aerodima.hardware.protocol.can_frame import FrameError
 from tests.hardware.fuzzing import fuzz
 from tests.refusals import assert_refused
@@ -119,15 +119,15 @@ def test_whatever_bytes_arrive_a_sample_is_finite_and_turns_or_is_refused(count)
 
 
 def test_a_sensor_that_says_the_same_to_the_last_bit_has_frozen():
-    repeats = Repeats("IMU", 10)
+    repeats = FrozenSensorMonitor("IMU", 10)
     for _ in range(10):
-        repeats.look((1.0, 0.5))
+        repeats.update((1.0, 0.5))
     assert repeats.fault_text == ""
-    repeats.look((1.0, 0.5))
+    repeats.update((1.0, 0.5))
     assert "IMU" in repeats.fault_text
     assert "11" in repeats.fault_text
-    repeats.look((1.0, 0.5001))
+    repeats.update((1.0, 0.5001))
     assert repeats.fault_text == ""
     for _ in range(20):
-        repeats.look(None)
+        repeats.update(None)
     assert repeats.fault_text == ""

@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from aerodima.hardware.devices.motor_settings import (
+from aerodima.hardware.devices.motor_limits import (
     check_command,
+    commanded_torque,
     limit_command,
-    load_motor_safety,
-    pd_torque,
     to_motor,
 )
+from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.protocol.ak70 import (
     AK70_10_24_N_M,
     MANUAL_SAMPLE_CODE,
@@ -22,7 +22,7 @@ from aerodima.hardware.protocol.ak70 import (
     make_command,
 )
 from aerodima.hardware.protocol.can_frame import FrameError
-from aerodima.workbench.errors import HardwareError, ScenarioError
+from aerodima.workbench.core.errors import HardwareError, ScenarioError
 from tests.hardware.fake_motors import PROFILE, Bench, hold, settings, tail_motor_parameters
 from tests.refusals import assert_refused
 
@@ -47,7 +47,7 @@ def test_total_torque_is_limited_by_scaling_the_whole_loop():
     # kp (q_d - q) + kd (v_d - v) + tau = 100 * 1.5 + 5 * (8 - -2) + 3 = 203 N m
     command = MitCommand(1.5, 8.0, 100.0, 5.0, 3.0)
     limited = limit_command(command, 0.0, -2.0, ROLL)
-    assert pd_torque(limited, 0.0, -2.0) == pytest.approx(24.8)
+    assert commanded_torque(limited, 0.0, -2.0) == pytest.approx(24.8)
     assert limited.kp / limited.kd == pytest.approx(100.0 / 5.0)
     assert limited.torque == pytest.approx(3.0 * 24.8 / 203)
     assert (limited.position, limited.velocity) == (1.5, 8.0)
@@ -86,7 +86,7 @@ def test_at_an_end_nothing_leads_further_out(side, place):
 @hypothesis_settings(max_examples=300, deadline=None)
 def test_whatever_is_commanded_can_be_encoded_and_keeps_the_torque(values, position, speed):
     limited = limit_command(MitCommand(*values), position, speed, ROLL)
-    assert abs(pd_torque(limited, position, speed)) <= 24.8 + 1e-9
+    assert abs(commanded_torque(limited, position, speed)) <= 24.8 + 1e-9
     make_command(2, to_motor(limited, ROLL), PROFILE)
 
 

@@ -16,7 +16,7 @@ from aerodima.hardware.devices.sensor_threads import (
     Session,
 )
 from aerodima.hardware.devices.ublox import GpsSample, make_nav_pvt
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from tests.refusals import assert_refused
 
 SILENT = 0.1

@@ -22,7 +22,7 @@ from aerodima.hardware.protocol.teensy import (
     MotorRequest,
     TeensyStatus,
 )
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from tests.hardware.fake_motors import PERIOD, PROFILE, hold, settings
 from tests.hardware.fake_serial import FakeLink
 from tests.hardware.fake_teensy import FakeTeensy

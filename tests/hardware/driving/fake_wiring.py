@@ -9,10 +9,10 @@ import numpy as np
 from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.devices.device_states import MotorFault, SourceFault
 from aerodima.hardware.devices.radio_link import IDLE
-from aerodima.hardware.protocol.radio import Asks, OperatorCommand, RadioMode
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.config.signal_table import STATUS, STATUS_SOURCES
-from aerodima.workbench.errors import HardwareError
+from aerodima.hardware.protocol.radio import OperatorCommand, OperatorPrompt, RadioMode
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.signal_table import STATUS, STATUS_SOURCES
 
 PERIOD = 0.01
 
@@ -49,7 +49,7 @@ class FakeWiring:
         self.ages = {}
         self.fault_text = ""
         self.operator = OperatorCommand(RadioMode.AUTO)
-        self.asks = Asks.NOTHING
+        self.prompt = OperatorPrompt.NONE
         self.stubborn = False
         self.commands = []
         self.calls = []
@@ -96,6 +96,7 @@ class FakeWiring:
     def read(self, now):
         if self.raises is not None:
             raise self.raises
+        obeys = self.prompt is OperatorPrompt.RETURN_TO_IDLE and not self.stubborn
         imu = np.zeros(9)
         imu[:2] = self.attitude
         imu[2] = math.remainder(3.0 + 0.05 * len(self.commands), 2 * math.pi)
@@ -108,7 +109,7 @@ class FakeWiring:
             imu=imu,
             speed=np.array([self.speed]),
             status=STATUS.write(**status, armed=float(self.armed)),
-            operator=IDLE if self.asks is Asks.REST and not self.stubborn else self.operator,
+            operator=IDLE if obeys else self.operator,
             fault_text=self.fault_text
             or next((f"{name} {SourceFault(code).name}" for name, code in self.faults.items()), ""),
         )

@@ -10,8 +10,8 @@ from aerodima.hardware.car.wiring import CarCommand
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.radio_link import IDLE
 from aerodima.hardware.driving.car_guard import CarGuard, Stage
-from aerodima.hardware.protocol.radio import Asks, OperatorCommand, RadioMode
-from aerodima.workbench.errors import HardwareError
+from aerodima.hardware.protocol.radio import OperatorCommand, OperatorPrompt, RadioMode
+from aerodima.workbench.core.errors import HardwareError
 from tests.hardware.driving.fake_wiring import PERIOD, FakeWiring
 from tests.refusals import assert_refused
 
@@ -74,19 +74,19 @@ def test_a_switch_that_stands_on_a_mode_from_before_is_not_obeyed_until_it_was_i
     car.turn(count=2)
     car.guard.arm(car.now)
     car.turn(count=100)
-    assert car.wiring.asks is Asks.REST
+    assert car.wiring.prompt is OperatorPrompt.RETURN_TO_IDLE
     assert_refused(lambda: car.guard.drive(mode, car.now), HardwareError, "IDLE")
     car.turn()
     assert all(same(command, STOP) for command in car.wiring.commands)
     car.wiring.operator = IDLE
     car.turn(count=2)
-    assert car.wiring.asks is Asks.CHOICE
+    assert car.wiring.prompt is OperatorPrompt.SELECT_MODE
     car.wiring.operator = OperatorCommand(mode, 1.0)
     car.turn()
     car.guard.drive(mode, car.now)
     car.turn()
     assert same(car.last, FORWARD)
-    assert car.wiring.asks is Asks.NOTHING
+    assert car.wiring.prompt is OperatorPrompt.NONE
 
 
 def test_an_idle_that_is_older_than_the_holding_motors_does_not_count(car):
@@ -95,9 +95,9 @@ def test_an_idle_that_is_older_than_the_holding_motors_does_not_count(car):
     car.turn(count=2)
     car.guard.arm(car.now)
     car.turn(count=15)
-    assert car.wiring.asks is Asks.REST
+    assert car.wiring.prompt is OperatorPrompt.RETURN_TO_IDLE
     car.turn(count=10)
-    assert car.wiring.asks is Asks.CHOICE
+    assert car.wiring.prompt is OperatorPrompt.SELECT_MODE
 
 
 def test_every_arming_needs_its_own_idle(car):
@@ -109,7 +109,7 @@ def test_every_arming_needs_its_own_idle(car):
     car.wiring.stubborn = True
     car.guard.arm(car.now)
     car.turn(count=10)
-    assert car.wiring.asks is Asks.REST
+    assert car.wiring.prompt is OperatorPrompt.RETURN_TO_IDLE
 
 
 def soft(source, code):

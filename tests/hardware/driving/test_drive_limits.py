@@ -9,7 +9,7 @@ import pytest
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.driving.car_guard import Stage
-from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.scenario.scenario import load_scenario
 from tests.hardware.driving.test_car_guard import FORWARD, Car
 
 SAFETY = load_drive_safety()

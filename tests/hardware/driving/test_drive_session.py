@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from aerodima.hardware.car.car_ports import ports_from_dict
-from aerodima.hardware.driving.drive_session import RUN_OVER, DriveOptions, run_drive
+from aerodima.hardware.driving.drive_session import RUN_OVER, DriveOptions, DriveSession
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
-from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.control.law_of_scenario import law_of_scenario
+from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.logs.schema import read_run_log
 from tests.hardware.car.fake_devices import PORTS, CarOnTheBench, ImuAtRest
 from tests.refusals import assert_refused
@@ -63,7 +63,8 @@ class Drive:
         chosen = DriveOptions(self.log, with_drake=self.with_drake, **options)
         ports = ports_from_dict(PORTS)
         said = self.said.append
-        return run_drive(self.bench.car, self.bench.scenario, ports, chosen, said, **driver)
+        car = self.bench.car
+        return DriveSession(car, self.bench.scenario, ports, chosen, said, **driver).complete()
 
     def assert_safe(self):
         assert not any(motor.entered for motor in self.bench.port.motors)

@@ -29,12 +29,12 @@ from aerodima.hardware.driving.plain_loop import (
 )
 from aerodima.hardware.driving.run_journal import RunJournal, drive_columns, open_run_journal
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
-from aerodima.workbench.config.signal_table import STATION_INPUTS, STATION_OUTPUTS
-from aerodima.workbench.controllers.swing_law import SwingState
+from aerodima.workbench.car.car_station import make_car_station
+from aerodima.workbench.control.swing_law import SwingState
+from aerodima.workbench.core.realtime import permitted
 from aerodima.workbench.logs.journal import read_journal
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.realtime import permitted
-from aerodima.workbench.stations.car_station import make_car_station
+from aerodima.workbench.scenario.signal_table import STATION_INPUTS, STATION_OUTPUTS
 from tests.hardware.driving.fake_wiring import FakeWiring, quick_turn
 from tests.hardware.fake_can import wait_until
 
@@ -62,7 +62,7 @@ def armed(wiring, clock):
     guard = CarGuard(wiring, SAFETY)
     idle_until(guard, lambda: True, 0.1, clock, clock.wait)
     guard.arm(clock())
-    assert idle_until(guard, lambda: guard.rested, 0.1, clock, clock.wait)
+    assert idle_until(guard, lambda: guard.was_idle, 0.1, clock, clock.wait)
     guard.drive(RadioMode.AUTO, clock())
     return guard
 
@@ -236,7 +236,7 @@ def test_a_full_disk_stops_the_car_and_what_it_did_not_take_is_in_the_log_once_t
 def test_a_log_whose_folder_is_removed_is_said_at_once_and_written_all_the_same(
     tmp_path, monkeypatch, taken
 ):
-    monkeypatch.setattr(run_journal, "_LOOK", 0.01)
+    monkeypatch.setattr(run_journal, "_CHECK_PERIOD", 0.01)
     said = []
     path = tmp_path / "logs" / "run.parquet"
     journal = open_run_journal(path, SCENARIO, "watched_can", say=said.append)
@@ -259,7 +259,7 @@ import sys, time
 from pathlib import Path
 import numpy as np
 from aerodima.hardware.driving.run_journal import open_run_journal
-from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.scenario.scenario import load_scenario
 journal = open_run_journal(Path(sys.argv[1]), load_scenario("auto_turn"), "watched_can")
 print("ready", flush=True)
 while True:

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from aerodima.hardware.car.wiring import WIRINGS
-from aerodima.hardware.driving.held_car import run_watchdog_test
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.config.signal_table import sensor_columns
+from aerodima.hardware.driving.watchdog_test import run_watchdog_test
+from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.metrics.run_summary import summarise
 from aerodima.workbench.metrics.turn_metrics import metrics_of
-from aerodima.workbench.replay.reckoned_motion import replayable
-from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.signal_table import sensor_columns
+from aerodima.workbench.view.dead_reckoning import replayable
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
 
 pytestmark = [pytest.mark.emulated, pytest.mark.slow]
@@ -52,18 +52,12 @@ class Emulated(EmulatorProcess):
         super().__init__(folder, SCENARIO, wiring)
         self.log = folder / "drive.parquet"
 
-    def drive(self, *flags, scenario=("auto_turn", *FLAGS), program=(PROGRAM,)):
-        command = [
-            *program,
-            "drive",
-            *scenario,
-            "--ports",
-            str(self.folder / "ports.json"),
-            "--wiring",
-            self.wiring,
-        ]
+    def drive(self, *flags, command="run", scenario=("auto_turn", *FLAGS), program=(PROGRAM,)):
+        log = ["--out", str(self.log)]
+        more = {"run": ["--arm", *log], "check": log, "watchdog-test": ["--arm"]}[command]
+        car = ["--ports", str(self.folder / "ports.json"), "--wiring", self.wiring]
         return subprocess.Popen(
-            [*command, "--out", str(self.log), "--arm", *flags],
+            [*program, "drive", command, *scenario, *car, *more, *flags],
             env={**os.environ, "OMP_NUM_THREADS": "1"},
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -71,7 +65,7 @@ class Emulated(EmulatorProcess):
         )
 
     def record_watchdog_test(self):
-        """As `aerodima drive --watchdog-test` does it."""
+        """As `aerodima drive watchdog-test` does it."""
         run_watchdog_test(SCENARIO, self.ports, self.wiring, lambda _: True, "emulator")
 
 
@@ -156,7 +150,7 @@ def test_motors_are_not_armed_without_a_recorded_watchdog_test_and_a_dry_run_mov
         assert status == 2
         assert wiring in err.splitlines()[-1]
         assert not emulated.named("entered")
-        status, out, err = finish(emulated.drive("--dry-run"))
+        status, out, err = finish(emulated.drive(command="check"))
         assert status == 0, out + err
         assert not emulated.named("entered")
         assert not emulated.named("throttle_on")
@@ -169,7 +163,7 @@ def test_motors_are_not_armed_without_a_recorded_watchdog_test_and_a_dry_run_mov
 def test_the_command_makes_the_watchdog_test(tmp_path, wiring):
     def recorded(folder):
         with Emulated(folder, wiring) as emulated:
-            status, out, err = finish(emulated.drive("--watchdog-test"))
+            status, out, err = finish(emulated.drive(command="watchdog-test"))
             assert status == 0, out + err
             assert {event["joint"] for event in emulated.named("off")} == {
                 "tail_pitch",

@@ -14,14 +14,14 @@ from aerodima.hardware.driving.drive_diagram import DiagramPilot
 from aerodima.hardware.driving.drive_session import RUN_OVER, drive
 from aerodima.hardware.driving.plain_loop import PERIOD
 from aerodima.hardware.driving.run_journal import drive_columns
+from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.cli.program import build_app
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.errors import HardwareError, UserError
+from aerodima.workbench.core.errors import HardwareError, UserError
 from aerodima.workbench.logs.exporters import export_log
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.metrics.turn_metrics import metrics_of
-from aerodima.workbench.report.replay_page import write_replay_html
-from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.view.replay_page import write_replay_html
 from tests.hardware import own_diagram
 from tests.hardware.driving.fake_wiring import quick_turn
 from tests.hardware.driving.test_drive_session import Drive
@@ -63,7 +63,7 @@ def test_diagram_on_the_car_gives_the_commands_of_its_tick():
     pilot = DiagramPilot(quick_turn(), build=own_diagram.build)
     assert pilot.columns == own_diagram.OWN
     reading = CarReading(imu=np.array([0, 0, 0, 0, 0, 0.5, 0, 0, 0.0]), speed=np.array([2.0]))
-    assert pilot.rehearse(reading) > 0.0
+    assert pilot.warm_up(reading) > 0.0
     steps = [pilot.step(tick * PERIOD, reading) for tick in range(211)]
     ticks, turned, rates, way = np.array([step.own for step in steps]).T
     np.testing.assert_allclose(ticks, np.arange(211) * PERIOD, atol=1e-9)

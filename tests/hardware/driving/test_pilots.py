@@ -10,9 +10,9 @@ import pytest
 from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.driving.plain_loop import ControlPilot
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
-from aerodima.workbench.config.signal_table import IMU, STATUS
-from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
-from aerodima.workbench.controllers.swing_law import SwingState
+from aerodima.workbench.control.law_of_scenario import law_of_scenario
+from aerodima.workbench.control.swing_law import SwingState
+from aerodima.workbench.scenario.signal_table import IMU, STATUS
 from tests.hardware.driving.fake_wiring import quick_turn
 
 SCENARIO = quick_turn()

@@ -13,7 +13,7 @@ from aerodima.hardware.protocol.ak70 import (
     make_reply,
 )
 from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from tests.refusals import assert_refused
 
 BY_HAND = [(0.01 * i, 0.4 * math.sin(0.03 * i), 1.2 * math.cos(0.03 * i)) for i in range(200)]

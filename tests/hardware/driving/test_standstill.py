@@ -12,8 +12,8 @@ from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.devices.bno055 import Bno055Sample, decode_sample, encode_sample
 from aerodima.hardware.driving.drive_checks import standstill_checks, zero_checks
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.config.signal_table import TAIL_STATE
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.signal_table import TAIL_STATE
 
 SAFETY = load_drive_safety()
 LEVEL = np.zeros(9)

@@ -5,15 +5,15 @@ import json
 import pytest
 
 from aerodima.hardware.car.car_ports import READY_FILE, READY_SCHEMA, ports_from_dict
-from aerodima.hardware.driving import watchdog_test as record
-from aerodima.hardware.driving.watchdog_test import (
+from aerodima.hardware.driving import watchdog_record as record
+from aerodima.hardware.driving.watchdog_record import (
     is_emulated,
     new_record,
     read_record,
     require_watchdog_test,
     write_record,
 )
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from tests.refusals import assert_refused
 
 
@@ -70,7 +70,7 @@ def test_a_record_that_does_not_fit_is_refused(tmp_path, row):
 def test_without_a_record_nothing_is_armed(tmp_path):
     recorded(tmp_path, "teensy_bridge")
     work = lambda: require_watchdog_test("watched_can", REAL, tmp_path)  # noqa: E731
-    assert_refused(work, HardwareError, "watched_can", "--watchdog-test")
+    assert_refused(work, HardwareError, "watched_can", "watchdog-test")
 
 
 def test_exit_frames_that_came_too_late_are_not_recorded():

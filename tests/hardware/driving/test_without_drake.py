@@ -6,7 +6,7 @@ from tests.blocked_drake import run_without_drake
 
 PROGRAM = """
 import importlib, pathlib, pkgutil, tempfile
-import aerodima.hardware.commands.car_commands, aerodima.workbench.controllers.law_of_scenario
+import aerodima.hardware.commands.drive_commands, aerodima.workbench.control.law_of_scenario
 from aerodima.hardware import car, devices, driving
 for package in (driving, devices, car):
     for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
@@ -34,7 +34,7 @@ wiring = FakeWiring(yaw_rate=lambda tick: 2.0 if 60 <= tick < 110 else 0.0)
 guard = CarGuard(wiring, load_drive_safety())
 idle_until(guard, lambda: True, 0.1, clock, clock.wait)
 guard.arm(clock())
-idle_until(guard, lambda: guard.rested, 0.1, clock, clock.wait)
+idle_until(guard, lambda: guard.was_idle, 0.1, clock, clock.wait)
 guard.drive(RadioMode.AUTO, clock())
 with tempfile.TemporaryDirectory() as folder:
     journal = open_run_journal(pathlib.Path(folder) / "run.parquet", scenario, "watched_can")

@@ -18,11 +18,11 @@ from aerodima.hardware.car.car_ports import PORTS_FILE, read_ports
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wirings import wire_car
 from aerodima.hardware.driving.car_guard import DriveLimits
-from aerodima.hardware.driving.held_car import run_watchdog_test
 from aerodima.hardware.driving.run_journal import open_run_journal
-from aerodima.workbench.config.signal_table import IMU
-from aerodima.workbench.errors import HardwareError
+from aerodima.hardware.driving.watchdog_test import run_watchdog_test
+from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.scenario.signal_table import IMU
 from tests.refusals import assert_refused
 
 
@@ -171,7 +171,7 @@ class SecondProgram(Breaker):
 
 
 def second_drive(scenario, ports, wiring):
-    """What `aerodima drive` does first, with and without `--dry-run`."""
+    """What `aerodima drive run` and `check` do first."""
     car = wire_car(scenario, ports, wiring, lambda: None)
     try:
         car.start()
@@ -180,7 +180,7 @@ def second_drive(scenario, ports, wiring):
 
 
 def watchdog_test(scenario, ports, wiring):
-    """What `aerodima drive --watchdog-test` does."""
+    """What `aerodima drive watchdog-test` does."""
     run_watchdog_test(scenario, ports, wiring, lambda _: True, "emulator", Path(tempfile.mkdtemp()))
 
 

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 
 from aerodima.hardware.console.operator_radio import OperatorRadio
 from aerodima.hardware.emulator.fault_script import OperatorEntry
-from aerodima.hardware.protocol.radio import Asks, make_emergency_stop
+from aerodima.hardware.protocol.radio import OperatorPrompt, make_emergency_stop
 from aerodima.hardware.transport.device_lock import lock_devices
 from aerodima.hardware.transport.serial_link import SerialLink
 from tests.hardware.fake_can import wait_until
@@ -50,12 +50,12 @@ class ConsoleOperator:
             with self._lock:
                 self._radio.turn(now)
                 report = self._radio.report
-                if report is not None and report.asks is not Asks.NOTHING:
-                    asked = report.asks is Asks.CHOICE
+                if report is not None and report.prompt is not OperatorPrompt.NONE:
+                    asked = report.prompt is OperatorPrompt.SELECT_MODE
                 if now >= due:
                     count = count + 1
                     due = now + _BEAT
-                    self._radio.beat(count, MANUAL.command(asked), now)
+                    self._radio.heartbeat(count, MANUAL.command(asked), now)
 
     def press_stop(self):
         """The emergency stop; its time, s, monotonic."""

@@ -23,7 +23,7 @@ from aerodima.hardware.car.car_ports import (
 )
 from aerodima.hardware.emulator.emulator import EmulatorSettings, run_emulator
 from aerodima.hardware.emulator.fault_script import Script, read_events
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from tests.hardware.emulator.console_operator import ConsoleOperator
 
 DISTURBED = 0.02
@@ -37,8 +37,8 @@ _CONTEXT = multiprocessing.get_context("forkserver")
 _CONTEXT.set_forkserver_preload(
     [
         "aerodima.hardware.emulator.emulator",
-        "aerodima.workbench.simulate.car_run",
-        "aerodima.workbench.config.scenario",
+        "aerodima.workbench.car.car_run",
+        "aerodima.workbench.scenario.scenario",
     ]
 )
 

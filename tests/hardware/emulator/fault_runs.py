@@ -20,11 +20,11 @@ from aerodima.hardware.car.wirings import wire_car
 from aerodima.hardware.driving.car_guard import CarGuard, Stage
 from aerodima.hardware.driving.plain_loop import PERIOD, wait_until
 from aerodima.hardware.protocol.ak70 import make_enter, make_exit
-from aerodima.hardware.protocol.radio import Asks, RadioMode
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.config.signal_table import STATUS
-from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.realtime import DRIVE_PRIORITY, prefer_realtime, restore_ordinary
+from aerodima.hardware.protocol.radio import OperatorPrompt, RadioMode
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.realtime import DRIVE_PRIORITY, prefer_realtime, restore_ordinary
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.signal_table import STATUS
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
 from tests.hardware.emulator.fault_cases import AT, CASES, PITCH, ROLL
 from tests.hardware.emulator.process_runs import CASES as PROCESS_CASES
@@ -98,7 +98,10 @@ def drive_until_stopped(guard, run_time, command_at, breaker):
         return CarCommand()
 
     def chosen():
-        return guard.asks is Asks.CHOICE and guard.reading.operator.mode is RadioMode.AUTO
+        return (
+            guard.prompt is OperatorPrompt.SELECT_MODE
+            and guard.reading.operator.mode is RadioMode.AUTO
+        )
 
     if not turn(lambda: _heard(guard) and not guard.wiring.unwatched, 10.0, idle):
         raise EndedEarlyError(guard.reading.fault_text)

@@ -21,10 +21,10 @@ from pathlib import Path
 from aerodima.hardware.car.car_ports import JOINTS, PORTS_FILE
 from aerodima.hardware.car.safety_settings import load_drive_safety, load_teensy_timing
 from aerodima.hardware.car.wiring import WIRINGS
-from aerodima.hardware.driving.held_car import run_watchdog_test
+from aerodima.hardware.driving.watchdog_test import run_watchdog_test
 from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8, decode_reply
 from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.scenario.scenario import load_scenario
 from tests.hardware import own_diagram
 from tests.hardware.emulator.emulator_process import EmulatorProcess
 from tests.hardware.fake_can import wait_until
@@ -331,6 +331,7 @@ def _start(
     log = str(folder / "drive.parquet")
     command = [
         "drive",
+        "run",
         scenario,
         *words,
         "--ports",

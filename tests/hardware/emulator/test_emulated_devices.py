@@ -56,7 +56,7 @@ class Bench:
             Script.model_validate({"clock": "start", "faults": faults}), self.events
         )
         self.board.begin("start", 0.0)
-        self.board.look(0.0)
+        self.board.update(0.0)
         common = (self.board, self.events, zero, direction)
         self.motors = [
             EmulatedMotor("tail_pitch", 1, *common),
@@ -83,7 +83,7 @@ def test_a_motor_makes_torque_between_enter_and_exit_only(tmp_path):
     bench.ask(make_command(2, PUSH, PROFILE))
     assert motor.joint_command == NEUTRAL
     bench.ask(make_enter(2))
-    bench.board.look(1e6)
+    bench.board.update(1e6)
     assert motor.joint_command.position == pytest.approx(0.4, abs=4e-4), "jumps to the last one"
     bench.ask(make_exit(2))
     assert motor.joint_command == NEUTRAL
@@ -153,7 +153,7 @@ def test_replies_that_report_something_wrong(tmp_path):
     assert (reply.temperature, reply.fault) == (HOT, 3)
     assert reply.position == pytest.approx(ENCODER_JUMP, abs=4e-4)
     assert not bench.motors[1].entered, "a motor with a fault of its own makes no torque"
-    bench.board.look(0.5)
+    bench.board.update(0.5)
     assert bench.ask(make_neutral(1, PROFILE)).position == pytest.approx(0.5 * DRIFT_RATE, abs=4e-4)
 
 
@@ -182,7 +182,7 @@ def test_bus_off_ends_when_the_channel_is_opened_anew(tmp_path):
     bench = Bench(tmp_path, {"time": 1.0, "fault": "bus_off"})
     adapter = SlcanAdapter(bench.bus, bench.board)
     adapter.feed(b"O\r")
-    bench.board.look(1.0)
+    bench.board.update(1.0)
     assert adapter.feed(write_frame(make_exit(1))) == b"\a"
     assert adapter.feed(b"C\rO\r" + write_frame(make_exit(1)))[2:4] == b"t0"
     assert len(bench.log.messages) == 2

@@ -14,7 +14,7 @@ from aerodima.hardware.emulator.fault_script import (
     read_script,
 )
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.core.errors import UserError
 from tests.refusals import assert_refused
 
 
@@ -84,7 +84,7 @@ def test_a_missing_script_is_named(tmp_path):
 def test_a_fault_lasts_from_its_time_for_its_duration(events, tmp_path):
     faults = board(events, {"time": 1.0, "fault": "silent", "part": "imu", "duration": 0.5})
     for now, on in ((100.9, False), (101.0, True), (101.4, True), (101.6, False), (110.0, False)):
-        faults.look(now)
+        faults.update(now)
         assert (faults.entry(Fault.SILENT, "imu") is not None) is on
         assert faults.entry(Fault.SILENT, "gps") is None
     assert [event["event"] for event in read_events(tmp_path / "events.jsonl")] == [
@@ -96,24 +96,24 @@ def test_a_fault_lasts_from_its_time_for_its_duration(events, tmp_path):
 
 def test_a_counted_fault_meets_that_many(events):
     faults = board(events, {"time": 0.0, "fault": "reply_lost", "part": "tail_roll", "count": 2})
-    faults.look(100.0)
-    assert [faults.meets(Fault.REPLY_LOST, "tail_roll") for _ in range(4)] == [
+    faults.update(100.0)
+    assert [faults.consume(Fault.REPLY_LOST, "tail_roll") for _ in range(4)] == [
         True,
         True,
         False,
         False,
     ]
-    faults.look(100.1)
-    assert not faults.meets(Fault.REPLY_LOST, "tail_roll")
+    faults.update(100.1)
+    assert not faults.consume(Fault.REPLY_LOST, "tail_roll")
 
 
 def test_the_clock_may_begin_with_the_first_enter_frame(events):
     faults = board(events, {"time": 0.0, "fault": "bus_off"}, clock="entered")
-    faults.look(105.0)
+    faults.update(105.0)
     assert faults.entry(Fault.BUS_OFF) is None
     faults.begin("entered", 106.0)
     faults.begin("entered", 107.0)
-    faults.look(106.0)
+    faults.update(106.0)
     assert faults.entry(Fault.BUS_OFF) is not None
 
 

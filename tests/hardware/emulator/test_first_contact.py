@@ -11,13 +11,9 @@ import pytest
 
 from aerodima.hardware.car.car_ports import PORTS_FILE, read_ports
 from aerodima.hardware.car.wiring import WIRINGS
-from aerodima.hardware.driving.held_car import (
-    joint_angles,
-    read_motor_angles,
-    run_watchdog_test,
-    write_zeros,
-)
-from aerodima.workbench.config.scenario import load_scenario
+from aerodima.hardware.driving.motor_zero import joint_angles, read_motor_angles, write_zeros
+from aerodima.hardware.driving.watchdog_test import run_watchdog_test
+from aerodima.workbench.scenario.scenario import load_scenario
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
 from tests.hardware.emulator.fault_runs import SCENARIO, SETTINGS
 

@@ -6,10 +6,10 @@ import pytest
 
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import WIRINGS
-from aerodima.hardware.driving.held_car import run_watchdog_test
-from aerodima.hardware.driving.watchdog_test import record_path, require_watchdog_test
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.errors import HardwareError
+from aerodima.hardware.driving.watchdog_record import record_path, require_watchdog_test
+from aerodima.hardware.driving.watchdog_test import run_watchdog_test
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.scenario.scenario import load_scenario
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
 from tests.hardware.emulator.fault_runs import SCENARIO, SETTINGS
 from tests.hardware.emulator.process_runs import (

@@ -18,16 +18,9 @@ from ctypes import (
 from dataclasses import astuple
 from functools import cache
 
-from aerodima.hardware.firmware import teensy_firmware
-from aerodima.hardware.firmware.teensy_firmware import (
-    Frame,
-    Limits,
-    Profile,
-    fields,
-    profile_fields,
-    to_core,
-    to_plain,
-)
+from aerodima.hardware.firmware import teensy_core
+from aerodima.hardware.firmware.teensy_core import Frame, Limits, Profile, fields, to_core, to_plain
+from aerodima.hardware.firmware.teensy_firmware import profile_fields
 from aerodima.hardware.protocol.ak70 import MitCommand, MitReply
 from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.hardware.protocol.teensy import (
@@ -87,7 +80,7 @@ _FUNCTIONS = {
 
 @cache
 def library():
-    loaded = teensy_firmware.library()
+    loaded = teensy_core.library()
     for name, (result, arguments) in _FUNCTIONS.items():
         function = getattr(loaded, name)
         function.restype = result

@@ -13,7 +13,7 @@ from aerodima.hardware.firmware.teensy_firmware import (
     firmware_hash,
 )
 from aerodima.hardware.protocol.ak70 import AK70_10_24_N_M
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from tests.refusals import assert_refused
 
 PROGRAM = """

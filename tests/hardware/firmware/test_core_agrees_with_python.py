@@ -179,7 +179,7 @@ def test_a_reply_arrives_as_it_was_written(reply):
     text = refused(core.make_reply, reply)
     first, second = (motor.motor_id for motor in reply.motors)
     if text is None:
-        assert min(first, second) < 1 or max(first, second) > ak70.MOST_ID or first == second
+        assert min(first, second) < 1 or max(first, second) > ak70.MAX_ID or first == second
         return
     found = teensy.decode_reply(text)
     assert flat(found) == pytest.approx(flat(reply), abs=6e-5)

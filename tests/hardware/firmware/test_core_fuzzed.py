@@ -8,9 +8,10 @@ import pytest
 
 from aerodima.hardware.car.safety_settings import load_teensy_timing
 from aerodima.hardware.car.wiring import WIRINGS
-from aerodima.hardware.firmware.teensy_firmware import FirmwareSettings, TeensyCore
+from aerodima.hardware.firmware.teensy_core import TeensyCore
+from aerodima.hardware.firmware.teensy_firmware import FirmwareSettings
 from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8 as PROFILE
-from aerodima.hardware.protocol.ak70 import MOST_ID, NEUTRAL, MitCommand
+from aerodima.hardware.protocol.ak70 import MAX_ID, NEUTRAL, MitCommand
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.hardware.protocol.teensy import (
     SERVO_PULSES,
@@ -123,7 +124,7 @@ def test_anything_at_all_leaves_it_within_its_ranges(wiring):
         if draw.random() < 0.8:  # sometimes the bus takes nothing, and the queue runs over
             for frame in core.frames():
                 assert frame.data != ZERO
-                assert 0 < frame.arbitration_id <= (MOST_ID if wiring != "watched_can" else 0x7FF)
+                assert 0 < frame.arbitration_id <= (MAX_ID if wiring != "watched_can" else 0x7FF)
         if draw.random() < 0.8:
             reply = core.reply()
             assert not reply or reply.endswith(b"|")

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aerodima.hardware.car.bus_watch import BeatState, decode_answer, make_beat
+from aerodima.hardware.car.bus_watch import HeartbeatState, decode_answer, make_heartbeat
 from aerodima.hardware.car.safety_settings import load_drive_safety
-from aerodima.hardware.devices.motor_settings import MotorLoad
-from aerodima.hardware.devices.motor_settings import limit_command as limit_on_the_computer
+from aerodima.hardware.devices.motor_limits import MotorLoad
+from aerodima.hardware.devices.motor_limits import limit_command as limit_on_the_computer
 from aerodima.hardware.firmware.teensy_firmware import motor_limits
 from aerodima.hardware.protocol.ak70 import MitCommand, make_exit
 from aerodima.hardware.protocol.teensy import Attitude, MotorRequest, TeensyStatus
@@ -20,6 +20,7 @@ from tests.hardware.firmware.core_functions import limit_command
 from tests.hardware.firmware.test_core_watchdog import MS, PUSH, TIMING, Bench
 
 SAFETY = load_drive_safety()
+HEARTBEAT = make_heartbeat(HeartbeatState.ARMED, 7)
 OVER = Attitude(SAFETY.attitude_limit + 0.02, 0.0, 8)
 
 
@@ -118,9 +119,11 @@ class BusBench(Bench):
     def beat(self, state, seconds, strings=True):
         for _ in range(round(seconds / 0.01)):
             self.counter += 1
-            self.core.receive(make_beat(state, self.counter))
+            self.core.receive(make_heartbeat(state, self.counter))
             if strings:
-                self.write(MotorRequest.EXIT, throttle=1520 if state is BeatState.ARMED else 1500)
+                self.write(
+                    MotorRequest.EXIT, throttle=1520 if state is HeartbeatState.ARMED else 1500
+                )
             self.wait(0.01)
 
     def answers(self, since):
@@ -133,15 +136,15 @@ class BusBench(Bench):
 
 def driving_on_the_bus():
     bench = BusBench()
-    bench.beat(BeatState.OFF, 0.05)
-    bench.beat(BeatState.ARMED, 0.5)
+    bench.beat(HeartbeatState.OFF, 0.05)
+    bench.beat(HeartbeatState.ARMED, 0.5)
     return bench
 
 
 def test_on_the_bus_it_answers_every_beat_and_sends_nothing_else_while_all_is_well():
     bench = driving_on_the_bus()
     begin = bench.now
-    bench.beat(BeatState.ARMED, 0.2)
+    bench.beat(HeartbeatState.ARMED, 0.2)
     assert bench.answers(begin) == [
         (TeensyStatus.RUNNING, (bench.counter - 19 + i) % 256) for i in range(20)
     ]
@@ -161,14 +164,14 @@ def test_a_heartbeat_that_stops_while_armed_switches_the_motors_off(strings):
     assert len(bench.exits(2, since=last)) >= TIMING.exit_burst + TIMING.exit_cycles
     assert bench.core.state.throttle == 1500
     if strings:
-        assert bench.core.state.status is TeensyStatus.BEATS_STOPPED
+        assert bench.core.state.status is TeensyStatus.HEARTBEAT_STOPPED
 
 
 def test_a_beat_that_repeats_itself_is_no_life():
     bench = driving_on_the_bus()
     begin = bench.now
     for _ in range(30):
-        bench.core.receive(make_beat(BeatState.ARMED, bench.counter))
+        bench.core.receive(make_heartbeat(HeartbeatState.ARMED, bench.counter))
         bench.write(MotorRequest.EXIT, throttle=1520)
         bench.wait(0.01)
     assert bench.exits(1, since=begin)
@@ -176,7 +179,7 @@ def test_a_beat_that_repeats_itself_is_no_life():
 
 def test_an_orderly_end_of_the_heartbeat_sends_nothing():
     bench = driving_on_the_bus()
-    bench.beat(BeatState.OFF, 0.1)
+    bench.beat(HeartbeatState.OFF, 0.1)
     begin = bench.now
     for _ in range(50):
         bench.write(MotorRequest.EXIT)
@@ -187,7 +190,7 @@ def test_an_orderly_end_of_the_heartbeat_sends_nothing():
 def test_a_computer_that_asks_for_help_gets_it_at_once():
     bench = driving_on_the_bus()
     begin = bench.now
-    bench.core.receive(make_beat(BeatState.TRIP, bench.counter + 1))
+    bench.core.receive(make_heartbeat(HeartbeatState.TRIP, bench.counter + 1))
     bench.wait(MS)
     assert len(bench.exits(2, since=begin)) == TIMING.exit_burst
 
@@ -197,19 +200,19 @@ def test_it_is_not_released_before_its_exit_frames_are_out_nor_while_the_beats_s
     bench.wait(TIMING.watchdog_timeout + 0.01)
     bench.write(MotorRequest.EXIT)
     assert bench.core.state.status is not TeensyStatus.RUNNING
-    bench.beat(BeatState.ARMED, 0.3)
+    bench.beat(HeartbeatState.ARMED, 0.3)
     assert bench.core.state.status is not TeensyStatus.RUNNING
-    bench.beat(BeatState.OFF, 0.3)
+    bench.beat(HeartbeatState.OFF, 0.3)
     assert bench.core.state.status is TeensyStatus.RUNNING
 
 
 @pytest.mark.parametrize(
     "frame",
     [
-        replace(make_beat(BeatState.ARMED, 7), arbitration_id=0x7A2),
-        replace(make_beat(BeatState.ARMED, 7), data=make_beat(BeatState.ARMED, 7).data + b"\0"),
-        replace(make_beat(BeatState.ARMED, 7), data=b"\xad\x01\x07\x00"),
-        replace(make_beat(BeatState.ARMED, 7), extended=True),
+        replace(HEARTBEAT, arbitration_id=0x7A2),
+        replace(HEARTBEAT, data=HEARTBEAT.data + b"\0"),
+        replace(HEARTBEAT, data=b"\xad\x01\x07\x00"),
+        replace(HEARTBEAT, extended=True),
         make_exit(1),
     ],
 )

@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 
 from aerodima.hardware.car.safety_settings import load_teensy_timing
-from aerodima.hardware.firmware.teensy_firmware import FirmwareSettings, TeensyCore
+from aerodima.hardware.firmware.teensy_core import TeensyCore
+from aerodima.hardware.firmware.teensy_firmware import FirmwareSettings
 from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8 as PROFILE
 from aerodima.hardware.protocol.ak70 import (
     NEUTRAL,
@@ -26,7 +27,7 @@ from aerodima.hardware.protocol.teensy import (
     decode_reply,
 )
 from aerodima.hardware.protocol.teensy import make_command as make_string
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from tests.refusals import assert_refused
 
 TIMING = load_teensy_timing()

@@ -11,7 +11,7 @@ import pytest
 from aerodima.hardware.protocol.ak70 import (
     AK70_10_V1_0_8,
     MANUAL_SAMPLE_CODE,
-    MOST_ID,
+    MAX_ID,
     NEUTRAL,
     PROFILES,
     MitCommand,
@@ -25,7 +25,7 @@ from aerodima.hardware.protocol.ak70 import (
     unwrap,
 )
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from tests.refusals import assert_refused
 
 PROFILE = AK70_10_V1_0_8
@@ -150,7 +150,7 @@ def reply(data, arbitration_id=0, profile=PROFILE, extended=False):
 STATE = bytes([0x80, 0, 0x80, 8, 0])
 REFUSED = {
     **{f"motor id {wrong}": (lambda wrong=wrong: make_enter(wrong), FrameError, str(wrong))
-       for wrong in (0, MOST_ID + 1, 255, -1, 1.0, True)},
+       for wrong in (0, MAX_ID + 1, 255, -1, 1.0, True)},
     **{f"reply of {length} bytes": (reply(bytes(length)), FrameError, str(length))
        for length in (0, 1, 5, 7)},
     "longer than the profile's": (

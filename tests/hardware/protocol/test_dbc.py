@@ -16,7 +16,7 @@ from aerodima.hardware.protocol.ak70 import (
     make_reply,
 )
 from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.workbench.resources import model_path
+from aerodima.workbench.core.resources import model_path
 
 FRAMES = 2_000
 

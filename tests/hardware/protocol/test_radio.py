@@ -22,7 +22,7 @@ from aerodima.hardware.protocol.radio import (
     make_heartbeat,
     make_report,
 )
-from aerodima.workbench.config.signal_table import STATUS_SOURCES
+from aerodima.workbench.scenario.signal_table import STATUS_SOURCES
 from tests.refusals import assert_refused
 
 COMMAND = OperatorCommand(

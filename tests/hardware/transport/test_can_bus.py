@@ -11,7 +11,7 @@ import pytest
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.hardware.transport.can_adapter import CanSettings, TrafficLog, open_bus
 from aerodima.hardware.transport.can_bus import BusFault, CanBus
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from tests.hardware.fake_can import FakeAdapter, wait_until
 from tests.refusals import assert_refused
 

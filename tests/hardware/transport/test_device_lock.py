@@ -9,7 +9,7 @@ import pytest
 
 from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.hardware.transport.device_lock import can_address, lock_devices
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from tests.refusals import assert_refused
 
 HOLD = """

@@ -15,7 +15,7 @@ from aerodima.hardware.transport.serial_link import (
     open_serial,
     reason_of,
 )
-from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.core.errors import HardwareError
 from tests.hardware.fake_can import wait_until
 from tests.refusals import assert_refused
 

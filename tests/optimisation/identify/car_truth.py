@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.controllers.manoeuvre import make_schedule
-from aerodima.workbench.sensors.car_sensors import STEPS
-from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.batch.simulation import simulate
+from aerodima.workbench.car.car_sensors import STEPS
+from aerodima.workbench.control.manoeuvre import make_schedule
+from aerodima.workbench.scenario.scenario import load_scenario
 
 RANGES = {
     "tyre_friction": (0.35, 0.9),

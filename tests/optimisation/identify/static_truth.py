@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from aerodima.workbench.config.rig_scenario import load_rig_scenario
-from aerodima.workbench.plants.rig import Rig
-from aerodima.workbench.stations.rig_station import simulate_static_log
+from aerodima.workbench.rig.rig_plant import Rig
+from aerodima.workbench.rig.static_hold import simulate_static_log
+from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 
 ANGLES_DEG = (0, 15, 30, 45, 60, 75)
 SPEEDS = (10.0, 20.0, 30.0)

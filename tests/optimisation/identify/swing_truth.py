@@ -10,12 +10,17 @@ import math
 import numpy as np
 import pandas as pd
 
-from aerodima.optimisation.identify.pendulum import Pendulum, air_torque, friction_torque, roll_out
 from aerodima.optimisation.identify.swing_coefficients import motor_of
-from aerodima.workbench.aero.laws import NormalForceLaw
-from aerodima.workbench.config.rig_scenario import load_rig_scenario
+from aerodima.workbench.aero.section_laws import NormalForceLaw
 from aerodima.workbench.logs.schema import run_log_from_metadata
-from aerodima.workbench.stations.rig_station import rig_log_metadata
+from aerodima.workbench.rig.pendulum import (
+    PendulumModel,
+    air_torque,
+    friction_torque,
+)
+from aerodima.workbench.rig.rig_log import rig_log_metadata
+from aerodima.workbench.rig.swing_motion import simulate_swing
+from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 
 RATE = 1000.0
 
@@ -71,8 +76,8 @@ def _log(
 ):
     count = round(scenario.experiment.duration * RATE) + 1
     motor = None if current is None else (-scenario.maxon.torque_constant * current).tolist()
-    angle, rate = roll_out(
-        Pendulum.of(scenario),
+    angle, rate = simulate_swing(
+        PendulumModel.from_scenario(scenario),
         torques,
         (scenario.experiment.angle, 0.0),
         1.0 / RATE,

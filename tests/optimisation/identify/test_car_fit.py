@@ -13,9 +13,9 @@ from typer.testing import CliRunner
 from aerodima.optimisation.identify.car_fit import fit_car
 from aerodima.optimisation.identify.car_log import TAIL, CarDrive, LoggedCommands, car_drive
 from aerodima.workbench.cli.program import build_app
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.logs.schema import RunLog, write_run_log
+from aerodima.workbench.scenario.scenario import load_scenario
 from tests.optimisation.coverage import assert_held
 from tests.optimisation.identify.car_truth import drawn, emulated
 from tests.refusals import assert_refused

@@ -9,7 +9,7 @@ import pytest
 
 from aerodima.optimisation.identify import fit_batch
 from aerodima.optimisation.identify.fit_batch import WORKER_KILLED, fit_logs
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.core.errors import FitError
 from tests.optimisation.identify.line_file import fit_line_file
 from tests.refusals import assert_refused
 

@@ -1,4 +1,4 @@
-"""Parameters of a fit: bounds, frozen ones, starts, and what is refused."""
+"""Parameters of a fit: bounds, fixed ones, starts, and what is refused."""
 
 import math
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.core.errors import FitError
 from tests.refusals import assert_refused
 
 AB = Parameters.of([Parameter("a", "1", 1.0, 0.0, 2.0), Parameter("b", "m", 5.0, 0.0, 9.0)])
@@ -21,7 +21,7 @@ AB = Parameters.of([Parameter("a", "1", 1.0, 0.0, 2.0), Parameter("b", "m", 5.0,
         (lambda: Parameter("cd", "1", 0.5, math.nan, 1.0), ("cd", "nan")),
         (lambda: Parameter("cd", "1", 0.0, 0.0, 0.0), ("cd",)),
         (lambda: Parameters.of([Parameter("a", "1", 1.0)] * 2), (": a",)),
-        (lambda: Parameters.of([Parameter("a", "1", 1.0, frozen=True)]), ("free",)),
+        (lambda: Parameters.of([Parameter("a", "1", 1.0, fixed=True)]), ("free",)),
         (lambda: AB.starts([{"c": 1.0}]), ("c", "a, b")),
         (lambda: AB.starts([{"a": 3.0}]), ("'a'", "3")),
     ],
@@ -30,11 +30,11 @@ def test_impossible_parameters_are_refused(make, named):
     assert_refused(make, FitError, *named)
 
 
-def test_frozen_parameters_keep_their_place_and_may_stand_outside_their_bounds():
+def test_fixed_parameters_keep_their_place_and_may_stand_outside_their_bounds():
     parameters = Parameters.of(
         [
             Parameter("a", "1", 1.0),
-            Parameter("b", "m", 2.0, 0.0, 1.0, frozen=True),
+            Parameter("b", "m", 2.0, 0.0, 1.0, fixed=True),
             Parameter("c", "1", 3.0),
         ]
     )
@@ -42,7 +42,7 @@ def test_frozen_parameters_keep_their_place_and_may_stand_outside_their_bounds()
     assert parameters.values([10.0, 30.0]) == {"a": 10.0, "b": 2.0, "c": 30.0}
 
 
-def test_starts_are_the_seed_then_named_ones():
+def test_starts_are_the_initial_values_then_named_ones():
     assert [start.tolist() for start in AB.starts([{"b": 7.0}])] == [[1.0, 5.0], [1.0, 7.0]]
 
 

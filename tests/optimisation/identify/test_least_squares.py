@@ -2,30 +2,24 @@
 nothing is lost.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from pydrake.solvers import SnoptSolver
 from scipy.optimize import least_squares
 
-from aerodima.optimisation.identify.least_squares import (
-    Parameter,
-    Parameters,
-    Problem,
-    huber,
-    solve,
-    solve_huber,
-    spread,
-)
-from aerodima.optimisation.identify.least_squares_solvers import (
-    solve_algebraic,
-    solve_formula,
-    solve_rollout,
-)
+from aerodima.optimisation.identify.fit_pipeline import fit
+from aerodima.optimisation.identify.fit_program import FitProgram
+from aerodima.optimisation.identify.gauss_newton import SolverOptions, solve, solve_from
+from aerodima.optimisation.identify.huber import huber, solve_huber, spread
+from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem
+from aerodima.optimisation.identify.noise import independent_noise
 from aerodima.optimisation.identify.published_check import fit_line
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.core.errors import FitError
 from tests.optimisation.coverage import assert_held, assert_standard, draws
 from tests.refusals import assert_refused
 
-METHODS = [solve_algebraic, solve_rollout, solve_formula]
 TIME = np.linspace(0.0, 3.0, 40)
 
 
@@ -46,56 +40,52 @@ def decay(amplitude_size=1.0, **bounds):
     )
 
 
-@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
-def test_agrees_with_scipy_whatever_the_units(method, size):
+def test_agrees_with_scipy_whatever_the_units(size):
     problem = decay(size)
     scales = np.array([size, 1.0, size])
     reference = least_squares(
         lambda z: problem.residual(z * scales),
-        problem.parameters.seed / scales,
+        problem.parameters.initial / scales,
         xtol=1e-14,
         ftol=1e-14,
         gtol=1e-14,
     )
-    solution = solve(problem, method)
+    solution = solve(problem)
     assert solution.best.success
     # Both stop where a step changes about the ninth digit.
     assert solution.x / scales == pytest.approx(reference.x, rel=1e-6)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_stops_on_a_bound_at_the_constrained_minimum(method):
+def test_stops_on_a_bound_at_the_constrained_minimum():
     problem = decay(k=1.0)
     reference = least_squares(
-        problem.residual, problem.parameters.seed, bounds=([0, 0, -np.inf], [10, 1.0, np.inf])
+        problem.residual, problem.parameters.initial, bounds=([0, 0, -np.inf], [10, 1.0, np.inf])
     )
-    solution = solve(problem, method)
+    solution = solve(problem)
     assert problem.parameters.active(solution.x) == {"k": "upper"}
     # scipy's interior method stays about 1e-8 short of the bound.
     assert solution.x == pytest.approx(reference.x, abs=1e-5)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_a_residual_that_is_not_finite_at_the_seed_names_the_unknowns(method):
+def test_a_residual_that_is_not_finite_at_the_seed_names_the_unknowns():
     problem = Problem(
         Parameters.of([Parameter("mass", "kg", -0.1)]),
         lambda x: np.array([np.sqrt(x[0]) - 1.0]),
         name="pendulum",
     )
     with np.errstate(invalid="ignore"):
-        assert_refused(lambda: solve(problem, method), FitError, "pendulum", "mass = -0.1 kg")
+        assert_refused(lambda: solve(problem), FitError, "pendulum", "mass = -0.1 kg")
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_other_seeds_are_tried_when_one_has_no_model(method):
+def test_other_seeds_are_tried_when_one_has_no_model():
     def residual(x):
         if x[0] < 0.0:
             raise FitError(f"the mass matrix is indefinite at {x[0]} kg")
         return np.array([x[0] - 2.0, 0.1 * x[0]])
 
     parameters = Parameters.of([Parameter("mass", "kg", -0.1, -1.0, 10.0)])
-    solution = solve(Problem(parameters, residual), method, parameters.starts([{"mass": 1.0}]))
+    solution = solve(Problem(parameters, residual), parameters.starts([{"mass": 1.0}]))
     assert [attempt.success for attempt in solution.attempts] == [False, True]
     assert "-0.1" in solution.attempts[0].status
     assert solution.x[0] == pytest.approx(2.0 / 1.01, rel=1e-8)
@@ -107,9 +97,7 @@ def test_a_rollout_that_breaks_down_within_the_solve_shortens_the_step():
     def residual(x):
         return np.array([np.log(x[0]) - 3.0, 0.0]) if x[0] < 25.0 else np.array([np.nan, 0.0])
 
-    solution = solve(
-        Problem(Parameters.of([Parameter("x", "1", 0.2, 0.0, 100.0)]), residual), solve_rollout
-    )
+    solution = solve(Problem(Parameters.of([Parameter("x", "1", 0.2, 0.0, 100.0)]), residual))
     assert solution.x[0] == pytest.approx(np.exp(3.0), rel=1e-6)
 
 
@@ -125,23 +113,13 @@ def test_a_model_that_ends_beside_the_solution_has_a_one_sided_derivative(ends):
     problem = Problem(
         Parameters.of([Parameter("x", "1", 2.0, 0.0, 5.0, scale=1.0)]), residual, name="edge"
     )
-    solution = solve(problem, solve_formula)
+    solution = solve(problem)
     assert solution.x[0] == pytest.approx(1.00001, abs=1e-8)
     assert solution.jacobian[:, 0] == pytest.approx([10.0, 1.0], rel=0.01)
     alone = Problem(
         problem.parameters, lambda x: residual(x) * (1.0 if x[0] == 1.1 else np.nan), name="edge"
     )
-    assert_refused(lambda: alone.central_differences(np.array([1.1])), FitError, "edge", "x = 1.1")
-
-
-def test_a_model_that_ends_within_snopt_is_a_failed_attempt():
-    parameters = Parameters.of([Parameter("x", "1", 2.0, 0.0, 5.0)])
-    problem = Problem(
-        parameters, lambda x: np.array([x[0] - 1.00001]) * (1.0 if x[0] >= 1.0 else np.nan)
-    )
-    attempt = solve_algebraic(problem, np.array([2.0]))
-    assert not attempt.success
-    assert "nan in row 0" in attempt.status
+    assert_refused(lambda: alone.central_jacobian(np.array([1.1])), FitError, "edge", "x = 1.1")
 
 
 def test_of_several_minima_the_lowest_is_kept_and_all_are_listed():
@@ -149,30 +127,60 @@ def test_of_several_minima_the_lowest_is_kept_and_all_are_listed():
     # The cost is stationary where (x + 2) (2 x (x - 2) + 1/4) = 0: minima at 1 + sqrt(7/8) and,
     # lower, at -2.
     problem = Problem(parameters, lambda x: np.array([(x[0] ** 2 - 4.0), 0.5 * (x[0] + 2.0)]))
-    solution = solve(problem, solve_rollout, parameters.starts([{"x": -3.0}]))
+    solution = solve(problem, parameters.starts([{"x": -3.0}]))
     assert len(solution.attempts) == 2
     assert solution.attempts[0].x[0] == pytest.approx(1.0 + np.sqrt(0.875), abs=1e-6)
     assert solution.x[0] == pytest.approx(-2.0, abs=1e-6)
 
 
 def test_jacobian_at_the_solution_is_that_of_the_formula():
-    solution = solve(decay(), solve_rollout)
+    solution = solve(decay())
     a, k, _ = solution.x
     exact = np.column_stack([np.exp(-k * TIME), -a * TIME * np.exp(-k * TIME), np.ones_like(TIME)])
     # Central differences with a step of 5e-4 scales: error of order step^2.
     assert np.allclose(solution.jacobian, exact, atol=1e-6)
 
 
-def test_a_bent_valley_that_stops_gauss_newton_is_followed_by_snopt():
-    # Rosenbrock's valley with a weight of 1e5: Gauss-Newton from here needs many short steps.
+def test_a_bent_valley_is_followed_by_bending_the_steps():
+    # Rosenbrock's valley with a weight of 1e5: unbent steps from here are many and short.
     parameters = Parameters.of(
         [Parameter("x", "1", -1.5, -5.0, 5.0), Parameter("y", "1", 2.0, -5.0, 5.0)]
     )
     problem = Problem(parameters, lambda x: np.array([1e5 * (x[1] - x[0] ** 2), 1.0 - x[0]]))
-    assert not solve_rollout(problem, parameters.seed, 8).success
-    solution = solve(problem, solve_formula)
-    assert "SNOPT" in solution.best.status
-    assert solution.x == pytest.approx([1.0, 1.0], abs=1e-4)
+    solution = solve(problem)
+    assert solution.best.success
+    assert solution.best.iterations < 20
+    assert solution.x == pytest.approx([1.0, 1.0], abs=1e-8)
+
+
+def test_costs_and_constraints_of_a_user_are_met_and_snopt_agrees_on_the_whole_program():
+    program = FitProgram(decay())
+    program.prog.AddLinearConstraint(program["a"] + program["c"], 3.0, 3.0)
+    program.prog.AddQuadraticCost((program["k"] - 2.0) ** 2)
+    solution = solve(program)
+    assert solution.best.success
+    assert solution.x[0] + solution.x[2] == pytest.approx(3.0, abs=1e-9)
+    oracle = SnoptSolver().Solve(program.prog, decay().parameters.initial, None)
+    assert solution.x == pytest.approx(oracle.GetSolution(program.x), abs=1e-5)
+    assert solution.best.cost == pytest.approx(oracle.get_optimal_cost(), rel=1e-9)
+    result = fit(program, lambda s: independent_noise(s.residual, 3))
+    assert any("constraints" in warning for warning in result.warnings)
+    program.prog.AddConstraint(program["a"] ** 2 <= 1.0)
+    assert_refused(lambda: solve(program), FitError, "decay", "linear")
+
+
+def test_a_kept_jacobian_asks_for_fewer_residuals_and_finds_the_same_minimum():
+    calls = []
+    problem = decay()
+    program = FitProgram(
+        replace(problem, residual=lambda x: calls.append(x) or decay().residual(x))
+    )
+    start = problem.parameters.initial
+    solve_from(program, start, SolverOptions(settled=1e-9))
+    fresh = len(calls)
+    kept = solve_from(program, start, SolverOptions(jacobian="secant", settled=1e-9))
+    assert len(calls) - fresh < fresh
+    assert kept.x == pytest.approx(solve(problem).x, rel=1e-3)
 
 
 SLOPE, OFFSET = ("slope", "1"), ("offset", "1")
@@ -249,7 +257,7 @@ def test_given_and_differenced_jacobians_lead_to_the_same_minimum():
     found = []
     for jacobian in (None, lambda p: (-x * np.exp(-p[0] * x))[:, None]):
         problem = Problem(parameters, residual, jacobian)
-        found.append(solve_huber(problem, solve_rollout, solve(problem, solve_rollout)))
+        found.append(solve_huber(problem, solve(problem)))
     assert found[0].solution.x == pytest.approx(found[1].solution.x, abs=1e-5)
     assert found[0].solution.x[0] == pytest.approx(1.3, abs=0.02)
     assert found[0].scale == pytest.approx(0.01, rel=0.3)

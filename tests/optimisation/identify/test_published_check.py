@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from aerodima.optimisation.identify.log_rig import with_values
 from aerodima.optimisation.identify.published_check import (
     balances,
     constants_parameters,
@@ -9,7 +8,8 @@ from aerodima.optimisation.identify.published_check import (
     predicted_currents,
     static_rows,
 )
-from aerodima.optimisation.identify.static_fit import StaticBalance
+from aerodima.optimisation.identify.rig_constants import with_values
+from aerodima.workbench.rig.pendulum import StaticBalance
 
 
 def test_constants_of_the_models_predict_tail_1_as_the_design_says():
@@ -48,7 +48,7 @@ def test_known_constants_are_found_again_from_currents_made_with_them():
     rows = rows[(rows.current_a > 0.2) & (rows.test_no <= 2)].copy()
     changes = {"maxon": {"torque_constant": 0.33}, "tunnel": {"jet_edge_depth": 0.26}}
     truth = {
-        tail: StaticBalance.of(with_values(rig.scenario, changes))
+        tail: StaticBalance.from_scenario(with_values(rig.scenario, changes))
         for tail, rig in balances().items()
     }
     rows["current_a"] = predicted_currents(truth, rows)

@@ -9,7 +9,7 @@ from aerodima.optimisation.identify.published_check import (
     robot_tail_rows,
     static_rows,
 )
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.core.errors import FitError
 from tests.refusals import assert_refused
 
 

@@ -5,15 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from aerodima.optimisation.identify.fit_options import FitOptions
+from aerodima.optimisation.identify.gauss_newton import best_start
 from aerodima.optimisation.identify.least_squares import (
-    Attempt,
-    Parameter,
-    Parameters,
-    Problem,
-    solve,
+    StartResult,
 )
-from aerodima.optimisation.identify.log_rig import FitOptions
-from aerodima.optimisation.identify.pendulum import Pendulum
 from aerodima.optimisation.identify.swing_coefficients import (
     added_mass_parameter,
     fit_added_mass,
@@ -21,7 +17,10 @@ from aerodima.optimisation.identify.swing_coefficients import (
     potential_flow_mass,
 )
 from aerodima.optimisation.identify.swing_log import swing_data
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.core.errors import FitError
+from aerodima.workbench.rig.pendulum import (
+    PendulumModel,
+)
 from tests.optimisation.identify import swing_truth as truth
 from tests.refusals import assert_refused
 
@@ -54,7 +53,7 @@ def test_it_starts_from_zero_and_a_scan_and_from_the_table_where_that_leaves_ine
 
 @pytest.mark.slow
 def test_bounds_leave_some_inertia_and_move_the_start_inside(short):
-    least = Pendulum.of(short.scenario).least_added_mass
+    least = PendulumModel.from_scenario(short.scenario).min_added_mass
     free = added_mass_parameter(short)
     assert least < free.lower < 0.95 * least
     assert free.upper == 1.0
@@ -89,11 +88,8 @@ def test_wild_encoder_samples_do_not_move_the_friction_under_huber():
 
 
 def test_a_far_lower_cost_is_kept_although_the_solver_did_not_say_success():
-    problem = Problem(Parameters.of([Parameter("x", "1", 0.0)]), lambda x: x - 3.0)
-    outcomes = iter([(np.array([3.1]), 0.005, False), (np.array([9.0]), 18.0, True)])
-
-    def method(_, start):
-        x, cost, success = next(outcomes)
-        return Attempt(start, x, cost, success, "told", 1)
-
-    assert solve(problem, method, [np.zeros(1), np.ones(1)]).x[0] == 3.1
+    start = np.zeros(1)
+    low = StartResult(start, np.array([3.1]), 0.005, False, "steps", 1)
+    high = StartResult(start, np.array([9.0]), 18.0, True, "settled", 1)
+    assert best_start([low, high]) is low
+    assert best_start([low, replace(high, cost=0.00501)]).success

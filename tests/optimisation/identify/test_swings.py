@@ -7,13 +7,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.identify.pendulum import (
-    Pendulum,
-    air_torque,
-    friction_torque,
-    roll_out,
-    torque_response,
-)
 from aerodima.optimisation.identify.swing_coefficients import (
     added_mass_parameter,
     fit_added_mass,
@@ -23,37 +16,23 @@ from aerodima.optimisation.identify.swing_coefficients import (
 )
 from aerodima.optimisation.identify.swing_fit import SwingModel
 from aerodima.optimisation.identify.swing_log import swing_data
-from aerodima.workbench.config.rig_scenario import load_rig_scenario
-from aerodima.workbench.errors import FitError, UserError
-from aerodima.workbench.plants.rig import Rig
-from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.batch.simulation import simulate
+from aerodima.workbench.core.errors import FitError, UserError
+from aerodima.workbench.rig.pendulum import (
+    PendulumModel,
+    air_torque,
+    friction_torque,
+)
+from aerodima.workbench.rig.swing_motion import simulate_swing, torque_response
+from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 from tests.optimisation.coverage import assert_held, assert_standard, draws
 from tests.optimisation.identify import swing_truth as truth
 from tests.refusals import assert_refused
 
 
-@pytest.mark.parametrize(
-    ("name", "added"), [("bar", 0.0), ("flick", 0.0), ("flick", 0.03), ("robot", 0.0)]
-)
-def test_pendulum_accelerates_as_the_plant(name, added):
-    scenario = load_rig_scenario(name).varied(aero={"added_mass": added})
-    rig = Rig(scenario)
-    pendulum = Pendulum.of(scenario)
-    air = air_torque(scenario)
-    settings = scenario.robot_friction if scenario.is_robot else scenario.friction
-    friction = friction_torque(settings.coulomb, settings.viscous, settings.tanh_gain)
-    rng = np.random.default_rng(1)
-    for angle, rate, torque in rng.uniform([-1.5, -9.0, -3.0], [1.5, 9.0, 3.0], size=(20, 3)):
-        total = pendulum.weight_sine * math.sin(angle) + pendulum.weight_cosine * math.cos(angle)
-        total += torque + friction(angle, rate) + (air(angle, rate) if air is not None else 0.0)
-        # Rounding only: accelerations reach 300 rad/s2.
-        expected = rig.reaction(angle, rate, torque).acceleration
-        assert total / pendulum.total_inertia(added) == pytest.approx(expected, abs=1e-9)
-
-
 def test_rollout_without_loss_keeps_its_energy():
-    pendulum = Pendulum.of(load_rig_scenario("bar"))
-    angle, rate = roll_out(pendulum, [], (1.5, 0.0), 0.004, 2000)
+    pendulum = PendulumModel.from_scenario(load_rig_scenario("bar"))
+    angle, rate = simulate_swing(pendulum, [], (1.5, 0.0), 0.004, 2000)
     energy = 0.5 * pendulum.inertia * rate**2 + pendulum.weight_sine * np.cos(angle)
     # Fourth order: 8 s of a 5 rad/s pendulum at 4 ms.
     assert np.ptp(energy) < 1e-6 * abs(pendulum.weight_sine)
@@ -65,21 +44,25 @@ def test_rollout_converges_below_an_encoder_count(name):
     to rounding.
     """
     scenario = load_rig_scenario(name)
-    settings = scenario.robot_friction if scenario.is_robot else scenario.friction
+    settings = scenario.joint_friction
     air = air_torque(scenario)
     friction = friction_torque(settings.coulomb, settings.viscous, settings.tanh_gain)
     torques = [friction] if air is None else [air, friction]
-    coarse = np.array(roll_out(Pendulum.of(scenario), torques, (1.2, 0.5), 0.004, 251))
-    fine = np.array(roll_out(Pendulum.of(scenario), torques, (1.2, 0.5), 0.0005, 2001))[:, ::8]
+    coarse = np.array(
+        simulate_swing(PendulumModel.from_scenario(scenario), torques, (1.2, 0.5), 0.004, 251)
+    )
+    fine = np.array(
+        simulate_swing(PendulumModel.from_scenario(scenario), torques, (1.2, 0.5), 0.0005, 2001)
+    )[:, ::8]
     assert np.max(np.abs(coarse - fine)[0]) < 0.2 * 1.18e-4
     assert np.max(np.abs(coarse - fine)[1]) < 1e-3
 
 
 def test_motor_torque_moves_it_downstream_and_a_motion_without_bounds_is_refused():
-    pendulum = Pendulum.of(load_rig_scenario("bar"))
-    assert roll_out(pendulum, [], (0.0, 0.0), 0.004, 251, motor=[0.2] * 250)[0][-1] > 0.3
+    pendulum = PendulumModel.from_scenario(load_rig_scenario("bar"))
+    assert simulate_swing(pendulum, [], (0.0, 0.0), 0.004, 251, motor=[0.2] * 250)[0][-1] > 0.3
     with pytest.raises(FitError):
-        roll_out(pendulum, [], (0.0, 0.0), 0.004, 251, motor=[500.0] * 250)
+        simulate_swing(pendulum, [], (0.0, 0.0), 0.004, 251, motor=[500.0] * 250)
 
 
 @pytest.mark.slow
@@ -93,7 +76,7 @@ def test_motor_torque_moves_it_downstream_and_a_motion_without_bounds_is_refused
 def test_friction_of_a_simulated_swing_is_found(tmp_path, name, settings, kind):
     scenario = load_rig_scenario(name, settings)
     result = fit_friction(swing_data(simulate(scenario, tmp_path / "log.parquet"), kind))
-    known = scenario.robot_friction if scenario.is_robot else scenario.friction
+    known = scenario.joint_friction
     assert result["coulomb"].value == pytest.approx(known.coulomb, rel=0.02)
     assert result["viscous"].value == pytest.approx(known.viscous, rel=0.04)
     assert result.success
@@ -258,14 +241,14 @@ def test_a_filtered_angle_is_no_count():
 
 def test_response_to_a_push_is_that_of_two_rollouts():
     scenario = load_rig_scenario("flick")
-    pendulum = Pendulum.of(scenario)
+    pendulum = PendulumModel.from_scenario(scenario)
     air = air_torque(scenario)
     torques = [air, friction_torque(0.04, 0.036, 10.0)]
     motor = np.zeros(60)
-    motion = roll_out(pendulum, torques, (1.0, 0.0), 0.004, 61, motor=motor.tolist())
+    motion = simulate_swing(pendulum, torques, (1.0, 0.0), 0.004, 61, motor=motor.tolist())
     response = torque_response(pendulum, torques, motion, 0.004, motor.tolist())
     motor[20] = 1e-3
-    pushed = roll_out(pendulum, torques, (1.0, 0.0), 0.004, 61, motor=motor.tolist())
+    pushed = simulate_swing(pendulum, torques, (1.0, 0.0), 0.004, 61, motor=motor.tolist())
     # Damping within the step of the push is left out of it: half a percent, of no weight in an
     # interval.
     np.testing.assert_allclose(
@@ -274,8 +257,9 @@ def test_response_to_a_push_is_that_of_two_rollouts():
 
 
 def test_an_added_mass_beyond_the_inertia_names_the_least_one():
-    pendulum = Pendulum.of(load_rig_scenario("flick"))
-    least = -pendulum.inertia / sum(s * s for s in pendulum.part_distances)
+    pendulum = PendulumModel.from_scenario(load_rig_scenario("flick"))
+    least = pendulum.min_added_mass
+    assert least == -pendulum.inertia / sum(s * s for s in pendulum.part_distances)
     assert pendulum.total_inertia(0.99 * least) > 0.0
     # The published value of tail 1 at 20 m/s.
     assert_refused(lambda: pendulum.total_inertia(-0.033), FitError, "-0.033", f"{least:.4g} kg")
@@ -284,9 +268,9 @@ def test_an_added_mass_beyond_the_inertia_names_the_least_one():
 def test_jacobian_of_a_rollout_is_smooth_enough_for_differences():
     data = swing_data(truth.flick_log(0.01, seed=3), "swing")
     problem = SwingModel(data, still_tail_law).problem([added_mass_parameter(data)])
-    x = problem.parameters.seed
-    one_sided = problem.differences(x, problem.residual(x))
-    central = problem.central_differences(x)
+    x = problem.parameters.initial
+    one_sided = problem.forward_jacobian(x, problem.residual(x))
+    central = problem.central_jacobian(x)
     size = np.linalg.norm(central, axis=0)
     assert np.all(np.linalg.norm(one_sided - central, axis=0) < 1e-2 * size)
 

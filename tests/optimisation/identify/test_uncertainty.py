@@ -9,23 +9,22 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 from scipy.stats import norm, t
 
+from aerodima.optimisation.identify.active_bounds import one_sided_quantile
 from aerodima.optimisation.identify.fit_pipeline import fit
+from aerodima.optimisation.identify.gauss_newton import solve
 from aerodima.optimisation.identify.least_squares import (
     Parameter,
     Parameters,
     Problem,
     Solution,
-    solve,
 )
-from aerodima.optimisation.identify.least_squares_solvers import solve_algebraic, solve_rollout
-from aerodima.optimisation.identify.uncertainty import (
+from aerodima.optimisation.identify.noise import (
     Noise,
     correlation_time,
     independent_noise,
-    reach_inside,
     serial_noise,
-    uncertainty,
 )
+from aerodima.optimisation.identify.uncertainty import uncertainty
 from tests.optimisation.coverage import assert_held, draws
 
 
@@ -38,7 +37,7 @@ def line(y, t, *more):
 
 def test_covariance_of_a_line_is_the_textbook_one():
     t = np.linspace(-1.0, 1.0, 11)
-    solution = solve(line(2.0 * t + 0.3, t), solve_algebraic)
+    solution = solve(line(2.0 * t + 0.3, t))
     sure = uncertainty(solution, Noise(np.full(11, 0.04)))
     # Var slope = sigma^2 / sum t^2, Var offset = sigma^2 / n
     assert np.diag(sure.covariance) == pytest.approx([0.04 / np.sum(t**2), 0.04 / 11.0], rel=1e-6)
@@ -47,7 +46,7 @@ def test_covariance_of_a_line_is_the_textbook_one():
 
 def test_errors_that_are_common_to_all_rows_do_not_average_out():
     t = np.linspace(-1.0, 1.0, 11)
-    solution = solve(line(2.0 * t, t), solve_algebraic)
+    solution = solve(line(2.0 * t, t))
     sure = uncertainty(solution, Noise(np.full((11, 11), 0.25)))
     assert sure.standard_deviation == pytest.approx([0.0, 0.5], abs=1e-8)
 
@@ -55,7 +54,7 @@ def test_errors_that_are_common_to_all_rows_do_not_average_out():
 def test_a_parameter_without_effect_has_an_infinite_interval_and_is_named():
     t = np.linspace(0.0, 1.0, 20)
     problem = line(3.0 * t, t, Parameter("cd", "1", 1.3, 0.0, 3.0))
-    result = fit(problem, solve_algebraic, lambda s: independent_noise(s.residual, 3))
+    result = fit(problem, lambda s: independent_noise(s.residual, 3))
     assert not result["cd"].identifiable
     assert (result["cd"].lower, result["cd"].upper) == (-np.inf, np.inf)
     assert result["slope"].identifiable
@@ -69,7 +68,7 @@ def test_a_direction_that_is_not_determined_is_named_with_both_its_parameters():
         [Parameter("a", "1", 1.0), Parameter("b", "1", 1.0), Parameter("c", "1", 1.0)]
     )
     problem = Problem(parameters, lambda x: (x[0] + x[1]) * t + x[2] - 4.0 * t)
-    result = fit(problem, solve_rollout, lambda s: independent_noise(s.residual, 3))
+    result = fit(problem, lambda s: independent_noise(s.residual, 3))
     assert [e.identifiable for e in result.estimates] == [False, False, True]
     (direction,) = result.unidentifiable
     assert direction in ("0.71 a - 0.71 b", "0.71 b - 0.71 a")
@@ -168,7 +167,7 @@ def test_intervals_of_filtered_data_hold_the_truth_in_95_percent(number):
 def test_interval_of_a_rounded_reading_holds_95_percent(even):
     """One reading with a normal error of 1 and an evenly spread one within +-even."""
     parameters = Parameters.of([Parameter("x", "1", 0.0)])
-    solution = solve(Problem(parameters, lambda x: x - 0.0), solve_algebraic)
+    solution = solve(Problem(parameters, lambda x: x - 0.0))
     sure = uncertainty(
         solution, Noise(np.array([[1.0 + even**2 / 3.0]]), rounding=np.array([even]))
     )
@@ -185,7 +184,7 @@ def fitted(y, x, low=-math.inf, high=math.inf):
         [Parameter("slope", "N/m", seed, low, high), Parameter("offset", "N", 0.0)]
     )
     problem = Problem(parameters, lambda p: p[0] * x + p[1] - y)
-    return fit(problem, solve_rollout, lambda solution: Noise(np.ones(len(x))))
+    return fit(problem, lambda solution: Noise(np.ones(len(x))))
 
 
 def test_what_stopped_at_a_bound_is_one_sided_and_the_others_are_given_it():
@@ -260,17 +259,17 @@ def test_intervals_hold_a_truth_near_the_bound_in_95_percent(number, inside):
 
 
 @pytest.mark.parametrize("freedom", [3.0, 40.0, math.inf])
-def test_the_reach_inside_is_that_of_the_tail_and_stays_finite_far_out(freedom):
+def test_the_one_sided_quantile_is_that_of_the_tail_and_stays_finite_far_out(freedom):
     for beyond in (0.0, 1.0, 4.0):
-        q = reach_inside(beyond, freedom)
+        q = one_sided_quantile(beyond, freedom)
         assert t.sf(beyond + q, freedom) == pytest.approx(0.05 * t.sf(beyond, freedom))
     near, far = (
-        reach_inside(33.0, freedom),
-        reach_inside(34.0, freedom),
+        one_sided_quantile(33.0, freedom),
+        one_sided_quantile(34.0, freedom),
     )  # on both sides of the smallest tail
     assert far == pytest.approx(near, rel=0.05)
-    assert 0.0 < reach_inside(1e6, freedom) < math.inf
-    assert reach_inside(0.0, math.inf) == pytest.approx(1.959964, rel=1e-6)
+    assert 0.0 < one_sided_quantile(1e6, freedom) < math.inf
+    assert one_sided_quantile(0.0, math.inf) == pytest.approx(1.959964, rel=1e-6)
 
 
 def test_a_bound_that_the_data_do_not_see_is_no_active_one():
@@ -279,7 +278,7 @@ def test_a_bound_that_the_data_do_not_see_is_no_active_one():
         [Parameter("slope", "N/m", 0.5), Parameter("speed", "m/s", 0.0, 0.0, 1.0)]
     )
     problem = Problem(parameters, lambda p: p[0] * x - 2.0 * x)
-    result = fit(problem, solve_rollout, lambda solution: Noise(np.ones(len(x))))
+    result = fit(problem, lambda solution: Noise(np.ones(len(x))))
     assert not result["speed"].identifiable
     assert not result["speed"].bound
     assert result["slope"].identifiable
@@ -298,7 +297,7 @@ def test_two_bounds_at_once():
         parameters, lambda p: p[0] + p[1] * x + p[2] * x**2 - (2.0 - 3.0 * x + 0.5 * x**2)
     )
 
-    result = fit(problem, solve_rollout, lambda solution: Noise(np.full(21, 0.01)))
+    result = fit(problem, lambda solution: Noise(np.full(21, 0.01)))
     assert (result["a"].bound, result["b"].bound, result["c"].bound) == ("upper", "lower", "")
     assert result["a"].lower < 1.0 == result["a"].upper
     assert result["b"].lower == -1.0 < result["b"].upper

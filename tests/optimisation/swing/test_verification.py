@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 
 from aerodima.optimisation.swing.verification import Check, Verification
 from aerodima.workbench.cli.program import build_app
-from aerodima.workbench.config.swing_file import read_swing, write_swing
-from aerodima.workbench.resources import model_path
+from aerodima.workbench.core.resources import model_path
+from aerodima.workbench.scenario.swing_file import read_swing, write_swing
 
 
 def thesis():

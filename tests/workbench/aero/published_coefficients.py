@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from aerodima.workbench.resources import published_table
+from aerodima.workbench.core.resources import published_table
 
 BAND = (10.0, 90.0)
 

@@ -13,10 +13,10 @@ from aerodima.workbench.aero.coefficient_files import (
     embedded_sets,
     load_coefficients,
 )
-from aerodima.workbench.aero.laws import NormalForceLaw, SpeedLine, SpeedTable
 from aerodima.workbench.aero.polar_law import PolarLaw, RegularTable
-from aerodima.workbench.errors import ModelError
-from aerodima.workbench.resources import models_dir, published_table
+from aerodima.workbench.aero.section_laws import NormalForceLaw, SpeedLine, SpeedTable
+from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.resources import models_dir, published_table
 from tests.refusals import assert_refused
 from tests.workbench.aero.published_coefficients import (
     cheetah_nodes,

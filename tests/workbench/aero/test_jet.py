@@ -13,7 +13,7 @@ from aerodima.workbench.aero.coefficient_files import load_coefficients
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
-from aerodima.workbench.errors import ModelError
+from aerodima.workbench.core.errors import ModelError
 from tests.refusals import assert_refused
 from tests.workbench.aero.plants import add_plant, plant_context, port_value
 

@@ -9,8 +9,8 @@ from pydrake.math import RotationMatrix
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from aerodima.workbench.aero.laws import NormalForceLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.aero.section_laws import NormalForceLaw
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
 from tests.workbench.aero.plants import (

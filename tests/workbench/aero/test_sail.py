@@ -12,7 +12,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.aero.coefficient_files import load_coefficients
-from aerodima.workbench.aero.laws import (
+from aerodima.workbench.aero.sail import FreeSail
+from aerodima.workbench.aero.section_laws import (
     LineMotion,
     NormalForceLaw,
     TwoSidedLaw,
@@ -20,7 +21,6 @@ from aerodima.workbench.aero.laws import (
     facing_law,
     float_of,
 )
-from aerodima.workbench.aero.sail import FreeSail
 from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.aero.wind import WindModel, add_wind
 from tests.workbench.aero.plants import add_plant

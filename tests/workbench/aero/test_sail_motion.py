@@ -6,8 +6,8 @@ from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.aero.sail import generalised_force, sail_motion
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.plants.car import add_car_plant
+from aerodima.workbench.car.car_plant import add_car_plant
+from aerodima.workbench.scenario.scenario import load_scenario
 
 JOINTS = ("tail_pitch", "tail_roll", "tail_sail_turn")
 

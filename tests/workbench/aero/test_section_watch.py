@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from aerodima.workbench.aero.tail_force import EXTRAPOLATED, SECTION_COLUMNS, SectionWatch
+from aerodima.workbench.aero.section_watch import EXTRAPOLATED, SECTION_COLUMNS, SectionWatch
 
 
 def watched(watch, validity, reynolds, until):

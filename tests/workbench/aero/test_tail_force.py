@@ -14,10 +14,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from aerodima.workbench.aero.laws import NormalForceLaw
+from aerodima.workbench.aero.section_laws import NormalForceLaw
 from aerodima.workbench.aero.sections import Air, SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
-from aerodima.workbench.errors import ModelError
+from aerodima.workbench.core.errors import ModelError
 from tests.refusals import assert_refused
 from tests.workbench.aero.plants import (
     add_free_body,

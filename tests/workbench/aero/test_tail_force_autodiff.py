@@ -11,8 +11,8 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from aerodima.workbench.aero.coefficient_files import load_coefficients
-from aerodima.workbench.aero.laws import NormalForceLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.aero.section_laws import NormalForceLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
 from tests.workbench.aero.plants import (
@@ -80,7 +80,7 @@ def differences(parts, state, step=1e-6):
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_gradients_equal_central_differences(name):
+def test_gradients_equal_central_jacobian(name):
     """To 1e-6 of the largest entry; central differences with a step of 1e-6 err by about 1e-9 of
     it.
     """

@@ -10,7 +10,7 @@ from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.aero.sections import Jet
 from aerodima.workbench.aero.wind import WindModel, WindSource
-from aerodima.workbench.errors import ModelError
+from aerodima.workbench.core.errors import ModelError
 from tests.refusals import assert_refused
 
 

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from aerodima.workbench.aero.coefficient_files import embedded_sets
 from aerodima.workbench.cli.model_commands import register
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.core.errors import UserError
 
 RUNNER = CliRunner()
 

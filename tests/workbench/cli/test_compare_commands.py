@@ -6,17 +6,17 @@ from functools import partial
 import pytest
 from typer.testing import CliRunner
 
+from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.cli.program import build_app
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.report.replay_page import (
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.view.replay_page import (
     comparison_page,
     different_cars,
     metrics_rows,
     scenario_differences,
 )
-from aerodima.workbench.simulate.simulation import simulate
 from tests.refusals import assert_refused
 
 SHORT = ("speed=1.0", "turn_start=0.2", "speed_ramp=0.1", "turn_hold=0.1", "duration=0.7")

@@ -6,11 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.logs.journal import journal_path
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.metrics.turn_metrics import metrics_of
-from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.scenario.scenario import load_scenario
 
 SETTINGS = [
     "manoeuvre.turn_start=0.9",

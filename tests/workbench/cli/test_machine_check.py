@@ -45,5 +45,5 @@ def test_drake_1_100_is_newer_than_1_51(monkeypatch):
 
 def test_full_disk_is_told(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(doctor, "SMALLEST_DISK", 1e18)
+    monkeypatch.setattr(doctor, "MIN_DISK", 1e18)
     assert not finding("disk").ok

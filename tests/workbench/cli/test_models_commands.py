@@ -5,7 +5,7 @@ import shutil
 import pytest
 
 from aerodima.workbench.cli.model_check import check_shipped_models
-from aerodima.workbench.resources import models_dir
+from aerodima.workbench.core.resources import models_dir
 
 LINK = """
 <link name="{name}"><inertial><mass>{mass}</mass>
@@ -62,7 +62,7 @@ def test_broken_coefficients_and_hardware_parameters_are_found(tmp_path, monkeyp
         text = (models / name).read_text()
         assert old in text
         (models / name).write_text(text.replace(old, new))
-    for module in ("aerodima.workbench.cli.model_check", "aerodima.workbench.config.checked_files"):
+    for module in ("aerodima.workbench.cli.model_check", "aerodima.workbench.core.yaml_files"):
         monkeypatch.setattr(f"{module}.models_dir", lambda: models)
     monkeypatch.setattr("aerodima.workbench.cli.model_check.nominal_models", list)
     problems = " ".join(problem for result in check_shipped_models() for problem in result.problems)

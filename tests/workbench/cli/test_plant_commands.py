@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.workbench.replay.cart_poles import observed_swing
+from tests.workbench.view.cart_poles import observed_swing
 
 
 @pytest.fixture(scope="module")

@@ -10,18 +10,17 @@ import sys
 from pathlib import Path
 
 import pytest
-from typer.main import get_command
 from typer.testing import CliRunner
 
+from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.cli.options import Status
-from aerodima.workbench.cli.program import RENAMED, build_app
-from aerodima.workbench.config.rig_scenario import load_rig_scenario
-from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.cli.program import build_app
+from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 
 PROBE = '''
 import time
 import typer
-from aerodima.workbench.errors import ScenarioError, UserError
+from aerodima.workbench.core.errors import ScenarioError, UserError
 
 
 def register(app):
@@ -193,48 +192,6 @@ def test_exit_status_is_that_of_the_table(aerodima, call, tmp_path, status):
     assert found == status
 
 
-@pytest.fixture(scope="module")
-def commands():
-    """Every command and group by its words."""
-
-    def below(words, command):
-        inner = getattr(command, "commands", {}).items()
-        return {words: command} | {
-            key: one for name, sub in inner for key, one in below(f"{words} {name}", sub).items()
-        }
-
-    return {
-        words.strip(): command for words, command in below("", get_command(build_app())).items()
-    }
-
-
-def options_of(command):
-    return {
-        name: option for option in command.params for name in option.opts if name.startswith("-")
-    }
-
-
-@pytest.mark.parametrize("old", [name for name in RENAMED if name[0] != "-"])
-def test_old_command_says_the_new_one_which_exists(refused, commands, old):
-    assert RENAMED[old] in refused(*old.split())
-    found = max((words for words in commands if RENAMED[old].startswith(words)), key=len)
-    assert found
-    options = {word for word in RENAMED[old].split() if word.startswith("-")}
-    assert options <= set(options_of(commands[found]))
-
-
-@pytest.mark.parametrize(
-    ("words", "new"),
-    [
-        ("log metrics run.parquet --csv=run.csv", ["--csv", "--out"]),
-        ("run turn_swing --replay run.html", ["--replay", "--html"]),
-        ("console --emulate auto_turn", ["--emulate", "SCENARIO"]),
-    ],
-)
-def test_old_option_says_the_new_one(refused, words, new):
-    assert all(name in refused(*words.split()) for name in new)
-
-
 @pytest.mark.parametrize(
     ("words", "offered"),
     [
@@ -242,7 +199,7 @@ def test_old_option_says_the_new_one(refused, words, new):
         ("rig static -s maxon.torque", {"maxon.torque_constant="}),
         ("run turn_swing --law my_", {"my_law.py:Mine"}),
         ("log export run.parquet --to m", {"mcap"}),
-        ("drive auto_turn --wiring t", {"teensy_bridge"}),
+        ("drive run auto_turn --wiring t", {"teensy_bridge"}),
     ],
 )
 def test_shell_completes(tmp_path, monkeypatch, words, offered):

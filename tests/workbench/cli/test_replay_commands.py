@@ -4,8 +4,8 @@ import time
 
 import pytest
 
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.batch.simulation import simulate
+from aerodima.workbench.scenario.scenario import load_scenario
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import pytest
 
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.replay.captions import caption_of
+from aerodima.workbench.view.captions import run_caption
 
 SETTINGS = "manoeuvre.turn_start=0.4 manoeuvre.speed_ramp=0.3 manoeuvre.duration=1.2"
 SHORT = tuple(word for setting in SETTINGS.split() for word in ("--set", setting))
@@ -46,7 +46,7 @@ def test_law_of_a_file_drives_the_tail_and_is_named_in_log_and_caption(call, tmp
     run = read_run_log(log)
     assert run.extra["tail_law"] == "Upright"
     assert run.table["tail_roll_command_position_rad"].iloc[-1] == 0.3
-    assert "Upright" in caption_of(run).facts
+    assert "Upright" in run_caption(run).facts
 
 
 @pytest.mark.parametrize(

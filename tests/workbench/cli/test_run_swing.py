@@ -3,10 +3,15 @@
 import numpy as np
 import pytest
 
-from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.config.swing_file import SwingFile, read_swing, swing_from_dict, write_swing
+from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.resources import model_path
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.swing_file import (
+    SwingFile,
+    read_swing,
+    swing_from_dict,
+    write_swing,
+)
 
 SHORT = ("--set", "manoeuvre.duration=2.7", "--speed", "3.33")
 NOISES = ("gyro_noise", "gyro_bias", "accelerometer_noise", "attitude_noise")

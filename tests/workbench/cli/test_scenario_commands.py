@@ -2,8 +2,8 @@
 
 import json
 
-from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
-from aerodima.workbench.figures.model_figures import DiagramPicture
+from aerodima.workbench.scenario.scenario import load_scenario, scenario_from_dict
+from aerodima.workbench.view.model_figures import DiagramPicture
 
 
 def test_export_is_the_whole_scenario(call):

@@ -5,7 +5,7 @@ beside them.
 import numpy as np
 import pandas as pd
 
-from aerodima.workbench.config.signal_table import rig_columns
+from aerodima.workbench.scenario.signal_table import rig_columns
 
 WRENCH = tuple(
     column.name for column in rig_columns() if column.name.startswith(("force_", "torque_"))

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import run_log_from_metadata, run_metadata
 from aerodima.workbench.logs.signals import (
     RIG_FILTER,

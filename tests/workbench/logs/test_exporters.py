@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from mcap.reader import make_reader
 
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.exporters import export_log, topics_of
 from aerodima.workbench.logs.foreign_files import read_mcap
 from tests.refusals import assert_refused

@@ -10,7 +10,7 @@ import pytest
 from mcap.writer import Writer
 from scipy.io import savemat
 
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.importers import import_log
 from aerodima.workbench.logs.log_findings import refuse_implausible
 from aerodima.workbench.logs.mapping import mapping_from

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.journal import JournalWriter, journal_path, read_journal, recover
 from aerodima.workbench.logs.schema import read_run_log, run_metadata
 from tests.refusals import assert_refused

@@ -1,5 +1,5 @@
-from aerodima.workbench.config.signal_table import RIG_KINDS, rig_columns
 from aerodima.workbench.logs.schema import missing_columns
+from aerodima.workbench.scenario.signal_table import RIG_KINDS, rig_columns
 
 UNITS = {
     "time_s": "s",

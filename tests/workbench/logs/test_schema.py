@@ -8,18 +8,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from aerodima.workbench.config.signal_table import (
-    CAR_PORTS,
-    CAR_TRUTH,
-    Column,
-)
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import (
     METADATA_KEY,
     encode_metadata,
     read_run_log,
     write_run_log,
 )
+from aerodima.workbench.scenario.signal_table import CAR_PORTS, CAR_TRUTH, Column
 from tests.refusals import assert_refused
 from tests.workbench.made_up_runs import car_run_columns, made_up_run, signals_equal
 

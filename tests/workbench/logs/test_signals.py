@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.signals import (
     GPS_FILTER,
     IMU_FILTER,

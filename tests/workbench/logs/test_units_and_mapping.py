@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.mapping import load_mapping, mapping_from, unit_factor, unit_in_name
 from tests.refusals import assert_refused
 
@@ -63,7 +63,7 @@ def test_the_unit_at_the_end_of_a_name():
     assert unit_in_name("wind_speed_m_per_s") == "m/s"
     assert unit_in_name("torque_x_n_m") == "N m"
     assert unit_in_name("lift_impulse_n_s") == "N s"
-    assert unit_in_name("axis") == "1"
+    assert unit_in_name("axis") == ""
 
 
 def test_metadata_become_si():

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import PLANT_RUN, run_log_from_metadata, run_metadata
 from aerodima.workbench.metrics.run_summary import (
     metrics_of_runs,

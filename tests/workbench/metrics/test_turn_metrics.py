@@ -4,10 +4,10 @@ import math
 import numpy as np
 import pytest
 
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.car.turn_signals import turn_signals
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.signals import IMU_FILTER, low_pass
 from aerodima.workbench.metrics.turn_metrics import metrics_of, outcome_from, outcome_of
-from aerodima.workbench.metrics.turn_signals import turn_signals
 from tests.refusals import assert_refused
 from tests.workbench.made_up_runs import SPEED, STEP, made_up_run, times
 

@@ -1,0 +1,41 @@
+"""Options that the commands of the car share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from aerodima.workbench.cli import options as cli
+
+
+def _wirings() -> list[str]:
+    from aerodima.hardware.car.wiring import WIRINGS
+
+    return list(WIRINGS)
+
+
+Ports = Annotated[
+    Path,
+    typer.Option(help="Ports file (JSON): which device is where, ids and zeros of the motors."),
+]
+Wiring = Annotated[
+    str,
+    typer.Option(
+        metavar="teensy_bridge|watched_can",
+        help="How the motors are wired.",
+        autocompletion=_wirings,
+    ),
+]
+Arm = Annotated[bool, typer.Option("--arm", help="Arm without asking on the terminal.")]
+
+
+@dataclass(frozen=True)
+class CarOptions:
+    """Options of a car: its devices, its wiring, changes of its scenario."""
+
+    ports: Ports
+    wiring: Wiring = "teensy_bridge"
+    settings: cli.Settings = None

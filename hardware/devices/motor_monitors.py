@@ -1,0 +1,155 @@
+"""Monitors of one motor: whether it follows its commands, and whether a second one answers."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from aerodima.hardware.devices.motor_limits import commanded_torque
+from aerodima.hardware.devices.motor_settings import MotorSafety
+from aerodima.hardware.protocol.ak70 import MitCommand
+
+_RECENT = 0.015
+"""s before a reply in which the command acted that its torque belongs to: at 100 Hz one of the last
+three. A reply is made before the command that it answers acts."""
+MAX_EXTRA = 2
+"""Replies too many, in cycles in a row, that may still be chance."""
+
+
+class Debounce:
+    """Measures for how long a condition has held, s."""
+
+    def __init__(self) -> None:
+        self._since: float | None = None
+
+    def update(self, holds: bool, now: float) -> float:
+        """Updates with the condition at `now` (s); returns its duration, 0 while it does not
+        hold.
+        """
+        if not holds:
+            self._since = None
+            return 0.0
+        if self._since is None:
+            self._since = now
+        return now - self._since
+
+
+class TrackingMonitor:
+    """Compares every reply of one motor with its commands. Joint coordinates.
+
+    The torque of a reply must belong to one of the newest commands, at the angle and rate of the
+    reply itself: no mass, no weight and no air is needed to tell. One that belongs to none of them
+    is old, or frozen, however punctual it is. Nothing tells the age of a reply while the command
+    does not change.
+    """
+
+    def __init__(self, safety: MotorSafety) -> None:
+        self._safety = safety
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets everything; the motor has no command."""
+        self._weak = Debounce()
+        self._behind = Debounce()
+        self._recent: deque[tuple[float, MitCommand]] = deque()
+        self._implausible = 0
+
+    def update(
+        self, command: MitCommand, position: float, speed: float, torque: float, now: float
+    ) -> str:
+        """Updates with a reply; returns why the motor does not follow, empty while it does.
+
+        Args:
+            command: that was sent last.
+            position, speed, torque: as measured at `now` (s, monotonic), rad, rad/s, N m.
+        """
+        safety = self._safety
+        if not self._recent or command is not self._recent[-1][1]:
+            self._recent.append((now, command))
+        while len(self._recent) > 1 and self._recent[1][0] <= now - _RECENT:
+            self._recent.popleft()
+        torques = [commanded_torque(recent, position, speed) for _, recent in self._recent]
+        wanted = min(torques, key=abs)
+        delivered = torque if wanted >= 0 else -torque
+        weak = abs(wanted) > safety.follow_torque and delivered < safety.follow_share * abs(wanted)
+        weak_for = self._weak.update(weak, now)
+        error = command.position - position
+        behind = command.kp > 0 and abs(error) > safety.tracking_error and error * speed <= 0.0
+        behind_for = self._behind.update(behind, now)
+        lower, upper = self._plausible(min(torques), max(torques))
+        if lower <= torque <= upper:
+            self._implausible = 0
+        else:
+            self._implausible += 1
+        if self._implausible >= safety.strange_replies:
+            asked = f"{min(torques):.1f} to {max(torques):.1f}"
+            why = "is it off, or are its replies old?"
+            return f"does not follow: {torque:.1f} N m reported where {asked} are commanded; {why}"
+        if weak_for >= safety.follow_time:
+            return (
+                f"does not follow: {torque:.1f} N m reported where {wanted:.1f} are commanded; "
+                "is it off?"
+            )
+        if behind_for >= safety.tracking_time:
+            return (
+                f"does not follow: {error:+.2f} rad from its command; allowed is "
+                f"{safety.tracking_error:g}"
+            )
+        return ""
+
+    def _plausible(self, lower: float, upper: float) -> tuple[float, float]:
+        """Returns the torques (N m) that a motor may report which is asked for `lower` to
+        `upper`.
+        """
+        safety = self._safety
+        less = safety.torque_share
+        more = 2.0 - safety.torque_share
+        return (
+            min(less * lower, more * lower) - safety.torque_margin,
+            max(less * upper, more * upper) + safety.torque_margin,
+        )
+
+
+class ReplyCount:
+    """Counts the frames to one motor that are unanswered, and the replies that answer none of them.
+
+    A computer that is held up sends late and reads late: several replies in one cycle are none too
+    many while as many frames are owed. A frame that has no answer after `memory` was lost.
+
+    Args:
+        memory: s.
+
+    Attributes:
+        extra: replies too many, in cycles in a row.
+    """
+
+    def __init__(self, memory: float) -> None:
+        self._memory = memory
+        self._unanswered: deque[list[float]] = deque()
+        self.extra = 0
+
+    def clear(self) -> None:
+        """Forgets everything: the motor is switched on anew."""
+        self._unanswered.clear()
+        self.extra = 0
+
+    @property
+    def too_many(self) -> bool:
+        """Returns whether a second motor answers."""
+        return self.extra > MAX_EXTRA
+
+    def add(self, frames: int, replies: int, now: float) -> None:
+        """Adds what was sent and received in a cycle that ends at `now`, s."""
+        while self._unanswered and now - self._unanswered[0][0] > self._memory:
+            self._unanswered.popleft()
+        if frames:
+            self._unanswered.append([now, frames])
+        while replies and self._unanswered:
+            paid = min(replies, int(self._unanswered[0][1]))
+            replies -= paid
+            self._unanswered[0][1] -= paid
+            if not self._unanswered[0][1]:
+                self._unanswered.popleft()
+        # without frames of its own a motor may still be asked by the Teensy, which repeats its last
+        # order
+        if frames:
+            self.extra = self.extra + replies if replies else 0

@@ -1,0 +1,134 @@
+"""Steps from a car that is ready to one that drives: permission, standstill, motors, operator.
+
+Every step runs the loop of the guard, so that no device falls silent.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+from aerodima.hardware.car.safety_settings import DriveSafety
+from aerodima.hardware.devices.bno055 import Bno055Sample
+from aerodima.hardware.devices.sensor_threads import SensorThread
+from aerodima.hardware.driving.car_guard import CarGuard, Stage
+from aerodima.hardware.driving.drive_checks import Say, report, standstill_checks
+from aerodima.hardware.driving.plain_loop import idle_until
+from aerodima.hardware.protocol.radio import OperatorPrompt, RadioMode
+from aerodima.workbench.core.errors import HardwareError
+
+_PERMISSION_TIME = 3600.0
+"""Longest wait for a permission, s."""
+_SETTLE_TIME = 0.5
+"""s with the motors holding before their replies are judged."""
+_IDLE_NOTICE = 0.5
+"""s in which a switch at IDLE is received; after that the drive prints what it waits for."""
+_STOP_TIME = 5.0
+"""s within which the motors are off."""
+
+
+def await_permission(guard: CarGuard, confirm: Callable[[], bool] | None) -> None:
+    """Waits for the answer of `confirm`, which is asked on a thread of its own; None asks nobody.
+
+    Raises:
+        HardwareError: the car may not be armed, or has a reason to stop.
+    """
+    if confirm is None:
+        return
+    answers: list[bool] = []
+
+    def ask() -> None:
+        answers.append(confirm())
+
+    threading.Thread(target=ask, name="confirm", daemon=True).start()
+    idle_until(guard, lambda: bool(answers or guard.reason), _PERMISSION_TIME)
+    if guard.reason or not answers or not answers[0]:
+        raise HardwareError(f"not armed: {guard.reason or 'nobody said that the car may be armed'}")
+
+
+def check_standstill(
+    guard: CarGuard,
+    imu: SensorThread[Bno055Sample] | None,
+    safety: DriveSafety,
+    say: Say,
+) -> None:
+    """Raises `HardwareError` for a car that is moved, lies on its side, or whose IMU has frozen."""
+    samples: dict[float, Bno055Sample] = {}
+
+    def collect() -> bool:
+        if imu is not None and imu.newest is not None:
+            samples[imu.newest[0]] = imu.newest[1]
+        return False
+
+    idle_until(guard, collect, safety.still_time)
+    report(standstill_checks(list(samples.values()), guard.reading.imu, safety), say)
+
+
+def arm_motors(guard: CarGuard, timeout: float, check: Callable[[], None] | None) -> None:
+    """Arms the motors, and calls `check`, if there is one, once they hold.
+
+    Raises:
+        HardwareError: they do not take commands within `timeout` s, or `check` raises it; the
+            motors are off by then.
+    """
+    guard.arm(time.monotonic())
+    if not idle_until(guard, lambda: guard.ready, timeout):
+        failure = guard.reason or f"the motors do not take commands within {timeout:g} s"
+        guard.stop(failure, time.monotonic(), hard=True)
+        await_stop(guard)
+        raise HardwareError(f"arming failed: {failure}")
+    if check is None:
+        return
+    idle_until(guard, lambda: False, _SETTLE_TIME)
+    try:
+        check()
+    except HardwareError as error:
+        guard.stop(str(error), time.monotonic(), hard=True)
+        await_stop(guard)
+        raise
+
+
+def await_operator(guard: CarGuard, timeout: float, say: Say) -> RadioMode:
+    """Waits until the operator has been in IDLE and has chosen a mode, and lets the car drive.
+
+    Returns:
+        The mode; IDLE for a car that has stopped, after `timeout` s or for another reason.
+    """
+    end = time.monotonic() + timeout
+
+    def has_been_idle() -> bool:
+        return guard.prompt is not OperatorPrompt.RETURN_TO_IDLE
+
+    def has_chosen() -> bool:
+        mode = guard.reading.operator.mode
+        return guard.prompt is OperatorPrompt.SELECT_MODE and mode is not RadioMode.IDLE
+
+    if not idle_until(guard, has_been_idle, min(_IDLE_NOTICE, timeout)):
+        position = guard.reading.operator.mode.name
+        say(
+            f"the operator's switch stands on {position}: put it in IDLE first; nothing is obeyed "
+            "before"
+        )
+        idle_until(guard, has_been_idle, end - time.monotonic())
+    if guard.prompt is OperatorPrompt.SELECT_MODE:
+        say("waiting for the operator: AUTO runs the sequence, MANUAL and CONTROL drive by radio")
+    if idle_until(guard, has_chosen, end - time.monotonic()):
+        mode = guard.reading.operator.mode
+        guard.drive(mode, time.monotonic())
+        say(f"driving: {mode.name}")
+        return mode
+    if not guard.reason:
+        if guard.was_idle:
+            failure = "chose neither AUTO nor MANUAL nor CONTROL"
+        else:
+            failure = "did not put the switch in IDLE"
+        guard.stop(f"the operator {failure}", time.monotonic())
+    await_stop(guard)
+    return RadioMode.IDLE
+
+
+def await_stop(guard: CarGuard) -> None:
+    """Runs the loop until the motors are off; one that was never armed has nothing to wait for."""
+    if guard.stage is not Stage.READY:
+        idle_until(guard, lambda: guard.finished, _STOP_TIME)

@@ -1,0 +1,134 @@
+"""Zeros of the motors: their angles while somebody holds the tail upright."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable
+from contextlib import closing, suppress
+from pathlib import Path
+
+import numpy as np
+
+from aerodima.hardware.car.car_ports import JOINTS, CarPorts, Joint
+from aerodima.hardware.car.mounting import load_mounting
+from aerodima.hardware.car.wiring import WiringName
+from aerodima.hardware.devices.device_states import FramePort
+from aerodima.hardware.devices.teensy_link import TeensyLink
+from aerodima.hardware.driving.plain_loop import PERIOD
+from aerodima.hardware.protocol.ak70 import decode_reply, make_enter, make_exit, make_neutral
+from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.transport.can_bus import CanBus
+from aerodima.hardware.transport.device_lock import can_address, lock_devices
+from aerodima.hardware.transport.serial_link import SerialLink
+from aerodima.workbench.core.atomic_write import write_atomically
+from aerodima.workbench.core.errors import HardwareError
+
+_CYCLES = 80
+"""Cycles of 10 ms of a reading."""
+_EXIT_CYCLES = 20
+"""First cycles, in which the motors are switched off before they are entered."""
+_FIRST_READ = 30
+"""Cycle after which replies are read."""
+_MIN_REPLIES = 20
+"""Fewest replies that give a position."""
+_MAX_SPREAD = math.radians(1.0)
+"""Largest movement of a joint that counts as held still, rad."""
+
+
+def read_motor_angles(ports: CarPorts, wiring: WiringName) -> dict[Joint, float]:
+    """Reads the angles of the motors (rad, of the motor itself) while somebody holds the tail: no
+    gains, no torque.
+
+    Raises:
+        HardwareError: a port that cannot be opened, a motor that does not answer, or one that is
+            moved meanwhile.
+    """
+    purpose = "the setting of the zero"
+    if wiring == "teensy_bridge":
+        with (
+            lock_devices([ports.teensy.path], purpose),
+            closing(SerialLink.open(ports.teensy)) as serial,
+        ):
+            teensy = TeensyLink(serial, ports.motor_ids, ports.profile)
+            return _read_angles(ports, teensy, teensy.commit)
+    can = ports.adapter(wiring)
+    with (
+        lock_devices([can_address(can)], purpose),
+        closing(CanBus.open(can, listen={0, *ports.motor_ids})) as bus,
+    ):
+        return _read_angles(ports, bus, lambda: None)
+
+
+def write_zeros(path: Path, angles: dict[Joint, float]) -> None:
+    """Writes the present angles of the motors into a ports file as their zeros; the tail must stand
+    upright.
+
+    Raises:
+        HardwareError: the file cannot be read or written.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise HardwareError(f"{path}: cannot be read as JSON: {error}") from None
+    for number, (joint, angle) in enumerate(angles.items(), start=1):
+        part = data.setdefault(joint, {"motor_id": number})
+        part["zero"] = round(angle, 5)
+    write_atomically(path, json.dumps(data, indent=1) + "\n", True, HardwareError)
+
+
+def joint_angles(ports: CarPorts, angles: dict[Joint, float]) -> dict[Joint, float]:
+    """Converts motor angles to joint angles (rad) by the zeros of the ports file."""
+    mounting = load_mounting()
+    signs = {"tail_pitch": mounting.tail_pitch_direction, "tail_roll": mounting.tail_roll_direction}
+    parts = {"tail_pitch": ports.tail_pitch, "tail_roll": ports.tail_roll}
+    return {
+        j: (parts[j].direction or signs[j]) * (angle - parts[j].zero) for j, angle in angles.items()
+    }
+
+
+def _read_angles(
+    ports: CarPorts, port: FramePort, commit: Callable[[], None]
+) -> dict[Joint, float]:
+    """Asks both motors with zero gains for a while, then switches them off."""
+    ids = dict(zip(ports.motor_ids, JOINTS, strict=True))
+    positions: dict[Joint, list[float]] = {joint: [] for joint in JOINTS}
+    try:
+        for cycle in range(_CYCLES):
+            for motor_id in ids:
+                if cycle < _EXIT_CYCLES:
+                    port.send(make_exit(motor_id))
+                elif cycle == _EXIT_CYCLES:
+                    port.send(make_enter(motor_id))
+                else:
+                    port.send(make_neutral(motor_id, ports.profile))
+            commit()
+            time.sleep(PERIOD)
+            for _, frame in port.poll():
+                with suppress(FrameError):
+                    reply = decode_reply(frame, ports.profile)
+                    if reply.motor_id in ids and cycle > _FIRST_READ:
+                        positions[ids[reply.motor_id]].append(reply.position)
+    finally:
+        for _ in range(5):
+            for motor_id in ids:
+                port.send(make_exit(motor_id), urgent=True)
+            commit()
+            time.sleep(PERIOD)
+        port.flush()
+    return {joint: _steady(joint, values) for joint, values in positions.items()}
+
+
+def _steady(joint: Joint, values: list[float]) -> float:
+    """Returns the median of angles (rad); `HardwareError` for few of them or a motor that moved."""
+    if len(values) < _MIN_REPLIES:
+        raise HardwareError(
+            f"{joint}: {len(values)} replies; is the motor powered, is its id right?"
+        )
+    if max(values) - min(values) > _MAX_SPREAD:
+        spread = math.degrees(max(values) - min(values))
+        raise HardwareError(
+            f"{joint}: moved by {spread:.1f} degrees meanwhile; hold the tail still"
+        )
+    return float(np.median(values))

@@ -1,0 +1,184 @@
+"""The record of a watchdog test: what allows the motors of a wiring to be armed.
+
+`aerodima.hardware.driving.watchdog_test.run_watchdog_test` makes one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field
+
+from aerodima.hardware.car.car_ports import JOINTS, CarPorts, is_emulated_port
+from aerodima.hardware.car.safety_settings import load_drive_safety
+from aerodima.hardware.car.wiring import WiringName
+from aerodima.hardware.firmware.teensy_firmware import firmware_hash
+from aerodima.workbench.core.atomic_write import write_atomically
+from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.resources import model_path
+from aerodima.workbench.core.yaml_files import StrictModel, checked
+from aerodima.workbench.logs.schema import software_versions
+
+SCHEMA = "aerodima/watchdog_test/2"
+
+
+class WatchdogRecord(StrictModel):
+    """Result of a watchdog test.
+
+    Attributes:
+        time_to_exit: s from the cut to the Teensy's report that it has switched the motors off.
+        cut: what was cut.
+        seen_off_by: who saw that the motors were off.
+        emulated: made on an emulator; void for real motors.
+        firmware: `teensy_hash`.
+        ports: as `CarPorts`.
+    """
+
+    schema_: Literal["aerodima/watchdog_test/2"] = Field(
+        default="aerodima/watchdog_test/2", alias="schema"
+    )
+    wiring: WiringName
+    cut: str
+    time_to_exit: float = Field(ge=0.0)
+    seen_off_by: str = Field(min_length=1)
+    emulated: bool
+    firmware: str
+    created: str
+    versions: dict[str, str]
+    ports: dict[str, Any]
+
+
+def new_record(
+    wiring: WiringName, ports: CarPorts, cut: str, time_to_exit: float, seen_off_by: str
+) -> WatchdogRecord:
+    """Makes the record of a test made now; arguments as the fields of `WatchdogRecord`.
+
+    Raises:
+        HardwareError: the exit frames came later than `longest_watchdog_test` of the drive's
+            limits.
+    """
+    longest = load_drive_safety().longest_watchdog_test
+    if time_to_exit > longest:
+        raise HardwareError(
+            f"watchdog test of {wiring}: exit frames {time_to_exit:.3f} s after the cut; allowed "
+            f"is {longest:g} s"
+        )
+    return WatchdogRecord.model_validate(
+        {
+            "wiring": wiring,
+            "cut": cut,
+            "time_to_exit": time_to_exit,
+            "seen_off_by": seen_off_by,
+            "emulated": is_emulated(wiring, ports),
+            "firmware": teensy_hash(),
+            "created": datetime.now(UTC).isoformat(),
+            "versions": software_versions(),
+            "ports": ports.model_dump(mode="json", by_alias=True),
+        }
+    )
+
+
+def record_path(
+    wiring: WiringName, folder: Path | None = None, ports: CarPorts | None = None
+) -> Path:
+    """Returns the path of the record of a wiring; `folder` None: in the user's state folder
+    (`XDG_STATE_HOME`).
+
+    With the `ports` of an emulated car it is beside them, so that the record of the real car stays
+    as it is.
+    """
+    if folder is None and ports is not None and is_emulated_port(ports.teensy.path):
+        folder = Path(ports.teensy.path).parent.parent
+    state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+    return (folder or state / "aerodima" / "watchdog_tests") / f"{wiring}.json"
+
+
+def write_record(record: WatchdogRecord, folder: Path | None = None) -> Path:
+    """Writes a record in the place of an older one; `HardwareError` if it cannot be written."""
+    text = json.dumps(record.model_dump(mode="json", by_alias=True), indent=1) + "\n"
+    if folder:
+        ports = None
+    else:
+        ports = CarPorts.model_validate(record.ports)
+    return write_atomically(record_path(record.wiring, folder, ports), text, True, HardwareError)
+
+
+def read_record(path: Path) -> WatchdogRecord:
+    """Reads a record. Raises `HardwareError` that names the file and what is wrong."""
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise HardwareError(f"{path}: cannot be read as JSON: {error}") from None
+    return checked(WatchdogRecord, data, str(path), HardwareError, schema=SCHEMA)
+
+
+def require_watchdog_test(
+    wiring: WiringName, ports: CarPorts, folder: Path | None = None
+) -> WatchdogRecord:
+    """Returns the record that allows arming the motors of these ports.
+
+    Raises:
+        HardwareError: there is none for the wiring, it was made on the emulator and the motors are
+            real, or what it has shown has changed since: adapter or Teensy, motor ids, firmware
+            profile, firmware, timing.
+    """
+    path = record_path(wiring, folder, ports)
+    again = f"make one with `aerodima drive watchdog-test SCENARIO --wiring {wiring}`"
+    if not path.exists():
+        raise HardwareError(f"no watchdog test of {wiring} is recorded ({path}); {again}")
+    record = read_record(path)
+    emulated = is_emulated(wiring, ports)
+    changed = [] if emulated else _changed_ports(wiring, record, ports)
+    reason = ""
+    if record.wiring != wiring:
+        reason = f"is of the wiring {record.wiring}; allowed: {wiring}"
+    elif record.emulated and not emulated:
+        reason = "was made on the emulator; the motors are real"
+    elif record.firmware != teensy_hash():
+        reason = "was made with another firmware of the Teensy, or other timing"
+    elif changed:
+        reason = f"was made with other ports: {', '.join(changed)}"
+    elif record.time_to_exit > load_drive_safety().longest_watchdog_test:
+        reason = f"took {record.time_to_exit:g} s: too long"
+    if reason:
+        raise HardwareError(f"{path}: the watchdog test {reason}; {again}")
+    return record
+
+
+def is_emulated(wiring: WiringName, ports: CarPorts) -> bool:
+    """Returns whether the motors hang on a port of an emulator or on a bus within this process,
+    where no real motor can be.
+
+    A socketcand of this computer counts as real: it may stand before a real adapter.
+    """
+    if wiring == "teensy_bridge":
+        return is_emulated_port(ports.teensy.path)
+    can = ports.adapter(wiring)
+    return can.interface == "virtual" or (
+        can.interface == "slcan" and is_emulated_port(can.channel)
+    )
+
+
+def teensy_hash() -> str:
+    """Returns the SHA-256 over `firmware_hash` and the timing that is exported with the firmware;
+    64 hexadecimal digits.
+    """
+    timing = model_path("parameters/hardware/teensy_firmware.yaml")
+    return hashlib.sha256(firmware_hash().encode() + b"\0" + timing.read_bytes()).hexdigest()
+
+
+def _changed_ports(wiring: WiringName, record: WatchdogRecord, ports: CarPorts) -> list[str]:
+    """Returns what the test was made with and is not so now: the way to the motors, and who they
+    are.
+    """
+    before = record.ports
+    now = ports.model_dump(mode="json", by_alias=True)
+    ways = {"teensy_bridge": ["teensy"], "watched_can": ["can", "teensy"]}[wiring]
+    changed = [key for key in (*ways, "firmware_profile") if before.get(key) != now[key]]
+    others = [j for j in JOINTS if (before.get(j) or {}).get("motor_id") != now[j]["motor_id"]]
+    return [*changed, *(f"{joint}.motor_id" for joint in others)]

@@ -1,0 +1,1 @@
+"""Calibration of the car against the published turns."""

@@ -1,0 +1,304 @@
+"""The calibration: runs of reduced and full cars through the engine, posteriors of the cars, and
+what tests them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import expit, log_expit, log_ndtr, logit
+
+from aerodima.optimisation.calibrate.calibration_plan import (
+    DISCREPANCY,
+    LIFT,
+    MAX_POSTERIOR_SAMPLES,
+    ROLL_DISCREPANCY,
+    CalibrationPlan,
+    CarPrior,
+    Figure,
+    figures_of,
+    lift_of,
+)
+from aerodima.optimisation.calibrate.surrogate import METRICS, Surrogate, TurnResults
+from aerodima.optimisation.calibrate.turn_runs import (
+    WorkItem,
+    prior_of,
+    run_full,
+    run_reduced,
+    search_full,
+)
+from aerodima.optimisation.studies.runs import CachedRunner
+from aerodima.workbench.batch.row_store import Row
+from aerodima.workbench.core.array_types import FloatArray
+
+REDUCED_PER_ITEM = 300
+"""Reduced cars in one item of work."""
+FULL_PER_ITEM = 4
+"""Full cars in one item of work."""
+MIDDLE_FRICTION = 0.67
+"""Friction in the middle of the first search for a flip."""
+WIDE_REACH = 0.8
+"""Reach of the first search in the logarithm of the friction."""
+NARROW_REACH = 0.4
+"""Reach of the second search in the logarithm of the friction."""
+FULL_REACH = {"none": 0.05, "held": 0.05, "swing": 0.15}
+"""Steps of the search for the flip of a full car from that of the reduced one."""
+LIFT_WIDTH = 0.1
+"""Width of the yaw rate at which the inner wheels lift, rad/s."""
+STARTS = 20_000
+"""Cars of the prior of which the likeliest start the sampler."""
+
+
+def fit_surrogate(plan: CalibrationPlan, runs: CachedRunner) -> Surrogate:
+    """Runs the reduced cars and the full cars of a plan, and fits the surrogate to them.
+
+    The first wave of reduced cars is spread over the prior; a rough posterior says where the second
+    wave, and one of both waves where the full cars are needed.
+    """
+    prior = prior_of(plan)
+    figures = figures_of(plan)
+    size = plan.size
+    seed = plan.seed
+    first = prior.spread(size.cars // 2, seed)
+    wide = _reduced(plan, runs, first, WIDE_REACH)
+    surrogate = Surrogate.from_reduced(prior, first, wide)
+    # The rough posterior is wide, so it settles later.
+    rough = sample(surrogate, figures, seed, steps=2 * size.steps)
+    second = _different(rough.cars, size.cars, seed)
+    narrow = _reduced(plan, runs, second, NARROW_REACH)
+    both = {
+        turn: {name: wide[turn][name] + narrow[turn][name] for name in narrow[turn]}
+        for turn in narrow
+    }
+    surrogate = Surrogate.from_reduced(prior, np.vstack([first, second]), both)
+    posterior = sample(surrogate, figures, seed)
+    full = _different(posterior.cars, size.full, seed)
+    return surrogate.corrected(full, _full_flips(plan, runs, full, surrogate))
+
+
+def _reduced(
+    plan: CalibrationPlan, runs: CachedRunner, cars: FloatArray, reach: float
+) -> TurnResults:
+    """Runs `run_reduced` for cars (m, n) by name of the turn; the flip is searched around the
+    friction of each car.
+
+    The wide search is around the middle of what friction may be.
+    """
+    runs.stage = "reduced cars"
+    items = []
+    for turn in plan.turns:
+        own = cars.copy()
+        if reach == WIDE_REACH:
+            own[:, prior_of(plan).column(turn.friction)] = MIDDLE_FRICTION
+        for part in _parts(len(own), REDUCED_PER_ITEM):
+            items.append(WorkItem(plan, turn, _numbers(own[part]), reach))
+    return _joined(_by_turn(run_reduced, runs, items))
+
+
+def _full_flips(
+    plan: CalibrationPlan, runs: CachedRunner, cars: FloatArray, surrogate: Surrogate
+) -> TurnResults:
+    """Runs `search_full` for cars (m, n) by name of the turn, around the friction at which they
+    flip by the surrogate.
+    """
+    runs.stage = "full cars"
+    items = []
+    for turn in plan.turns:
+        reach = FULL_REACH[turn.tail]
+        for car, margin in zip(cars, surrogate.margin(cars, turn).tolist(), strict=True):
+            item = WorkItem(plan, turn, _numbers(car[None]), reach, margins=(margin,))
+            items.append(item)
+    return _joined(_by_turn(search_full, runs, items))
+
+
+def _joined(results: Mapping[str, list[Any]]) -> TurnResults:
+    """Joins the results of the items of each turn."""
+    joined = {}
+    for turn, parts in results.items():
+        joined[turn] = {name: [one for part in parts for one in part[name]] for name in parts[0]}
+    return joined
+
+
+def _parts(count: int, size: int) -> list[slice]:
+    return [slice(first, first + size) for first in range(0, count, size)]
+
+
+def _numbers(cars: FloatArray) -> tuple[tuple[float, ...], ...]:
+    return tuple(map(tuple, cars.tolist()))
+
+
+def _different(cars: FloatArray, number: int, seed: int) -> FloatArray:
+    """Returns so many of the drawn cars (m, n), no two alike: a sampler that stays
+    repeats a car.
+    """
+    return np.random.default_rng(seed).permutation(np.unique(cars, axis=0))[:number]
+
+
+def _by_turn(
+    work: Callable[[WorkItem], Any], runs: CachedRunner, items: Sequence[WorkItem]
+) -> dict[str, list[Any]]:
+    """Runs items, which are handed out together, and returns their results by name of the turn."""
+    results: dict[str, list[Any]] = {}
+    keys = [item.key(work.__name__) for item in items]
+    for item, result in zip(items, runs.map(work, items, keys), strict=True):
+        results.setdefault(item.turn.name, []).append(result)
+    return results
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Cars that the figures of some tables leave possible.
+
+    Attributes:
+        cars: drawn with equal weights (m, n).
+        size: effective sample size, that of the worst coordinate.
+        length: steps that were kept over the longest autocorrelation time.
+    """
+
+    cars: FloatArray
+    size: float
+    length: float
+
+
+def log_likelihood(surrogate: Surrogate, figures: Sequence[Figure], cars: FloatArray) -> FloatArray:
+    """Computes the logarithm of the probability (m) of figures and of all outcomes, given cars (m,
+    n).
+
+    The trigger of the thesis' law is the yaw rate up to which the inner wheels stay on the ground:
+    a car whose wheel lifts below it is unlikely, with a width of `LIFT_WIDTH`.
+    """
+    plan = surrogate.prior.plan
+    margins = {turn.name: surrogate.margin(cars, turn) for turn in plan.turns}
+    total = surrogate.log_outcomes(margins)
+    for turn in plan.turns:
+        if turn.table:
+            values = surrogate.values(cars, turn, margins[turn.name])
+            for figure in figures:
+                if figure.turn.name == turn.name:
+                    shown = values[:, METRICS.index(figure.metric)]
+                    total += log_density(surrogate, figure, cars, shown)
+            lift = lift_of(plan)
+            if turn == lift.turn:
+                width = np.hypot(LIFT_WIDTH, surrogate.deviation(lift))
+                total += log_ndtr((values[:, METRICS.index(LIFT)] - lift.published) / width)
+    return total
+
+
+def log_density(
+    surrogate: Surrogate, figure: Figure, cars: FloatArray, values: FloatArray | None = None
+) -> FloatArray:
+    """Computes the logarithm of the density of a published figure given cars (m, n), per share of
+    the figure (m).
+
+    The model is off by a share of what it predicts.
+
+    Args:
+        values: of the figure (m), where they are known already.
+    """
+    if values is None:
+        values = surrogate.value(cars, figure)
+    spread = spread_of(surrogate, figure, cars, values)
+    off = (figure.published - values) / spread
+    normaliser = spread * np.sqrt(2.0 * np.pi) / abs(figure.published)
+    return np.asarray(-0.5 * off * off - np.log(normaliser))
+
+
+def spread_of(
+    surrogate: Surrogate, figure: Figure, cars: FloatArray, values: FloatArray
+) -> FloatArray:
+    """Computes the standard deviation (m) of the published figure around what cars (m, n) show (m),
+    in its unit.
+
+    A rate and its integral are off by different shares; the integral of a gyro gathers what the
+    rate averages out.
+    """
+    name = ROLL_DISCREPANCY if figure.metric == "roll_integral_rad" else DISCREPANCY
+    share = cars[:, surrogate.prior.column(name)]
+    return np.asarray(np.hypot(share * values, surrogate.deviation(figure)))
+
+
+def sample(
+    surrogate: Surrogate,
+    figures: Sequence[Figure],
+    seed: int,
+    prior: CarPrior | None = None,
+    steps: int | None = None,
+) -> Posterior:
+    """Draws from the posterior given some figures and all outcomes, with an ensemble sampler
+    (emcee).
+
+    It walks in the logit of each range, so that no step leaves it.
+
+    Args:
+        prior: another one than that of the surrogate, inside its ranges.
+        steps: in place of those of the plan.
+    """
+    import emcee
+
+    prior = prior or surrogate.prior
+    size = surrogate.prior.plan.size
+    steps = steps or size.steps
+
+    low, high = prior.ranges.T
+
+    def cars_at(points: FloatArray) -> FloatArray:
+        return low + (high - low) * expit(points)
+
+    def log_posterior(points: FloatArray) -> FloatArray:
+        cars = cars_at(points)
+        density = prior.log_density(cars)
+        density = density + np.sum(log_expit(points) + log_expit(-points), axis=1)
+        can_be = np.isfinite(density)
+        density[can_be] += log_likelihood(surrogate, figures, cars[can_be])
+        return density
+
+    spread = prior.spread(STARTS, seed)
+    starts = logit(np.clip((spread - low) / (high - low), 1e-6, 1.0 - 1e-6))
+    best = np.argsort(log_posterior(starts))[::-1][: size.walkers]
+    moves = [
+        (emcee.moves.DEMove(), 0.8),
+        (emcee.moves.DESnookerMove(), 0.1),
+        (emcee.moves.StretchMove(), 0.1),
+    ]
+    sampler = emcee.EnsembleSampler(
+        size.walkers, starts.shape[1], log_posterior, moves=moves, vectorize=True
+    )
+    sampler.random_state = np.random.RandomState(seed).get_state()
+    sampler.run_mcmc(starts[best], steps, skip_initial_state_check=True)
+    burn = steps // 3
+    chain = cars_at(sampler.get_chain(discard=burn))
+    with np.errstate(invalid="ignore"):  # a chain too short to move
+        longest = float(np.nanmax(emcee.autocorr.integrated_time(chain, tol=0)))
+    flat = chain.reshape(-1, chain.shape[2])
+    number = len(flat)
+    drawn = np.random.default_rng(seed).choice(
+        number, min(MAX_POSTERIOR_SAMPLES, number), replace=False
+    )
+    return Posterior(flat[drawn], number / longest, len(chain) / longest)
+
+
+@dataclass(frozen=True)
+class FineRuns:
+    """Cars (m, n) of a posterior, and the rows of `run_full` (m) of every turn at the fine step, by
+    its name.
+    """
+
+    cars: FloatArray
+    rows: dict[str, list[Row]]
+
+
+def run_fine(plan: CalibrationPlan, posterior: Posterior, runs: CachedRunner) -> FineRuns:
+    """Runs cars of a posterior through every turn with the full car at the plan's fine step."""
+    cars = _different(posterior.cars, plan.size.ensemble, plan.seed)
+    runs.stage = "full cars"
+    items = []
+    for turn in plan.turns:
+        for part in _parts(len(cars), FULL_PER_ITEM):
+            item = WorkItem(plan, turn, _numbers(cars[part]), step=plan.size.fine_step)
+            items.append(item)
+    results = _by_turn(run_full, runs, items)
+    rows = {turn: [row for part in parts for row in part] for turn, parts in results.items()}
+    return FineRuns(cars, rows)

@@ -1,0 +1,403 @@
+"""The plan of a calibration and its prior: a simulated and a real car that share a body, each with
+tyres of its own.
+
+A plan is a file of `models/calibration/plans` (schema `aerodima/calibration-plan/3`). A car of the
+prior is a point of `CarPrior.names`: the body, the tyres of both systems, what stands between
+motion and print, and the discrepancies.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Annotated, Any, Literal, Self, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, Field, model_validator
+from scipy.stats import norm, qmc
+
+from aerodima.workbench.car.car_model import chassis_centre
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import ScenarioError
+from aerodima.workbench.core.key_errors import nearest
+from aerodima.workbench.core.yaml_files import StrictModel, checked, find_file, read_yaml
+from aerodima.workbench.metrics.published_values import (
+    Platform,
+    inner_lift_yaw_rate,
+    published_values,
+)
+from aerodima.workbench.scenario.scenario import (
+    SECTIONS,
+    Scenario,
+    load_parameter_entries,
+    load_scenario,
+)
+
+FRICTION = "car.tyre_friction"
+SLIP = "car.tyre_slip_angle"
+CAUSAL_FILTER_THRESHOLD = 0.5
+"""Value of `forward` above which the filter runs in one direction."""
+MAX_NUISANCES = {"window": 1.2, "latency": 0.3}
+"""Largest values, s; what is recorded around the steering allows no more."""
+MAX_POSTERIOR_SAMPLES = 2000
+"""Cars of a posterior that are kept."""
+DISCREPANCY = "discrepancy"
+ROLL_DISCREPANCY = "discrepancy of roll"
+LIFT = "lift_yaw_rate_rad_per_s"
+FIGURES = (
+    "max_yaw_rate_rad_per_s",
+    "average_yaw_rate_rad_per_s",
+    "max_linear_acceleration_m_per_s2",
+    "average_linear_acceleration_m_per_s2",
+    "roll_integral_rad",
+)
+"""Metrics that carry information of their own: Kohut is speed times yaw rate, the speed is
+commanded."""
+SCHEMA = "aerodima/calibration-plan/3"
+
+
+def _ordered(ends: tuple[float, float]) -> tuple[float, float]:
+    low, high = ends
+    if not low < high:
+        raise ValueError(f"{low:g} to {high:g}; the lower end must come first")
+    return ends
+
+
+Range = Annotated[tuple[float, float], AfterValidator(_ordered)]
+"""Lower and upper end."""
+Ends = Literal["survived", "flipped"]
+Tail = Literal["none", "held", "swing"]
+Nuisance = Literal["window", "latency", "gyro_bias", "forward"]
+NUISANCES: tuple[Nuisance, ...] = get_args(Nuisance)
+
+
+class Turn(StrictModel):
+    """One published turn: system, tail mode, speed (m/s), how it ended, and the table that has its
+    figures.
+    """
+
+    system: Platform
+    tail: Tail
+    speed: float = Field(gt=0)
+    ends: Ends
+    table: str = ""
+
+    @property
+    def name(self) -> str:
+        """Unique in a plan."""
+        return f"{self.system} {self.tail} {self.speed:g}"
+
+    @property
+    def friction(self) -> str:
+        """Name of the coordinate that is the friction of its tyres."""
+        return f"{self.system} {FRICTION}"
+
+
+class NormalPrior(StrictModel):
+    """A normal prior in place of a uniform one, cut at the range of the parameter."""
+
+    mean: float
+    deviation: float = Field(gt=0)
+    reason: str = Field(min_length=1)
+
+
+class Budget(StrictModel):
+    """Number of cars, runs and steps.
+
+    Attributes:
+        cars: reduced cars of a rough posterior that drive every turn, after half as many of the
+            prior.
+        rounds: of the search for the friction at which each of them flips.
+        full: full cars that drive every turn and correct the reduced ones.
+        full_rounds: runs of the search for the friction at which each of them flips.
+        walkers, steps: of the sampler, for each posterior; the first third of the steps is dropped.
+        ensemble: posterior cars that are run again with the full car.
+        fine_step: of these runs, s.
+    """
+
+    cars: Annotated[int, Field(ge=40, le=20_000)]
+    rounds: Annotated[int, Field(ge=2, le=10)]
+    full: Annotated[int, Field(ge=4, le=1000)]
+    full_rounds: Annotated[int, Field(ge=2, le=10)]
+    walkers: Annotated[int, Field(ge=60, le=2000)]
+    steps: Annotated[int, Field(ge=10, le=1_000_000)]
+    ensemble: Annotated[int, Field(ge=1, le=1000)]
+    fine_step: Annotated[float, Field(gt=0, le=0.002)]
+
+
+class CalibrationPlan(StrictModel):
+    """A plan as its file has it; the file says what each entry means."""
+
+    schema_: str = Field(alias="schema")
+    name: str = Field(min_length=1, max_length=80)
+    seed: int = Field(ge=0)
+    body: tuple[str, ...] = Field(min_length=1)
+    each: tuple[Literal["car.tyre_friction"], Literal["car.tyre_slip_angle"]]
+    ranges: dict[str, Range]
+    density: dict[str, NormalPrior]
+    nuisances: dict[Nuisance, Range]
+    discrepancy: Range
+    discrepancy_of_roll: Range
+    outcome_width: dict[Tail, Annotated[float, Field(gt=0, le=1)]]
+    turns: tuple[Turn, ...] = Field(min_length=1)
+    settings: dict[Platform, tuple[str, ...]]
+    left_out: dict[str, str]
+    size: Budget
+
+    @model_validator(mode="after")
+    def _is_consistent(self) -> Self:
+        self._require_known_names()
+        self._require_nuisances()
+        self._require_tables()
+        size = self.size
+        unknowns = len(self.body) + 2 * len(self.each) + len(NUISANCES) + 2
+        if size.walkers < 2 * unknowns:
+            raise ValueError(
+                f"size: walkers: {size.walkers}; must be at least {2 * unknowns}, twice the "
+                "unknowns"
+            )
+        together = size.cars + size.full
+        most = min(MAX_POSTERIOR_SAMPLES, size.walkers * size.steps)
+        if together > most:
+            raise ValueError(f"size: cars and full: {together}; must be at most {most} together")
+        return self
+
+    def _require_known_names(self) -> None:
+        keys = {*self.body, *self.each}
+        of_systems = {f"{turn.system} {key}" for turn in self.turns for key in self.each}
+        tables = {published.source for published in published_values()}
+        figures = {f"{table} {metric}" for table in tables for metric in FIGURES}
+        shown = {turn.table for turn in self.turns if turn.table}
+        for place, names, known in (
+            ("ranges", set(self.ranges), keys | of_systems),
+            ("density", set(self.density), keys),
+            ("left_out", set(self.left_out), figures),
+            ("turns: table", shown, tables),
+        ):
+            for name in sorted(names - known):
+                raise ValueError(f"{place}: {name!r}; {nearest(name, sorted(known))}")
+        for tail in sorted({turn.tail for turn in self.turns} - set(self.outcome_width)):
+            raise ValueError(
+                f"outcome_width: {tail!r} is missing; needed is one for the tail of every turn"
+            )
+
+    def _require_nuisances(self) -> None:
+        missing = set(NUISANCES) - set(self.nuisances)
+        if missing:
+            raise ValueError(f"nuisances: missing: {', '.join(sorted(missing))}")
+        for name, (low, high) in self.nuisances.items():
+            most = MAX_NUISANCES.get(name, high)
+            if name in MAX_NUISANCES and not 0.0 <= low < high <= most:
+                raise ValueError(
+                    f"nuisances: {name}: {low:g} to {high:g} s; must be within 0 to {most:g} s"
+                )
+
+    def _require_tables(self) -> None:
+        shown = [turn.table for turn in self.turns if turn.table]
+        names = [*shown, *(turn.name for turn in self.turns)]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"turns: duplicate {name!r}")
+        used = {figure.turn.table for figure in figures_of(self)}
+        if len(shown) < 2 or used != set(shown):
+            raise ValueError(
+                f"turns: tables {', '.join(shown) or 'none'}; needed are two with figures that "
+                "are not left out"
+            )
+
+
+def load_plan(name_or_path: str | Path = "two_systems") -> CalibrationPlan:
+    """Loads a plan by path, or by name from `models/calibration/plans`.
+
+    Raises:
+        ScenarioError: names the file, the key and what is allowed.
+    """
+    path = find_file(name_or_path, "calibration/plans", "calibration plan")
+    plan = checked(CalibrationPlan, read_yaml(path), str(path), schema=SCHEMA)
+    for key in (*plan.body, *plan.each):
+        _prior_range(key, str(path))
+    return plan
+
+
+def _prior_range(key: str, where: str = "prior") -> Range:
+    section, _, name = key.partition(".")
+    if section not in SECTIONS:
+        raise ScenarioError(
+            f"{where}: {key}: {section!r} is no section; {nearest(section, list(SECTIONS))}"
+        )
+    entries = load_parameter_entries(section)
+    if name not in entries:
+        raise ScenarioError(f"{where}: {key}: unknown key; {nearest(name, list(entries))}")
+    prior = entries[name].prior
+    if prior is None:
+        known = [f"{section}.{other}" for other in entries if entries[other].prior is not None]
+        others = ", ".join(sorted(known))
+        raise ScenarioError(f"{where}: {key}: has no prior range; allowed in {section}: {others}")
+    return prior
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One published figure that cars are held to.
+
+    Attributes:
+        turn: that shows it.
+        metric: name with unit.
+        published: value, in the unit of the metric.
+    """
+
+    turn: Turn
+    metric: str
+    published: float
+
+    @property
+    def name(self) -> str:
+        """Unique: table and metric."""
+        return f"{self.turn.table} {self.metric}"
+
+
+def figures_of(plan: CalibrationPlan) -> tuple[Figure, ...]:
+    """Returns the figures that cars are compared with, in the order of the tables."""
+    rows = {published.source: published.metrics for published in published_values()}
+    figures = []
+    for turn in plan.turns:
+        for metric in FIGURES if turn.table else ():
+            figure = Figure(turn, metric, getattr(rows[turn.table], metric))
+            if figure.name not in plan.left_out:
+                figures.append(figure)
+    return tuple(figures)
+
+
+def lift_of(plan: CalibrationPlan) -> Figure:
+    """Returns the yaw rate up to which both inner wheels stay on the ground (thesis 6.3.4), of the
+    first turn with a table.
+    """
+    return Figure(next(turn for turn in plan.turns if turn.table), LIFT, inner_lift_yaw_rate())
+
+
+@dataclass(frozen=True)
+class CarPrior:
+    """Prior of both cars at once.
+
+    Attributes:
+        plan: that states it.
+        names: of the coordinates of a car, the columns of all arrays of cars (m, n).
+        ranges: lowest and highest value (n, 2), in the unit of each parameter.
+    """
+
+    plan: CalibrationPlan
+    names: tuple[str, ...] = field(init=False)
+    ranges: FloatArray = field(init=False)
+    _base: Scenario = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        plan = self.plan
+        keys = list(plan.body)
+        for system in dict.fromkeys(turn.system for turn in plan.turns):
+            keys += [f"{system} {key}" for key in plan.each]
+        ranges = []
+        for key in keys:
+            name = key.split()[-1]
+            ranges.append(plan.ranges.get(key) or plan.ranges.get(name) or _prior_range(name))
+        ranges += [plan.nuisances[name] for name in NUISANCES]
+        ranges += [plan.discrepancy, plan.discrepancy_of_roll]
+        names = (*keys, *NUISANCES, DISCREPANCY, ROLL_DISCREPANCY)
+        for name, value in (
+            ("names", names),
+            ("ranges", np.array(ranges)),
+            ("_base", load_scenario("turn_swing")),
+        ):
+            object.__setattr__(self, name, value)
+
+    def column(self, name: str) -> int:
+        """Returns the index of a coordinate."""
+        return self.names.index(name)
+
+    def inputs(self, system: Platform) -> list[int]:
+        """Returns the columns that a turn of a system depends on, its friction and slip angle
+        last.
+        """
+        nuisances = NUISANCES if system == "physical" else NUISANCES[:1]
+        tyres = [f"{system} {key}" for key in reversed(self.plan.each)]
+        return [self.column(name) for name in (*self.plan.body, *nuisances, *tyres)]
+
+    def scaled(self, cars: FloatArray) -> FloatArray:
+        """Scales cars (m, n) to -1 to 1 from end to end of each range; `forward` is a switch and
+        has -1 or 1 alone.
+        """
+        low, high = self.ranges.T
+        scaled: FloatArray = 2.0 * (cars - low) / (high - low) - 1.0
+        forward = self.column("forward")
+        scaled[:, forward] = np.where(cars[:, forward] > CAUSAL_FILTER_THRESHOLD, 1.0, -1.0)
+        return scaled
+
+    def log_density(self, cars: FloatArray) -> FloatArray:
+        """Returns the logarithm of the density (m), up to a constant; -inf where a car
+        cannot be.
+        """
+        low, high = self.ranges.T
+        inside = np.all((cars >= low) & (cars <= high), axis=1)
+        off = cars[:, [self.column(DISCREPANCY), self.column(ROLL_DISCREPANCY)]]
+        total = -np.sum(np.log(np.maximum(off, 1e-9)), axis=1)
+        for key, density in self.plan.density.items():
+            for index, name in enumerate(self.names):
+                if name.endswith(key):
+                    total = total + norm.logpdf(cars[:, index], density.mean, density.deviation)
+        inside[inside] = self._can_be(cars[inside])
+        return np.where(inside, total, -np.inf)
+
+    def spread(self, number: int, seed: int) -> FloatArray:
+        """Returns cars (m, n) that can be, evenly over the ranges, from a scrambled Sobol
+        sequence.
+        """
+        low, high = self.ranges.T
+        power = int(np.ceil(np.log2(4 * number)))
+        points = qmc.Sobol(len(self.names), seed=seed).random_base2(power)
+        cars: FloatArray = low + points * (high - low)
+        return cars[self._can_be(cars)][:number]
+
+    def draw(self, number: int, seed: int) -> FloatArray:
+        """Draws cars (number, n) of the prior."""
+        cars = self.spread(40 * number, seed)
+        density = self.log_density(cars)
+        weight = np.exp(density - np.max(density))
+        chosen = np.random.default_rng(seed).choice(len(cars), number, p=weight / weight.sum())
+        return cars[chosen]
+
+    def settings(self, car: FloatArray, turn: Turn) -> list[str]:
+        """Returns the overrides of a scenario for one car (n) in a turn, six digits; a gyro bias
+        moves the trigger.
+        """
+        system = turn.system
+        values = {name: car[self.column(name)] for name in self.plan.body}
+        values |= {key: car[self.column(f"{system} {key}")] for key in self.plan.each}
+        if system == "physical":
+            trigger = self._base.controller.trigger_yaw_rate - car[self.column("gyro_bias")]
+            values["controller.trigger_yaw_rate"] = trigger
+        settings = [f"{key}={float(f'{value:.6g}'):.6g}" for key, value in values.items()]
+        settings.append(f"manoeuvre.speed={turn.speed!r}")
+        return [*settings, *self.plan.settings.get(system, ())]
+
+    def _can_be(self, cars: FloatArray) -> NDArray[np.bool_]:
+        """Returns which cars (m) of (m, n) exist: gyration of a body, and a chassis with its centre
+        of mass inside the car.
+        """
+        sections: dict[str, Any] = {
+            name: SimpleNamespace(**dict(getattr(self._base, name)))
+            for name in ("car", "tail", "imu", "controller")
+        }
+        for key in self.plan.body:
+            section, _, name = key.partition(".")
+            setattr(sections[section], name, cars[:, self.column(key)])
+        car = sections["car"]
+        tail = sections["tail"]
+        gyration = (car.gyration_roll, car.gyration_pitch, car.gyration_yaw)
+        radii = np.sort(np.broadcast_arrays(*gyration), axis=0) ** 2
+        mass, x, z = chassis_centre(car, tail, self._base.environment.gravity)
+        good = (mass > 0.0) & (x > 0.0) & (x < car.wheelbase)
+        good = good & (z > 0.05) & (z < 2 * car.com_height)
+        good = good & (radii[2] <= radii[0] + radii[1])
+        good = good & np.less_equal(tail.sail_length, tail.length)
+        return np.broadcast_to(good, len(cars))

@@ -1,0 +1,323 @@
+"""The turns of a calibration on reduced cars and on full cars, and the figures that the thesis
+would have printed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid, trapezoid
+from scipy.signal import butter, lfilter
+
+from aerodima.optimisation.calibrate.calibration_plan import (
+    CAUSAL_FILTER_THRESHOLD,
+    FIGURES,
+    LIFT,
+    CalibrationPlan,
+    CarPrior,
+    Turn,
+)
+from aerodima.optimisation.studies.limit_search import Bracket
+from aerodima.workbench.batch.row_store import Row, content_key
+from aerodima.workbench.car.reduced.parameters import VehicleParams
+from aerodima.workbench.car.reduced.states import RATES, V, W
+from aerodima.workbench.car.reduced.turn_plans import TurnPlans
+from aerodima.workbench.car.reduced.turns import Turns, drive_turns
+from aerodima.workbench.car.turn_signals import turn_signals
+from aerodima.workbench.car.verdict import LOADED_FORCE
+from aerodima.workbench.control.swing_law import SwingState
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.logs.signals import IMU_FILTER, low_pass
+from aerodima.workbench.metrics.published_values import SAMPLE_TIMES
+from aerodima.workbench.metrics.turn_metrics import outcome_of
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.signal_table import WHEELS
+
+BEFORE = 0.4
+"""Time before the start of the steering that figures are made of, s."""
+AFTER = 1.6
+"""Time after the start of the steering that figures are made of, s."""
+STEP = 0.002
+"""Step of the reduced cars, s."""
+LEFT = [index for index, wheel in enumerate(WHEELS) if wheel.endswith("left")]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Signals of a run, every `STEP` from `BEFORE` the steering on.
+
+    Attributes:
+        yaw_rate, acceleration, roll_rate: rad/s, lateral m/s2, outwards rad/s, (k) each.
+        both_inner: whether both inner wheels bear load (k).
+    """
+
+    yaw_rate: FloatArray
+    acceleration: FloatArray
+    roll_rate: FloatArray
+    both_inner: NDArray[np.bool_]
+
+
+def figures_of_motion(motion: Motion, turn: Turn, nuisances: dict[str, float]) -> dict[str, float]:
+    """Computes `FIGURES` of one run that survived, as the thesis took them for the system, and the
+    yaw rate of the lift.
+
+    Args:
+        motion: of the run.
+        turn: whose system decides over filter and sample time.
+        nuisances: window and latency in s, gyro_bias in rad/s, forward above 0.5 for a filter of
+            one direction.
+    """
+    of_the_field = turn.system == "physical"
+    stride = round(SAMPLE_TIMES["physical"] / STEP) if of_the_field else 1
+    time: FloatArray = STEP * np.arange(len(motion.yaw_rate), dtype=float)[::stride]
+    signals = [
+        values[::stride] for values in (motion.yaw_rate, motion.acceleration, motion.roll_rate)
+    ]
+    start = BEFORE
+    if of_the_field:
+        start -= nuisances["latency"]
+        signals[0] = signals[0] + nuisances["gyro_bias"]
+        if nuisances["forward"] > CAUSAL_FILTER_THRESHOLD:
+            b, a = butter(IMU_FILTER.order, IMU_FILTER.cutoff_hz, fs=1.0 / SAMPLE_TIMES["physical"])
+            signals = [lfilter(b, a, values - values[0]) + values[0] for values in signals]
+        else:
+            signals = [low_pass(time, values, IMU_FILTER) for values in signals]
+    window = (time >= start - 1e-9) & (time <= start + nuisances["window"] + 1e-9)
+    figures: list[float] = []
+    inside = time[window]
+    span = inside[-1] - inside[0]
+    for values in signals[:2]:
+        figures.append(np.max(np.abs(values[window])))
+        figures.append(trapezoid(values[window], inside) / span)
+    figures.append(np.max(cumulative_trapezoid(signals[2], time, initial=0.0)))
+    steered = np.arange(len(motion.both_inner)) * STEP >= BEFORE
+    lifted = np.flatnonzero(~motion.both_inner & steered)
+    until = motion.yaw_rate
+    if lifted.size:
+        until = until[: lifted[0] + 1]
+    figures.append(np.max(until))
+    return dict(zip((*FIGURES, LIFT), map(float, figures), strict=True))
+
+
+def nuisances_of(prior: CarPrior, car: FloatArray) -> dict[str, float]:
+    """Returns name -> value of a car (n)."""
+    return {name: float(car[prior.column(name)]) for name in prior.plan.nuisances}
+
+
+@dataclass(frozen=True)
+class WorkItem:
+    """Work for the engine: cars (m, n) in one turn.
+
+    Attributes:
+        reach: of the search for the flip around the friction of a car, to either side, in its
+            logarithm.
+        step: of the full car, s; None for the default.
+        margins: logarithm of the friction at which a search begins over that of each car.
+    """
+
+    plan: CalibrationPlan
+    turn: Turn
+    cars: tuple[tuple[float, ...], ...]
+    reach: float = 0.0
+    step: float | None = None
+    margins: tuple[float, ...] = ()
+
+    def key(self, work: str) -> str:
+        """Returns the key of the cached result of some work."""
+        size = self.plan.size
+        return content_key(
+            work,
+            self.turn.model_dump(),
+            self.cars,
+            self.margins,
+            self.reach,
+            self.step,
+            (size.rounds, size.full_rounds),
+            self.plan.settings,
+        )
+
+
+@lru_cache(maxsize=4)
+def _prior(plan: str) -> CarPrior:
+    return CarPrior(CalibrationPlan.model_validate_json(plan))
+
+
+def prior_of(plan: CalibrationPlan) -> CarPrior:
+    """Returns the prior of a plan, made once in each process."""
+    return _prior(plan.model_dump_json(by_alias=True))
+
+
+def run_reduced(item: WorkItem) -> dict[str, Any]:
+    """Searches the friction at which each reduced car flips; figures of every run of the search
+    that survived.
+
+    Returns:
+        `flips` (m): logarithm of the friction at the flip, None where the search did not find it;
+        and of the survived runs `inputs` (k, n), cars with their friction, and `figures` (k, 6).
+    """
+    plan = item.plan
+    prior = prior_of(plan)
+    turn = item.turn
+    cars = np.array(item.cars)
+    friction = prior.column(turn.friction)
+    scenarios = [load_scenario(f"turn_{turn.tail}", prior.settings(car, turn)) for car in cars]
+    vehicles = VehicleParams.from_scenarios(scenarios)
+    plans = TurnPlans.from_scenarios(scenarios)
+    begun = drive_turns(vehicles, plans, duration=0.0, length=STEP).last
+    rng = np.random.default_rng([plan.seed, crc32(turn.name.encode()), crc32(cars.tobytes())])
+    x, z = (cars[:, prior.column(key)] for key in ("imu.x", "imu.z"))
+    centre = np.log(cars[:, friction])
+    ends = Bracket(centre - item.reach, centre + item.reach)
+    bracket = ends
+    inputs = []
+    figures = []
+    for _ in range(plan.size.rounds):
+        tried = np.exp(bracket.next_value(centre, item.reach))
+        turns = drive_turns(
+            replace(vehicles, friction=tried),
+            plans,
+            duration=AFTER,
+            length=STEP,
+            history=True,
+            begun=begun,
+        )
+        bracket = bracket.updated(np.log(tried), turns.survived)
+        motions = _motions(turns, x, z)
+        for index in np.flatnonzero(turns.survived):
+            car = _with_drawn_nuisances(prior, cars[index], rng)
+            car[friction] = tried[index]
+            inputs.append(car.tolist())
+            shown = figures_of_motion(motions[index], turn, nuisances_of(prior, car))
+            figures.append(list(shown.values()))
+    known = (bracket.held > ends.held) & (bracket.lost < ends.lost)
+    middle = bracket.next_value(centre, item.reach)
+    flips = [float(value) if ok else None for value, ok in zip(middle, known, strict=True)]
+    return {"flips": flips, "inputs": inputs, "figures": figures}
+
+
+def _with_drawn_nuisances(prior: CarPrior, car: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Returns a car (n) with other nuisances, but for its bias: they cost nothing."""
+    drawn = car.copy()
+    for name, ends in prior.plan.nuisances.items():
+        drawn[prior.column(name)] = rng.uniform(*ends)
+    bias = prior.column("gyro_bias")
+    drawn[bias] = car[bias]
+    return drawn
+
+
+def _motions(driven: Turns, x: FloatArray, z: FloatArray) -> list[Motion]:
+    """Returns the motion of each reduced car at its IMU, x and z (m) in B; still before the
+    steering.
+    """
+    assert driven.history is not None
+    assert driven.loads is not None
+    rates = driven.history[:, RATES]
+    w = rates[:, W]
+    v = rates[:, V]
+    w_rate = np.gradient(w, STEP, axis=0)
+    v_rate = np.gradient(v, STEP, axis=0)
+    w_x = w[:, 0]
+    w_z = w[:, 2]
+    ahead = w_x * x + w_z * z
+    acceleration = v_rate[:, 1] + w_z * v[:, 0] - w_x * v[:, 2]
+    acceleration = acceleration + w_rate[:, 2] * x - w_rate[:, 0] * z + w[:, 1] * ahead
+    loaded = (driven.loads[:, LEFT] > LOADED_FORCE).all(axis=1)
+    # States are those behind a step, loads those at its beginning.
+    before = np.zeros((round(BEFORE / STEP) + 1, len(x)))
+    yaw = np.concatenate([before, w_z[:-1]]).T
+    lateral = np.concatenate([before, acceleration[:-1]]).T
+    roll = np.concatenate([before, w_x[:-1]]).T
+    both = np.concatenate([before[1:] == 0.0, loaded]).T
+    return [Motion(*signals) for signals in zip(yaw, lateral, roll, both, strict=True)]
+
+
+def search_full(item: WorkItem) -> dict[str, Any]:
+    """Searches the friction at which each full car flips; returns what `run_reduced` does.
+
+    The search begins at the margin of each car and goes up or down, by the reach of the item and
+    then by twice as much as the step before, until the outcome changes; then it bisects. The last
+    run has the friction of the car. A bracket wider than the reach gives no flip. `errors` says why
+    cars could not be run.
+    """
+    prior = prior_of(item.plan)
+    turn = item.turn
+    column = prior.column(turn.friction)
+    result: dict[str, list[Any]] = {"flips": [], "inputs": [], "figures": [], "errors": []}
+
+    def survives(car: FloatArray, friction: float) -> bool:
+        tried = car.copy()
+        tried[column] = np.exp(friction)
+        row = _full_row(prior, turn, tried, item.step)
+        if "error" in row:
+            raise UserError(row["error"])
+        if row["survived"]:
+            result["inputs"].append(tried.tolist())
+            result["figures"].append([row[metric] for metric in (*FIGURES, LIFT)])
+        return bool(row["survived"])
+
+    for numbers, margin in zip(item.cars, item.margins, strict=True):
+        car = np.array(numbers)
+        own = float(np.log(car[column]))
+        bracket = Bracket()
+        stride = 0.5 * item.reach
+        tried = own + margin
+        try:
+            for _ in range(item.plan.size.full_rounds):
+                bracket = bracket.updated(tried, survives(car, tried))
+                stride *= 2.0
+                tried = float(bracket.next_value(tried, stride))
+            survives(car, own)
+        except UserError as error:
+            result["errors"].append(f"; {error}")
+        is_narrow = bracket.lost - bracket.held <= item.reach
+        result["flips"].append(tried if is_narrow else None)
+    return result
+
+
+def run_full(item: WorkItem) -> list[Row]:
+    """Runs full cars (m) in a turn, each at its own friction.
+
+    Returns:
+        A row per car: `survived` and `clean`, `trigger` s after the steering or None, and the
+        figures of a survived run; or `error` of a car that could not be run.
+    """
+    prior = prior_of(item.plan)
+    return [_full_row(prior, item.turn, np.array(car), item.step) for car in item.cars]
+
+
+def _full_row(prior: CarPrior, turn: Turn, car: FloatArray, step: float | None) -> Row:
+    from aerodima.workbench.batch.simulation import simulate
+
+    settings = prior.settings(car, turn)
+    if step is not None:
+        settings += [f"simulation.step={step!r}"]
+    try:
+        run = simulate(load_scenario(f"turn_{turn.tail}", settings), record="outcome")
+        signals = turn_signals(run, "truth")
+        outcome = outcome_of(run)
+        start = signals.window[0]
+        row: Row = {
+            "survived": outcome.result == "survived",
+            "clean": outcome.clean,
+            "trigger": None,
+        }
+        if run.has_tail:
+            swings = np.isin(run.signal("controller_state"), (SwingState.DELAY, SwingState.SWING))
+            if swings.any():
+                row["trigger"] = float(signals.time[np.argmax(swings)] - start)
+        if row["survived"]:
+            grid = start - BEFORE + STEP * np.arange(round((BEFORE + AFTER) / STEP))
+            values = [signals.yaw_rate, signals.lateral_acceleration, signals.roll_rate]
+            both = (signals.wheel_loads[:, LEFT] > LOADED_FORCE).all(axis=1)  # type: ignore[index]
+            even = [np.interp(grid, signals.time, column) for column in (*values, 1.0 * both)]
+            motion = Motion(even[0], even[1], even[2], even[3] > 0.5)
+            row |= figures_of_motion(motion, turn, nuisances_of(prior, car))
+        return row
+    except (UserError, ArithmeticError, RuntimeError, ValueError) as error:
+        return {"error": " ".join(str(error).split())}

@@ -1,0 +1,319 @@
+"""What tests a calibration: each table predicted from the others, posterior cars that play the
+thesis, information.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import pickle
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.linalg import eigh
+from scipy.special import logsumexp
+from scipy.stats import norm, t
+
+from aerodima.optimisation.calibrate.calibration import Posterior, log_density, sample, spread_of
+from aerodima.optimisation.calibrate.calibration_plan import (
+    DISCREPANCY,
+    ROLL_DISCREPANCY,
+    SLIP,
+    CarPrior,
+    Figure,
+    figures_of,
+)
+from aerodima.optimisation.calibrate.surrogate import Surrogate
+from aerodima.optimisation.studies.runs import CachedRunner
+from aerodima.workbench.batch.row_store import content_key
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.resources import model_path
+from aerodima.workbench.scenario.scenario import load_scenario
+
+TRIES = 10_000
+"""Draws of a posterior car that survives every turn, before it is given up."""
+BAND = (0.05, 0.5, 0.95)
+"""Quantiles of a 90 % interval and its median."""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """One table predicted without its own figures.
+
+    Attributes:
+        table: name.
+        rows: per figure: `figure`, `published`, `low`, `median`, `high`, `prior_low`, `prior_high`,
+            `inside`.
+        density, prior_density, constant_density: logarithm of the joint density of its figures, per
+            share of each: of the cars that the other tables leave, of the prior, and of a model
+            that says of each figure what the other tables imply.
+    """
+
+    table: str
+    rows: pd.DataFrame
+    density: float
+    prior_density: float
+    constant_density: float
+
+
+class Question(NamedTuple):
+    """A table that is to be predicted from the figures of the others, by cars of a prior inside the
+    surrogate's.
+    """
+
+    surrogate: Surrogate
+    figures: Sequence[Figure]
+    table: str
+    seed: int
+    prior: CarPrior | None = None
+
+
+def predictions(questions: Sequence[Question], runs: CachedRunner) -> list[LeftOut]:
+    """Returns `leave_out` of each question, each once."""
+    keys = [
+        content_key("leave_out", hashlib.sha256(pickle.dumps(question)).hexdigest())
+        for question in questions
+    ]
+    return [
+        LeftOut(**row | {"rows": pd.DataFrame(row["rows"])})
+        for row in runs.map(_answer, questions, keys)
+    ]
+
+
+def _answer(question: Question) -> dict[str, Any]:
+    prediction = leave_out(*question)
+    return vars(prediction) | {"rows": prediction.rows.to_dict("records")}
+
+
+def leave_out(
+    surrogate: Surrogate,
+    figures: Sequence[Figure],
+    table: str,
+    seed: int,
+    prior: CarPrior | None = None,
+) -> LeftOut:
+    """Predicts a table from the figures of the others; see `Question`."""
+    own = [figure for figure in figures if figure.turn.table == table]
+    others = [figure for figure in figures if figure not in own]
+    cars = sample(surrogate, others, seed, prior).cars
+    survivors = _survivors(surrogate, surrogate.prior.draw(len(cars), seed), own[0], seed)
+    rng = np.random.default_rng(seed)
+    rows = []
+    for figure in own:
+        low, median, high = np.quantile(predicted(surrogate, figure, cars, rng), BAND)
+        prior_low, _, prior_high = np.quantile(predicted(surrogate, figure, survivors, rng), BAND)
+        rows.append(
+            {
+                "figure": figure.name,
+                "published": figure.published,
+                "low": low,
+                "median": median,
+                "high": high,
+                "prior_low": prior_low,
+                "prior_high": prior_high,
+                "inside": low <= figure.published <= high,
+            }
+        )
+    known = joint_density(surrogate, own, cars)
+    guessed = joint_density(surrogate, own, survivors)
+    return LeftOut(table, pd.DataFrame(rows), known, guessed, _constant(own, figures))
+
+
+def predicted(
+    surrogate: Surrogate, figure: Figure, cars: FloatArray, rng: np.random.Generator
+) -> FloatArray:
+    """Draws (m) of what the thesis would have printed for cars (m, n)."""
+    values = surrogate.value(cars, figure)
+    return values + spread_of(surrogate, figure, cars, values) * rng.standard_normal(len(cars))
+
+
+def joint_density(surrogate: Surrogate, figures: Sequence[Figure], cars: FloatArray) -> float:
+    """Returns the logarithm of the density of figures together, averaged over cars (m, n)."""
+    logs = np.sum([log_density(surrogate, figure, cars) for figure in figures], axis=0)
+    return float(logsumexp(logs) - np.log(len(cars)))
+
+
+def _survivors(surrogate: Surrogate, cars: FloatArray, figure: Figure, seed: int) -> FloatArray:
+    """Draws cars of the prior by their probability to survive the turn, as the printed one did."""
+    weight = surrogate.survival(cars, figure.turn)
+    return cars[np.random.default_rng(seed).choice(len(cars), len(cars), p=weight / weight.sum())]
+
+
+def _constant(own: Sequence[Figure], figures: Sequence[Figure]) -> float:
+    """Returns the density by the other tables' values of the same metrics, with Student's t for so
+    few; NaN where only one other has them.
+    """
+    total = 0.0
+    for figure in own:
+        others = np.array(
+            [f.published for f in figures if f.metric == figure.metric and f not in own]
+        )
+        if len(others) < 2:
+            return math.nan
+        spread = np.std(others, ddof=1) * np.sqrt(1.0 + 1.0 / len(others)) / abs(figure.published)
+        off = (figure.published - np.mean(others)) / abs(figure.published)
+        total += float(t.logpdf(off, len(others) - 1, 0.0, spread))
+    return total
+
+
+def rigid(prior: CarPrior) -> CarPrior:
+    """Returns the prior with its stiffest tyres, no latency, no bias, zero phase, no delay of the
+    swing.
+    """
+    plan = prior.plan
+    low = dict(zip(prior.names, prior.ranges[:, 0], strict=True))
+    delay = float(low.get("controller.delay", 0.0))
+    slips = {name: float(value) for name, value in low.items() if name.endswith(SLIP)}
+    ranges = plan.ranges | {name: (slip, slip + 1e-3) for name, slip in slips.items()}
+    if "controller.delay" in plan.body:
+        ranges["controller.delay"] = (delay, delay + 1e-3)
+    nuisances = {
+        "window": (0.639, 0.641),
+        "latency": (0.0, 1e-3),
+        "gyro_bias": (-1e-3, 1e-3),
+        "forward": (0.0, 0.1),
+    }
+    return CarPrior(plan.model_copy(update={"ranges": ranges, "nuisances": nuisances}))
+
+
+def _playing(
+    surrogate: Surrogate, posterior: Posterior, rng: np.random.Generator
+) -> tuple[FloatArray, dict[str, bool]]:
+    """Draws a posterior car (1, n) that survives every turn with a table, and how its turns end."""
+    for _ in range(TRIES):
+        car = posterior.cars[rng.integers(len(posterior.cars))][None]
+        ends = surrogate.draw_outcomes(car, rng)
+        if all(ends[turn.name] for turn in surrogate.prior.plan.turns if turn.table):
+            return car, ends
+    raise UserError(f"none of {TRIES} posterior cars survives every turn with a table")
+
+
+def perfect_model(
+    surrogate: Surrogate,
+    posterior: Posterior,
+    tables: Sequence[str],
+    number: int,
+    seed: int,
+    runs: CachedRunner,
+) -> float:
+    """Returns the share of the figures of tables that lie in their 90 % interval when posterior
+    cars play the thesis.
+    """
+    rng = np.random.default_rng(seed)
+    plan = surrogate.prior.plan
+    questions = []
+    for place in range(number):
+        car, ends = _playing(surrogate, posterior, rng)
+        turns = tuple(
+            turn.model_copy(update={"ends": "survived" if ends[turn.name] else "flipped"})
+            for turn in plan.turns
+        )
+        played = replace(surrogate, prior=CarPrior(plan.model_copy(update={"turns": turns})))
+        figures = [
+            replace(f, published=float(predicted(surrogate, f, car, rng)[0]))
+            for f in figures_of(plan)
+        ]
+        questions += [Question(played, figures, table, seed + place) for table in tables]
+    runs.stage = "tables of posterior cars that play the thesis"
+    return float(
+        np.mean(np.concatenate([left.rows["inside"] for left in predictions(questions, runs)]))
+    )
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Something that the lab can measure of its car.
+
+    Attributes:
+        name: what.
+        how: the procedure in a sentence.
+        deviation: of one measurement, in the unit of the value.
+        value: cars (m, n) -> what would be measured (m).
+    """
+
+    name: str
+    how: str
+    deviation: float
+    value: Callable[[FloatArray], FloatArray]
+
+
+def information(measurement: Measurement, cars: FloatArray, seed: int, draws: int = 400) -> float:
+    """Returns the expected gain of a measurement over what posterior cars (m, n) know: information,
+    nats.
+    """
+    truth = measurement.value(cars)
+    rng = np.random.default_rng(seed)
+    seen = rng.choice(truth, draws) + measurement.deviation * rng.standard_normal(draws)
+    logs = logsumexp(norm.logpdf(seen[:, None], truth, measurement.deviation), axis=1) - np.log(
+        len(truth)
+    )
+    own = -0.5 - np.log(measurement.deviation * np.sqrt(2.0 * np.pi))
+    return float(own - np.mean(logs))
+
+
+def measurements(prior: CarPrior) -> tuple[Measurement, ...]:
+    """Reads the measurements that a lab with a scale, a ruler and a flat floor can make of the real
+    car: `calibration/measurements.csv`.
+
+    Its deviations are in the unit of the parameter; without a parameter it is the angle of balance,
+    in degrees.
+    """
+
+    def value(key: str) -> Callable[[FloatArray], FloatArray]:
+        if not key:
+            return partial(_angle_of_balance, prior)
+        column = prior.column(f"physical {key}" if key in prior.plan.each else key)
+        return lambda cars: cars[:, column]
+
+    rows = pd.read_csv(model_path("calibration/measurements.csv"), keep_default_na=False).to_numpy()
+    return tuple(
+        Measurement(name, how, deviation, value(key)) for name, how, deviation, key in rows
+    )
+
+
+def _angle_of_balance(prior: CarPrior, cars: FloatArray) -> FloatArray:
+    """Returns the roll at which cars (m) balance on the outer edges of their tyres, degrees."""
+    width = load_scenario("turn_none").car.tyre_width
+    track, height = (cars[:, prior.column(key)] for key in ("car.track", "car.com_height"))
+    return np.degrees(np.arctan2(0.5 * (track + width), height))
+
+
+def combinations(
+    prior: CarPrior, cars: FloatArray, seed: int
+) -> list[tuple[float, dict[str, float]]]:
+    """Finds what the data determine best: variance over that of the prior, and its largest
+    coordinates, five of them.
+    """
+    physical = [
+        index
+        for index, name in enumerate(prior.names)
+        if name not in ("forward", DISCREPANCY, ROLL_DISCREPANCY)
+    ]
+    before, after = (prior.scaled(c)[:, physical] for c in (prior.draw(4000, seed), cars))
+    ratios, vectors = eigh(np.cov(after.T), np.cov(before.T))
+    best = []
+    for ratio, vector in list(zip(ratios, vectors.T, strict=True))[:5]:
+        share = vector * np.std(before, axis=0)
+        share = share / np.linalg.norm(share)
+        largest = np.argsort(-np.abs(share))[:4]
+        names = [prior.names[physical[index]] for index in largest]
+        best.append((float(ratio), dict(zip(names, share[largest].tolist(), strict=True))))
+    return best
+
+
+def brier(surrogate: Surrogate, cars: FloatArray) -> tuple[float, Mapping[str, float]]:
+    """Returns the Brier score of the published outcomes, and the probability of surviving each
+    turn.
+    """
+    chances = {}
+    misses = []
+    for turn in surrogate.prior.plan.turns:
+        chance = float(np.mean(surrogate.survival(cars, turn)))
+        chances[turn.name] = chance
+        misses.append(chance - (turn.ends == "survived"))
+    return float(np.mean(np.square(misses))), chances

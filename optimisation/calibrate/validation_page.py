@@ -1,0 +1,446 @@
+"""The page of a calibration, the page of what to measure next, and the ensembles; sentences are
+made of the result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import yaml
+from matplotlib.figure import Figure as Drawing
+
+from aerodima.optimisation.calibrate.calibration import (
+    FineRuns,
+    Posterior,
+    fit_surrogate,
+    run_fine,
+    sample,
+)
+from aerodima.optimisation.calibrate.calibration_plan import (
+    DISCREPANCY,
+    ROLL_DISCREPANCY,
+    CalibrationPlan,
+    CarPrior,
+    Turn,
+    figures_of,
+)
+from aerodima.optimisation.calibrate.surrogate import Surrogate
+from aerodima.optimisation.calibrate.validation import (
+    BAND,
+    LeftOut,
+    Question,
+    brier,
+    combinations,
+    information,
+    measurements,
+    perfect_model,
+    predictions,
+    rigid,
+)
+from aerodima.optimisation.studies.runs import CachedRunner
+from aerodima.workbench.batch.row_store import Row
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.logs.schema import software_versions
+from aerodima.workbench.metrics.published_values import Platform
+from aerodima.workbench.scenario.ensemble import ENSEMBLE_SCHEMA
+from aerodima.workbench.view.figure_style import BLUE, GREY, VERMILION, new_figure, styled
+from aerodima.workbench.view.report_page import (
+    Content,
+    Finding,
+    Link,
+    Page,
+    Plot,
+    Section,
+    Table,
+    write_files,
+)
+
+PAGE = "index.html"
+MEASURE = "measure_next.html"
+FIELD_TABLES = ("Table 7.3", "Table 7.4")
+OF_A_CAR = ("controller.trigger_yaw_rate", "tail.roll_stop")
+"""Settings of a run that belong to the car, not to its drive."""
+FINAL = 3
+"""How many times as long as for a table that is left out the sampler runs for the posterior of all
+figures."""
+SOON = 0.3
+"""s after the steering command."""
+NEAR_A_BOUND = 0.05
+"""Share of a prior's range: a median nearer to its end says that the prior decides."""
+LEAD = (
+    "The simulated car of the thesis and its car on the field are two systems that share a body. "
+    "Every figure is predicted by cars that have not seen its table."
+)
+INTERVALS = (
+    "Bars: 90 % intervals and medians, over the published figure (red line). Grey: those of "
+    "the prior's survivors."
+)
+FIGURE_COLUMNS = {
+    "figure": "{figure}",
+    "published": "{published:.3g}",
+    "median": "{median:.3g}",
+    "90 % interval": "{low:.3g} to {high:.3g}",
+    "of the prior": "{prior_low:.3g} to {prior_high:.3g}",
+    "inside": "{inside}",
+}
+"""Heading -> format of a row."""
+PARAMETER_COLUMNS = {
+    "parameter": "{parameter}",
+    "prior": "{prior_low:.3g} to {prior_high:.3g}",
+    "5 %": "{low:.3g}",
+    "median": "{median:.3g}",
+    "95 %": "{high:.3g}",
+    "deviation over the prior's": "{deviation_ratio:.3g}",
+}
+"""Heading -> format of a row."""
+MEASURE_COLUMNS = {
+    "quantity": "{quantity}",
+    "procedure": "{procedure}",
+    "expected gain [nats]": "{gain_nats:.2f}",
+}
+"""Heading -> format of a row."""
+DENSITY_COLUMNS = {
+    "table": "{table}",
+    "from the others": "{density:.1f}",
+    "of the prior": "{prior_density:.1f}",
+    "of constant values": "{constant_density:.1f}",
+}
+"""Heading -> format of a row."""
+OUTCOME_COLUMNS = {
+    "system": "{system}",
+    "tail": "{tail}",
+    "m/s": "{speed:g}",
+    "published": "{ends}",
+    "probability to survive": "{chance:.2f}",
+    "survived at the fine step": "{survived}",
+    "trigger [s]": "{trigger}",
+    "within 0.3 s": "{early}",
+}
+"""Heading -> format of a row."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """Everything that the pages say.
+
+    Attributes:
+        surrogate: what every turn shows, for any car.
+        posterior: given every figure.
+        left_out: every table, predicted from the others.
+        rigid_density: logarithm of the density of the last table with the stiffest tyres, given the
+            others.
+        perfect: share inside the intervals when posterior cars play the thesis.
+        fine: cars of the ensemble, run with the full car at the fine step.
+    """
+
+    surrogate: Surrogate
+    posterior: Posterior
+    left_out: Sequence[LeftOut]
+    rigid_density: float
+    perfect: float
+    fine: FineRuns
+
+
+def require_extra() -> None:
+    """Raises UserError when a library of the extra `calibration` is missing."""
+    for library in ("emcee", "sklearn"):
+        if find_spec(library) is None:
+            raise UserError(
+                f"{library} is not installed; pip install 'aerodima-workbench[calibration]'"
+            )
+
+
+def calibrate(plan: CalibrationPlan, runs: CachedRunner, out: Path, played: int) -> Path:
+    """Carries out a plan and writes its pages; runs that are kept are not made again.
+
+    Returns the path of the page.
+
+    Args:
+        plan: to be carried out.
+        runs: through which everything is run; they keep what is finished.
+        out: folder.
+        played: how many posterior cars play the thesis.
+
+    Raises:
+        UserError: too few cars flip or survive in a turn of the plan.
+    """
+    surrogate = fit_surrogate(plan, runs)
+    seed = plan.seed
+    say = runs.say
+    figures = figures_of(plan)
+    tables = tuple(turn.table for turn in plan.turns if turn.table)
+    say("posterior of the cars ...")
+    posterior = sample(surrogate, figures, seed, steps=FINAL * plan.size.steps)
+    say(f"effective sample size {posterior.size:.0f}")
+    asked = [Question(surrogate, figures, table, seed) for table in tables]
+    asked.append(asked[-1]._replace(prior=rigid(surrogate.prior)))
+    runs.stage = "tables from the others"
+    *left_out, stiff = predictions(asked, runs)
+    if played:
+        perfect = perfect_model(surrogate, posterior, tables[-2:], played, seed, runs)
+    else:
+        perfect = np.nan
+    fine = run_fine(plan, posterior, runs)
+    return write_pages(Result(surrogate, posterior, left_out, stiff.density, perfect, fine), out)
+
+
+def write_pages(result: Result, out: Path) -> Path:
+    """Writes both pages, their tables and an ensemble per system into a folder; the path of the
+    first page.
+    """
+    prior = result.surrogate.prior
+    cars = result.posterior.cars
+    figures = pd.concat([left.rows for left in result.left_out], ignore_index=True)
+    systems = dict.fromkeys(turn.system for turn in prior.plan.turns)
+    ensembles = {f"{system}.yaml": ensemble_text(result, system) for system in systems}
+    parameters = parameter_table(prior, cars)
+    measured = measure_table(prior, cars)
+    posterior = pd.DataFrame(cars, columns=prior.names)
+    contents: dict[str, Content] = {
+        **ensembles,
+        "figures.csv": figures,
+        "parameters.csv": parameters,
+        "measure_next.csv": measured,
+        "posterior.parquet": posterior,
+        PAGE: validation_page(result, figures, parameters),
+        MEASURE: measure_page(measured),
+    }
+    write_files(out, contents)
+    return out / PAGE
+
+
+def validation_page(result: Result, figures: pd.DataFrame, parameters: pd.DataFrame) -> Page:
+    """Makes the page of what the calibration predicts, and how far to trust it."""
+    plan = result.surrogate.prior.plan
+    score, chances = brier(result.surrogate, result.posterior.cars)
+    reasons = [f"{name.replace('_', ' ')} ({why})" for name, why in plan.left_out.items()]
+    missing = f"No car of the prior reaches these: {'; '.join(reasons) or 'none'}."
+    intervals = Plot(_forest(figures), INTERVALS, "Predicted over published figures", "figures")
+    misses = np.flatnonzero(~figures.inside.to_numpy(bool)).tolist()
+    shown = figures.assign(
+        figure=figures.figure.str.replace("_", " "),
+        inside=figures.inside.map({True: "yes", False: "no"}),
+    )
+    near_a_bound = np.flatnonzero(parameters.near_a_bound).tolist()
+    link = Link(MEASURE, "Measurements in the order of their information")
+    contents: dict[str, list[Any]] = {
+        "Result": [Finding(_findings(result, figures, parameters, score)), intervals],
+        "Published figures": [_table(shown, FIGURE_COLUMNS, misses), missing],
+        "Logarithm of the density of each table": _densities(result),
+        "Outcomes": [_outcomes(result, chances)],
+        "Parameters": [_table(parameters, PARAMETER_COLUMNS, near_a_bound)],
+        "What the data determine best": [_combinations(result)],
+        "What to measure next": [link],
+    }
+    sections = [Section(title, parts) for title, parts in contents.items()]
+    return Page("What the calibrated cars predict", LEAD, sections)
+
+
+def _table(frame: pd.DataFrame, columns: Mapping[str, str], marked: Sequence[int] = ()) -> Table:
+    """Makes a table whose columns are headings and formats of a row of the frame."""
+    rows = []
+    for row in frame.to_dict("records"):
+        values = {str(name): value for name, value in row.items()}
+        rows.append([words.format(**values) for words in columns.values()])
+    return Table(list(columns), rows, marked)
+
+
+def _densities(result: Result) -> list[Any]:
+    """Returns the table of the densities of left-out tables, and a sentence on rigid tyres."""
+    densities = pd.DataFrame([vars(left) for left in result.left_out])
+    last = result.left_out[-1]
+    rigid_words = (
+        "With the stiffest tyres of the prior and without latency, bias and delay, "
+        f"{last.table} has {result.rigid_density:.1f}; now it has {last.density:.1f}."
+    )
+    return [_table(densities, DENSITY_COLUMNS), rigid_words]
+
+
+def _outcomes(result: Result, chances: Mapping[str, float]) -> Table:
+    """Makes the table of outcomes: published, by the surrogate, and of the fine runs."""
+    rows = []
+    for turn in result.surrogate.prior.plan.turns:
+        row = {**turn.model_dump(), "chance": chances[turn.name]}
+        rows.append(row | _fine_runs(result.fine.rows[turn.name], turn))
+    return _table(pd.DataFrame(rows), OUTCOME_COLUMNS)
+
+
+def _fine_runs(rows: Sequence[Row], turn: Turn) -> dict[str, str]:
+    """Returns how many of the fine runs survived, when the swing of the median begins, and the
+    share of early swings.
+    """
+    made = [row for row in rows if "error" not in row]
+    survived = sum(row["survived"] for row in made)
+    words = {"survived": f"{survived} of {len(made)}", "trigger": "-", "early": "-"}
+    if turn.tail == "swing":
+        started = np.array([np.inf if row["trigger"] is None else row["trigger"] for row in made])
+        middle = np.median(started)
+        words["trigger"] = f"{middle:.2f}" if np.isfinite(middle) else "never"
+        words["early"] = f"{np.mean(started <= SOON):.0%}"
+    return words
+
+
+def _combinations(result: Result) -> Table:
+    prior = result.surrogate.prior
+    rows = []
+    for ratio, weights in combinations(prior, result.posterior.cars, prior.plan.seed):
+        terms = [f"{weight:+.2f} {name}" for name, weight in weights.items()]
+        rows.append((f"{ratio:.3f}", ", ".join(terms)))
+    return Table(("variance over the prior's", "combination"), rows)
+
+
+def _findings(
+    result: Result, figures: pd.DataFrame, parameters: pd.DataFrame, score: float
+) -> list[str]:
+    prior = result.surrogate.prior
+    plan = prior.plan
+    posterior = result.posterior
+    field = figures[figures.figure.str.startswith(FIELD_TABLES)]
+    missing = sum(name.startswith(FIELD_TABLES) for name in plan.left_out)
+    low, median, high = np.quantile(posterior.cars[:, prior.column(DISCREPANCY)], BAND)
+    roll_low, roll, roll_high = np.quantile(posterior.cars[:, prior.column(ROLL_DISCREPANCY)], BAND)
+    widths = (field.high - field.low) / (field.prior_high - field.prior_low)
+    near = ", ".join(parameters[parameters.near_a_bound].parameter)
+    sentences = [
+        f"Of {len(field) + missing} figures of the car on the field {int(field.inside.sum())} lie "
+        f"in their 90 % interval, each predicted without its own table; {missing} that no car "
+        "reaches counts as a miss.",
+        f"The discrepancy of the model is {median:.0%} of a rate or an acceleration (90 %: "
+        f"{low:.0%} to {high:.0%}) and {roll:.0%} of a roll integral ({roll_low:.0%} to "
+        f"{roll_high:.0%}).",
+        f"The Brier score of the {len(plan.turns)} outcomes, which the cars are fitted to, is "
+        f"{score:.3f}.",
+        f"These intervals are {np.median(widths):.0%} as wide as those of the prior alone "
+        "(median).",
+        f"The effective sample size is {posterior.size:.0f}; the chains are "
+        f"{posterior.length:.0f} autocorrelation times long.",
+        "No median lies near the end of its prior.",
+    ]
+    if near:
+        sentences[-1] = f"These medians lie near the end of their prior: {near}."
+    if not np.isnan(result.perfect):
+        sentences.insert(
+            3,
+            f"When posterior cars play the thesis, {result.perfect:.0%} of the figures lie in "
+            "their intervals.",
+        )
+    return sentences
+
+
+def measure_page(measured: pd.DataFrame) -> Page:
+    """Makes the page of measurements of the real car, most informative first, with their
+    procedures.
+    """
+    first = measured.iloc[0]
+    lead = (
+        f"Measure the {first.quantity} first: it is expected to tell {first.gain_nats:.2f} nats "
+        "beyond the published figures."
+    )
+    table = _table(measured, MEASURE_COLUMNS)
+    return Page("What to measure next", lead, [Section("Measurements", [table])])
+
+
+def measure_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
+    """Computes the gain of every measurement in nats, largest first."""
+    seed = prior.plan.seed
+    rows = []
+    for one in measurements(prior):
+        row = {"quantity": one.name, "procedure": one.how, "deviation": one.deviation}
+        rows.append(row | {"gain_nats": information(one, cars, seed)})
+    return pd.DataFrame(rows).sort_values("gain_nats", ascending=False, ignore_index=True)
+
+
+def parameter_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
+    """Computes per coordinate: prior, quantiles, deviation over that of the prior, and whether its
+    median is near an end.
+    """
+    reference = prior.draw(2000, prior.plan.seed)
+    rows = []
+    for index, name in enumerate(prior.names):
+        values = cars[:, index]
+        low, median, high = np.quantile(values, BAND)
+        first, last = prior.ranges[index]
+        share = (median - first) / (last - first)
+        near = name != "forward" and min(share, 1.0 - share) < NEAR_A_BOUND
+        learnt = float(np.std(values) / np.std(reference[:, index]))
+        rows.append(
+            {
+                "parameter": name,
+                "prior_low": first,
+                "prior_high": last,
+                "low": low,
+                "median": median,
+                "high": high,
+                "deviation_ratio": learnt,
+                "near_a_bound": near,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def ensemble_text(result: Result, system: Platform) -> str:
+    """Returns the cars of the fine runs in one system as the text of an ensemble file, equally
+    likely.
+    """
+    prior = result.surrogate.prior
+    plan = prior.plan
+    cars = result.fine.cars
+    keys = {*plan.body, *plan.each}
+    first = next(turn for turn in plan.turns if turn.system == system)
+    scaled = prior.scaled(cars)
+    standard = (scaled - scaled.mean(axis=0)) / (scaled.std(axis=0) + 1e-9)
+    distances = np.sum(standard**2, axis=1)
+    middle = int(np.argmin(distances))
+    content: dict[str, Any] = {
+        "schema": ENSEMBLE_SCHEMA,
+        "name": system,
+        "provenance": {
+            "method": f"posterior cars of the {system} system, given Tables 7.1 to 7.4 and the "
+            "published outcomes",
+            "plan": plan.name,
+            "seed": plan.seed,
+            "effective_sample_size": round(result.posterior.size, 1),
+            "fine_step_s": plan.size.fine_step,
+            "versions": software_versions(),
+        },
+        "best": f"car{middle:03d}",
+    }
+    lines = [
+        "# Cars that the published figures leave possible, made by `aerodima calibrate --plan "
+        f"{plan.name}`.",
+        yaml.safe_dump(content, sort_keys=False, width=116).rstrip(),
+        "members:",
+    ]
+    weight = 1 / len(cars)
+    for index, car in enumerate(cars):
+        settings = dict(setting.split("=") for setting in prior.settings(car, first))
+        values = ", ".join(
+            f"{key}: {value}" for key, value in settings.items() if key in OF_A_CAR or key in keys
+        )
+        lines.append(f"- {{name: car{index:03d}, weight: {weight:.6g}, values: {{{values}}}}}")
+    return "\n".join(lines) + "\n"
+
+
+def _forest(figures: pd.DataFrame) -> Drawing:
+    with styled():
+        drawing, axes = new_figure(9.0, 5.2)
+        axis = axes[0, 0]
+        places = np.arange(len(figures))[::-1]
+        scale = figures.published.to_numpy()
+        axis.hlines(
+            places, figures.prior_low / scale, figures.prior_high / scale, color=GREY, linewidth=1
+        )
+        axis.hlines(places, figures.low / scale, figures.high / scale, color=BLUE, linewidth=5)
+        axis.plot(figures["median"] / scale, places, "|", color="white", markersize=8)
+        axis.axvline(1.0, color=VERMILION)
+        axis.set_yticks(places, [name.replace("_", " ") for name in figures.figure], fontsize=8)
+        axis.set_xlim(0.0, 3.0)
+        axis.set_xlabel("predicted over published")
+    return drawing

@@ -1,1 +1,0 @@
-"""Entry speeds of manoeuvres on the full car: climbs of many cars and tails, and a summary."""

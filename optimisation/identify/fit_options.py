@@ -1,0 +1,65 @@
+"""Options of a fit of a rig log."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from aerodima.optimisation.identify.huber import Loss
+from aerodima.optimisation.identify.least_squares import Parameter
+from aerodima.workbench.core.errors import FitError
+
+Knowledge = Literal["uncertain", "exact"]
+
+
+KNOWLEDGE: tuple[Knowledge, ...] = ("uncertain", "exact")
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """Choices that every fit of a rig log understands; what a fit has no use for is refused by its
+    command.
+
+    Attributes:
+        loss: `huber` holds samples back that lie far off.
+        bounds: lower and upper bound by name of the parameter, in place of the model's own.
+        rig: name or file of the rig scenario that the log was made on; the log's own by default,
+            else `models/`.
+        settings: overrides on top of the rig, `section.key=value`.
+        free: constants of the rig and errors of its instruments (`CONSTANTS`, `BIASES`) that are
+            unknowns without a prior.
+        constants: `uncertain`, by the scenario's section `uncertainty`; or `exact`: intervals are
+            those of noise alone.
+    """
+
+    loss: Loss = "squares"
+    bounds: tuple[tuple[str, float, float], ...] = ()
+    rig: str = ""
+    settings: tuple[str, ...] = ()
+    free: tuple[str, ...] = ()
+    constants: Knowledge = "uncertain"
+
+    def bounded(self, parameters: Sequence[Parameter]) -> list[Parameter]:
+        """The parameters within these bounds, their seeds too; FitError for a bound that belongs to
+        none of them.
+        """
+        self.require_known([p.name for p in parameters])
+        limits = {name: (low, high) for name, low, high in self.bounds}
+        within = []
+        for p in parameters:
+            if not p.fixed:
+                low, high = limits.get(p.name, (p.lower, p.upper))
+                p = replace(p, initial=min(max(p.initial, low), high), lower=low, upper=high)
+            within.append(p)
+        return within
+
+    def require_known(self, names: Sequence[str]) -> None:
+        """FitError for a bound on something that the fit does not have."""
+        unknown = [name for name, _, _ in self.bounds if name not in names]
+        if unknown:
+            raise FitError(f"bound on {unknown[0]!r}: the free parameters are {', '.join(names)}")
+
+
+FREE = FitOptions()
+"""Least squares within the model's own bounds, on the rig that the log names."""

@@ -1,0 +1,269 @@
+"""The result of a fit: estimates with intervals, covariance, warnings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import AliasChoices, Field
+
+from aerodima.optimisation.identify.least_squares import Parameters, Solution
+from aerodima.optimisation.identify.uncertainty import Uncertainty
+
+Channels = Mapping[str, tuple[slice, float]]
+"""Name -> rows of a channel in the residual, and the weight that they were divided by."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One parameter after a fit.
+
+    Attributes:
+        name, unit: of the parameter.
+        value: in `unit`.
+        standard_deviation, lower, upper: with the 95 % interval, which holds the value; infinite
+            when not identifiable, zero when fixed, one-sided at a bound (see `uncertainty`).
+        identifiable: whether the data determine it.
+        bound: `lower` or `upper` when the fit stopped there.
+        frozen: fixed: kept its initial value.
+        noise_deviation: standard deviation that noise alone would give, with the rig's constants
+            taken as exact; NaN in results of earlier versions.
+    """
+
+    name: str
+    unit: str
+    value: float
+    standard_deviation: float
+    lower: float
+    upper: float
+    identifiable: bool = True
+    bound: str = ""
+    frozen: bool = False
+    noise_deviation: float = math.nan
+
+    def holds(self, truth: float) -> bool:
+        """Whether the interval holds a value."""
+        return self.lower <= truth <= self.upper
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """The result of one fit, ready for a report.
+
+    Attributes:
+        name: of the log or table that was fitted.
+        estimates: of all parameters, the frozen ones included.
+        covariance: of the free parameters, in the order of `free` (p x p).
+        cost: |weighted residual|^2 / 2.
+        residual_rms: root mean square of the residual per channel, in the channel's unit.
+        success, status: of the solver.
+        attempts: all starts that were tried: start, cost, success, status, iterations.
+        unidentifiable: directions that the data do not determine.
+        warnings: what a reader must know: active bounds, missing axes, undetermined directions.
+        effective_samples: that the data count as.
+        facts: labels of the data, such as tail, axis, angle and wind speed.
+        rig: what of the rig differs from `models/`, as `section.key`.
+        budget: per parameter the shares of the variance that noise and each uncertain constant
+            have.
+        constants: those that have a prior: shift from the scenario, deviation after the fit, and
+            `known_to` before it.
+        curves: for plots, by name; each a dictionary of equally long lists. Not in CSV and YAML.
+    """
+
+    name: str
+    estimates: tuple[Estimate, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    cost: float
+    residual_rms: Mapping[str, float]
+    success: bool
+    status: str
+    attempts: tuple[Mapping[str, Any], ...]
+    unidentifiable: Annotated[
+        tuple[str, ...], Field(validation_alias=AliasChoices("unidentifiable", "unseen"))
+    ] = ()
+    warnings: tuple[str, ...] = ()
+    effective_samples: float = math.nan
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    curves: Mapping[str, Any] = field(default_factory=dict)
+    rig: Mapping[str, Any] = field(default_factory=dict)
+    budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    constants: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> Estimate:
+        """The estimate of that name; KeyError lists those there are."""
+        estimates = {estimate.name: estimate for estimate in self.estimates}
+        if name not in estimates:
+            raise KeyError(f"{name!r}; estimated: {', '.join(estimates)}")
+        return estimates[name]
+
+    @property
+    def free(self) -> tuple[Estimate, ...]:
+        """The estimates that were not frozen."""
+        return tuple(estimate for estimate in self.estimates if not estimate.frozen)
+
+    @property
+    def resnorm(self) -> float:
+        """|weighted residual|^2, above zero: what the averages over several fits weigh by (eqs.
+        4.29-4.31).
+        """
+        return 2.0 * max(self.cost, 1e-12)
+
+    def row(self) -> dict[str, Any]:
+        """One row for CSV: facts, then value, standard deviation and interval of each parameter."""
+        row: dict[str, Any] = {"fit": self.name, **self.facts}
+        for e in self.estimates:
+            suffix = "" if e.unit in ("1", "") else "_" + unit_suffix(e.unit)
+            name = e.name
+            row[f"{name}{suffix}"] = e.value
+            if e.frozen:
+                continue
+            row[f"{name}_std{suffix}"] = e.standard_deviation
+            row[f"{name}_noise_std{suffix}"] = e.noise_deviation
+            row[f"{name}_lower95{suffix}"] = e.lower
+            row[f"{name}_upper95{suffix}"] = e.upper
+            row[f"{name}_identifiable"] = e.identifiable
+            row[f"{name}_bound"] = e.bound
+        row |= {f"residual_rms_{channel}": value for channel, value in self.residual_rms.items()}
+        return row | {
+            "cost": self.cost,
+            "effective_samples": self.effective_samples,
+            "success": self.success,
+            "status": self.status,
+            "warnings": "; ".join(self.warnings),
+        }
+
+
+def make_curve(
+    x: np.ndarray, measured: np.ndarray, model: np.ndarray, *labels: str
+) -> dict[str, list[Any]]:
+    """Make a curve of a result from equally long arrays and the labels of both axes."""
+    return {
+        "x": x.tolist(),
+        "measured": measured.tolist(),
+        "model": model.tolist(),
+        "labels": list(labels),
+    }
+
+
+def short_name(fit: str) -> str:
+    """Shorten the name of a fit for a table or a figure, without folder and suffix of its log."""
+    path = Path(fit)
+    return path.stem if path.suffix in (".parquet", ".csv") else path.name
+
+
+def unit_suffix(unit: str) -> str:
+    """Write a unit as the end of a column name: `N m s/rad` becomes `n_m_s_per_rad`."""
+    return unit.lower().replace("/", "_per_").replace(" ", "_").replace("^", "")
+
+
+def make_result(
+    solution: Solution,
+    intervals: Uncertainty,
+    channels: Channels,
+    facts: Mapping[str, Any],
+    warnings: Sequence[str],
+    constants: Collection[str] = (),
+) -> FitResult:
+    """Make the result of a solution and its intervals; parameters that are constants of the rig are
+    left out.
+    """
+    parameters = solution.problem.parameters
+    kept = [i for i, name in enumerate(parameters.names) if name not in constants]
+    estimates = [e for e in _estimates(solution, intervals) if e.name not in constants]
+    rms = {}
+    for name, (rows, weight) in channels.items():
+        rms[name] = float(np.sqrt(np.mean(np.square(solution.residual[rows])))) * weight
+    directions = intervals.unidentifiable
+    unidentifiable = tuple(text for text in directions if text.split(" ")[0] not in constants)
+    beyond = dict(zip(parameters.names, intervals.beyond.tolist(), strict=True))
+    best = solution.best
+    found = [*warnings, *(f"the data do not determine {text}" for text in unidentifiable)]
+    found += _bound_warnings(estimates, beyond)
+    if not best.success:
+        found.append(f"the solver did not finish: {best.status}")
+    covariance = intervals.covariance[np.ix_(kept, kept)].tolist()
+    return FitResult(
+        name=solution.problem.name,
+        estimates=tuple(estimates),
+        covariance=tuple(map(tuple, covariance)),
+        cost=best.cost,
+        residual_rms=rms,
+        success=best.success,
+        status=best.status,
+        attempts=_attempts(solution),
+        unidentifiable=unidentifiable,
+        warnings=tuple(found),
+        effective_samples=intervals.effective_samples,
+        facts=dict(facts),
+    )
+
+
+def _estimates(solution: Solution, intervals: Uncertainty) -> list[Estimate]:
+    """Estimates of all parameters, in their order."""
+    parameters = solution.problem.parameters
+    bounds = parameters.active(solution.x)
+    indices = {name: i for i, name in enumerate(parameters.names)}
+    estimates = []
+    for p in parameters.all:
+        if p.fixed:
+            value = p.initial
+            estimate = Estimate(p.name, p.unit, value, 0.0, value, value, True, "", True, 0.0)
+        else:
+            i = indices[p.name]
+            sigma = float(intervals.standard_deviation[i])
+            identifiable = bool(intervals.identifiable[i])
+            estimate = Estimate(
+                p.name,
+                p.unit,
+                float(solution.x[i]),
+                sigma,
+                float(intervals.lower[i]),
+                float(intervals.upper[i]),
+                identifiable,
+                # What is not identifiable stays where it started, which may be a bound.
+                bounds.get(p.name, "") if identifiable else "",
+                noise_deviation=sigma,
+            )
+        estimates.append(estimate)
+    return estimates
+
+
+def _attempts(solution: Solution) -> tuple[dict[str, Any], ...]:
+    """The starts as plain data."""
+    values = solution.problem.parameters
+    return tuple(
+        {
+            "start": _by_name(values, attempt.start),
+            "found": _by_name(values, attempt.x),
+            "cost": attempt.cost,
+            "success": attempt.success,
+            "status": attempt.status,
+            "iterations": attempt.iterations,
+        }
+        for attempt in solution.attempts
+    )
+
+
+def _by_name(parameters: Parameters, x: np.ndarray) -> dict[str, float]:
+    return dict(zip(parameters.names, x.tolist(), strict=True))
+
+
+def _bound_warnings(estimates: Sequence[Estimate], beyond: Mapping[str, float]) -> list[str]:
+    """Warnings of what stopped at a bound; `beyond` is in standard deviations, by name."""
+    at_bounds = [e for e in estimates if e.bound]
+    warnings = []
+    for e in at_bounds:
+        unit = "" if e.unit == "1" else " " + e.unit
+        warnings.append(
+            f"{e.name} stopped at its {e.bound} bound {e.value:.6g}{unit}, {beyond[e.name]:.2g} "
+            "standard deviations from what the data ask for"
+        )
+    determined = sum(e.identifiable and not e.frozen for e in estimates)
+    if at_bounds and len(at_bounds) < determined:
+        names = ", ".join(e.name for e in at_bounds)
+        warnings.append(f"the intervals of the others take {names} to lie within bounds")
+    return warnings

@@ -1,0 +1,140 @@
+"""Mean readings of a static hold without the drift of the sensor, and what is no noise in them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aerodima.optimisation.identify.huber import LIMIT, Loss, spread
+from aerodima.optimisation.identify.noise import correlation_time
+from aerodima.optimisation.identify.residual_check import (
+    CHANCE,
+    FAR_OFF,
+    FEW_FAR_OFF,
+    ResidualCheck,
+    chance_of,
+    check_residual,
+)
+from aerodima.workbench.core.array_types import FloatArray
+
+_MAX_ROUNDS = 40
+"""Most rounds of the robust regression."""
+
+
+_SETTLED = 1e-4
+"""Change, in scales, below which it has settled."""
+
+
+MAX_CORRELATED = 8192
+"""Samples that the correlation time of a noise is taken from."""
+
+
+@dataclass(frozen=True)
+class HoldMean:
+    """Mean of readings over a hold (k).
+
+    Attributes:
+        value: their step at the end of the rest; without a rest their mean (k).
+        variance: of its error from noise (k).
+        lags: samples that count as one (k).
+        checks: of what is left of each (k).
+    """
+
+    value: FloatArray
+    variance: FloatArray
+    lags: FloatArray
+    checks: tuple[ResidualCheck, ...]
+
+
+def hold_mean(
+    time: FloatArray, values: FloatArray, step: FloatArray | None, loss: Loss = "squares"
+) -> HoldMean:
+    """Fits a line of time, and the step.
+
+    Args:
+        time: s (n).
+        values: readings (k x n).
+        step: 0 in the rest and 1 in the hold (n); None without a rest.
+        loss: squares; `huber` holds samples back that lie far off.
+    """
+    rows = [np.ones_like(time), time - time.mean()]
+    if step is None:
+        index = 0
+    else:
+        index = len(rows)
+        rows.append(step)
+    design = np.stack(rows)
+    count = len(rows)
+    share = np.linalg.inv(design @ design.T)[index, index]
+    means = []
+    variances = []
+    lags = []
+    checks = []
+    for row in values:
+        coefficients, scatter, widened = _coefficients(row, design, loss)
+        lag = correlation_time(scatter[:MAX_CORRELATED])
+        freedom = max(len(row) / lag - count, 1.0)
+        means.append(coefficients[index])
+        variances.append(float(scatter @ scatter) / freedom * widened * share)
+        lags.append(lag)
+        check = check_residual(scatter, count)
+        if loss == "squares" and (check.far_off or chance_of([check]) < CHANCE):
+            # What lies far off has bent the fit: how far shows against one that it has bent less.
+            robust, _, _ = _coefficients(row, design, "huber")
+            check = check_residual(row - robust @ design, count)
+        checks.append(check)
+    return HoldMean(np.array(means), np.array(variances), np.array(lags), tuple(checks))
+
+
+def _coefficients(
+    row: FloatArray, design: FloatArray, loss: Loss
+) -> tuple[FloatArray, FloatArray, float]:
+    """Solves for one reading: coefficients; the residual, clipped by `huber`; by how much that
+    widens the variance.
+    """
+    solution = row @ design.T @ np.linalg.inv(design @ design.T)
+    residual = row - solution @ design
+    if loss == "squares":
+        return solution, residual, 1.0
+    for _ in range(_MAX_ROUNDS):
+        scale = spread(residual)
+        if scale == 0.0:
+            return solution, residual, 1.0
+        weight = _huber_weight(residual / scale)
+        weighted = design * weight
+        before = solution
+        solution = (row * weight) @ design.T @ np.linalg.inv(weighted @ design.T)
+        residual = row - solution @ design
+        change = np.abs((solution - before) @ design)
+        if np.max(change) < _SETTLED * scale:
+            break
+    sizes = residual / scale
+    within = float(np.mean(np.abs(sizes) <= LIMIT))
+    return solution, residual * _huber_weight(sizes), 1.0 / within**2
+
+
+def _huber_weight(size: FloatArray) -> FloatArray:
+    return np.minimum(1.0, LIMIT / np.maximum(np.abs(size), LIMIT))
+
+
+def residual_warnings(mean: HoldMean, channels: list[str], time: FloatArray) -> list[str]:
+    """Warnings of what the readings do that noise does not."""
+    checks = dict(zip(channels, mean.checks, strict=True))
+    far = {name: check for name, check in checks.items() if check.far_off >= FEW_FAR_OFF}
+    warnings = []
+    if far:
+        worst = max(far.values(), key=lambda check: check.far_off)
+        warnings.append(
+            f"{', '.join(far)}: up to {worst.far_off} samples lie more than {FAR_OFF:g} standard "
+            "deviations off, the "
+            f"first at {time[worst.first]:g} s: no noise does that (try --loss huber)"
+        )
+    if chance_of(mean.checks) < CHANCE:
+        name, check = max(checks.items(), key=lambda pair: pair[1].wander)
+        warnings.append(
+            f"the readings wander about the fitted drift as noise does not ({name}: by up to "
+            f"{check.swing:.2g}, slow "
+            f"power {check.wander:.3g} times that of its noise): the intervals are too narrow"
+        )
+    return warnings

@@ -1,0 +1,126 @@
+"""Huber's loss: squares within a limit and straight beyond it, so that a few wild values do not
+decide a fit.
+
+The limit stands in units of a scale taken from the data: 1.4826 times the median deviation of the
+residual, which is the standard deviation of normal data however far a minority lies off.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from aerodima.optimisation.identify.gauss_newton import solve
+from aerodima.optimisation.identify.least_squares import Problem, Solution
+from aerodima.workbench.core.array_types import FloatArray
+
+Loss = Literal["squares", "huber"]
+LOSSES: tuple[Loss, ...] = ("squares", "huber")
+LIMIT = 1.345
+"""Limit of the squares, in standard deviations: 95 % efficient on normal data."""
+_NORMAL = 1.4826
+"""Standard deviation of normal data over its median deviation."""
+_SETTLED = 0.05
+"""Relative change of the scale below which it has settled."""
+_MAX_SCALES = 4
+"""Most fits with the scale taken anew."""
+_OUTLIER = 3.0
+"""Residuals beyond, in scales, are reported as outliers."""
+
+
+def huber(residual: FloatArray, limit: float = LIMIT) -> FloatArray:
+    """Bend residuals (m) so that their squares are twice the Huber loss: unchanged within the
+    limit, growing like a root beyond it.
+    """
+    size = np.abs(residual)
+    beyond = np.sqrt(np.maximum(2.0 * limit * size - limit * limit, 0.0))
+    return np.where(size <= limit, residual, np.sign(residual) * beyond)
+
+
+def spread(values: FloatArray) -> float:
+    """Robust standard deviation: 1.4826 times the median deviation from the median."""
+    return _NORMAL * float(np.median(np.abs(values - np.median(values))))
+
+
+@dataclass(frozen=True)
+class HuberSolution:
+    """A solution under Huber's loss.
+
+    Attributes:
+        solution: x, and residual and Jacobian of the problem as it was given; its attempts end with
+            the robust one.
+        influence: the same x with the clipped residual, and the Jacobian times the share of the
+            residuals within the limit: J^+ S J^+' of it is Huber's asymptotic covariance.
+        outliers: number of residuals beyond three scales.
+        scale: standard deviation of the residual without its outliers.
+    """
+
+    solution: Solution
+    influence: Solution
+    outliers: int
+    scale: float
+
+
+def solve_huber(problem: Problem, squares: Solution) -> HuberSolution:
+    """Minimise Huber's loss from the least-squares solution on; the scale is taken anew until it
+    settles.
+
+    Raises:
+        FitError: no finite residual on the way.
+    """
+    solution = squares
+    scale = spread(solution.residual)
+    # Residuals that vanish (fewer rows than unknowns, exact data) have no outliers.
+    least = 1e-9 * max(float(np.max(np.abs(solution.residual))), 1e-300)
+    if scale <= least:
+        return HuberSolution(solution, solution, 0, scale)
+    for _ in range(_MAX_SCALES):
+        robust = solve(_huberised(problem, scale), [solution.x])
+        residual = np.asarray(problem.residual(robust.x), float)
+        before = scale
+        scale = max(spread(residual), least)
+        if abs(scale - before) <= _SETTLED * before:
+            break
+        solution = robust
+    best = replace(robust.best, status=f"Huber: {robust.best.status}")
+    solution = Solution(
+        problem,
+        robust.x,
+        residual,
+        problem.central_jacobian(robust.x),
+        best,
+        (*squares.attempts, best),
+    )
+    if scale <= least:
+        return HuberSolution(solution, solution, 0, scale)
+    limit = LIMIT * scale
+    within = float(np.mean(np.abs(residual) <= limit))
+    influence = replace(
+        solution,
+        residual=np.clip(residual, -limit, limit),
+        jacobian=within * solution.jacobian,
+    )
+    outliers = int(np.sum(np.abs(residual) > _OUTLIER * scale))
+    return HuberSolution(solution, influence, outliers, scale)
+
+
+def _huberised(problem: Problem, scale: float) -> Problem:
+    """The problem whose squares are Huber's loss."""
+    jacobian = problem.jacobian
+
+    def residual(x: FloatArray) -> FloatArray:
+        return scale * huber(np.asarray(problem.residual(x), float) / scale)
+
+    if jacobian is None:
+        return replace(problem, residual=residual)
+
+    def bent_jacobian(x: FloatArray) -> FloatArray:
+        size = np.abs(np.asarray(problem.residual(x), float)) / scale
+        square = LIMIT * LIMIT
+        beyond = LIMIT / np.sqrt(np.maximum(2.0 * LIMIT * size - square, square))
+        weight = np.where(size <= LIMIT, 1.0, beyond)
+        return weight[:, None] * np.asarray(jacobian(x), float)
+
+    return replace(problem, residual=residual, jacobian=bent_jacobian)

@@ -1,0 +1,99 @@
+"""Noise of a residual, from the residual itself.
+
+Filtered signals repeat themselves: n samples with autocorrelation rho_k count as n / (1 + 2 sum
+rho_k) (design section 11: intervals that ignore this held the truth in 23 % of the cases instead of
+95 %). Noise whose correlation is short, white or filtered, has a flat spectrum at the lowest
+frequencies; drift, a burst in the middle and an error of the model do not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aerodima.workbench.core.array_types import FloatArray
+
+_EXCESS = 0.2
+"""A residual whose variance exceeds that of its rounding by this part is not explained by it.
+
+Chosen on simulated swings, whose intervals hardly change between 0.05 and 1.
+"""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Covariance of the error of the weighted residual, and how much data it was estimated from.
+
+    Attributes:
+        covariance: (m x m), or its diagonal (m).
+        degrees_of_freedom: of the variance estimate; infinite when it is known.
+        effective_samples: that the residual stands for.
+        rounding: change of the residual (m) per half count of a reading that was rounded; its error
+            is evenly spread, not normal. It is part of `covariance` (a third of its square).
+    """
+
+    covariance: FloatArray
+    degrees_of_freedom: float = np.inf
+    effective_samples: float = np.nan
+    rounding: FloatArray | None = None
+
+
+def correlation_time(residual: FloatArray) -> float:
+    """1 + 2 sum rho_k of a signal (n): how many samples count as one; at least 1.
+
+    The autocorrelation is summed in pairs until a pair is no longer positive (initial positive
+    sequence): longer sums scatter too much in short logs. Of a steep filter, whose autocorrelation
+    rings, this takes the first lobe only and makes intervals about 8 % too wide.
+    """
+    x = np.asarray(residual, float) - np.mean(residual)
+    n = len(x)
+    power = float(x @ x)
+    if n < 4 or power <= 0.0:
+        return 1.0
+    size = 1 << (2 * n - 1).bit_length()
+    spectrum = np.fft.rfft(x, size)
+    rho = np.fft.irfft(spectrum * spectrum.conj(), size)[: n // 2] / power
+    pairs = rho[0 : len(rho) - 1 : 2] + rho[1 : len(rho) : 2]
+    falls = pairs <= 0.0
+    end = int(np.argmax(falls)) if np.any(falls) else len(pairs)
+    return max(1.0, float(2.0 * np.sum(pairs[:end]) - 1.0))
+
+
+def serial_noise(
+    residual: FloatArray, channels: list[slice], unknowns: int, rounding: float = 0.0
+) -> Noise:
+    """Noise of time series, one per channel, from the residual itself: its variance, times its
+    correlation time.
+
+    Args:
+        residual: weighted, of all channels (m).
+        channels: where each time series stands in it.
+        unknowns: number of the free parameters; they are paid for out of the effective samples.
+        rounding: step of the readings, in units of the residual. Where a reading moves through many
+            steps, rounding errors are evenly spread and average out at least as fast as white
+            noise, also when they look like a saw: a residual whose variance they explain (a twelfth
+            of the step's square) counts for single samples, one that exceeds it by a fifth counts
+            by its correlation, and in between by both in part.
+    """
+    variance = np.empty(len(residual))
+    effective = 0.0
+    for channel in channels:
+        part = residual[channel]
+        power = float(np.mean(np.square(part)))
+        explained = rounding**2 / 12.0
+        if explained > 0.0:
+            slow = min(max(power / explained - 1.0, 0.0) / _EXCESS, 1.0)
+        else:
+            slow = 1.0
+        variance[channel] = power * (1.0 + slow * (correlation_time(part) - 1.0))
+        effective += len(part) * (power / variance[channel][0] if power > 0.0 else 1.0)
+    freedom = max(effective - unknowns, 1.0)
+    return Noise(variance * effective / freedom, freedom, effective)
+
+
+def independent_noise(residual: FloatArray, unknowns: int) -> Noise:
+    """Noise of rows that do not repeat each other (a table): one variance, from the residual."""
+    freedom = max(len(residual) - unknowns, 1)
+    variance = float(residual @ residual) / freedom
+    return Noise(np.full(len(residual), variance), freedom, float(len(residual)))

@@ -1,0 +1,227 @@
+"""A fit with the constants of a rig that are known beforehand, but not exactly.
+
+They are unknowns with a prior beside those of the fit. The residual is whitened by its noise, and
+every constant adds a row (value - initial) / prior_std. The data then correct the constants as far
+as they can, and what stays open is in every interval; the budget has the shares.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import chdtrc
+
+from aerodima.optimisation.identify.fit_result import Channels, FitResult, make_result
+from aerodima.optimisation.identify.gauss_newton import solve
+from aerodima.optimisation.identify.huber import Loss, huber
+from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution
+from aerodima.optimisation.identify.noise import Noise
+from aerodima.optimisation.identify.uncertainty import uncertainty
+from aerodima.workbench.core.array_types import FloatArray
+
+_NEGLIGIBLE = 0.03
+"""A constant whose standard deviation moves the whitened residual by less is left as it is."""
+_MAX_ITERATIONS = 4
+"""Most fits with the noise taken anew."""
+_SETTLED = 0.1
+"""Change of the logarithm of the noise's size below which it has settled."""
+_MAX_SHIFT_SIGMA = 3.5
+"""Prior standard deviations beyond which the shift of a constant is reported."""
+_MISFIT_PROBABILITY = 1e-4
+"""Probability of a misfit below which it is reported."""
+_MAX_FREEDOM = 50
+"""Most degrees of freedom that the data leave where such a misfit is reported."""
+_MIN_SHARE = 1e-3
+"""Smallest share of a source that the budget names."""
+NoiseModel = Callable[[Solution], Noise]
+
+
+@dataclass(frozen=True)
+class UncertainRig:
+    """The constants of a rig as unknowns of a fit.
+
+    Attributes:
+        constants: with their prior; those without one are free and become parameters of the
+            result.
+        problem: of the data's residual in some parameters, the constants among them.
+        noise: of the data's residual, from a solution in all parameters.
+        least_noise: the same if the model were right: with it the constants are first let go,
+            since an error of theirs must not be taken for noise.
+    """
+
+    constants: Sequence[Parameter]
+    problem: Callable[[Parameters], Problem]
+    noise: NoiseModel
+    least_noise: NoiseModel
+
+
+def fit_constants(
+    first: FitResult,
+    parameters: Sequence[Parameter],
+    rig: UncertainRig,
+    channels: Channels,
+    warnings: Sequence[str],
+    loss: Loss,
+) -> FitResult:
+    """Go on from a fit with exact constants; `huber` bends the whitened residual beyond 1.345."""
+    given = [p if p.fixed else p.starting_at(first[p.name].value) for p in parameters]
+    problem, noise = _with_moving_constants(rig, given)
+    data = _unsolved(problem, problem.parameters.initial, np.empty(0))
+    rows = len(data.residual)
+    for _ in range(_MAX_ITERATIONS):
+        whitening = _Whitening.of(noise.covariance)
+        solution = solve(_whitened(problem, whitening, loss), [data.x])
+        data = _unsolved(problem, solution.x, whitening.undo(solution.jacobian[:rows]))
+        previous = noise
+        noise = rig.noise(data)
+        if abs(math.log(_size(noise) / _size(previous))) < _SETTLED:
+            break
+    ones = Noise(np.ones(len(solution.residual)), noise.degrees_of_freedom, noise.effective_samples)
+    intervals = uncertainty(solution, ones)
+    best = replace(solution.best, cost=0.5 * float(data.residual @ data.residual))
+    known = [c.name for c in rig.constants if c.has_prior]
+    result = make_result(
+        replace(data, best=best), intervals, channels, first.facts, warnings, known
+    )
+    constants = {}
+    columns = zip(
+        problem.parameters.free, solution.x, intervals.standard_deviation.tolist(), strict=True
+    )
+    for p, shift, deviation in columns:
+        if p.name in known:
+            constants[p.name] = {
+                "shift": float(shift),
+                "deviation": deviation,
+                "known_to": p.prior_std,
+            }
+    result = _with_budget(result, solution, rows, known)
+    found = [*result.warnings, *_misfit_warnings(result, solution, rows, known)]
+    return replace(result, attempts=first.attempts, constants=constants, warnings=tuple(found))
+
+
+def _with_moving_constants(rig: UncertainRig, given: list[Parameter]) -> tuple[Problem, Noise]:
+    """The problem whose constants of no effect are fixed, and its least noise."""
+    problem = rig.problem(Parameters.of([*given, *rig.constants]))
+    x = problem.parameters.initial
+    start = _unsolved(problem, x, problem.central_jacobian(x))
+    noise = rig.least_noise(start)
+    sizes = [p.prior_std if p.has_prior else 1.0 for p in problem.parameters.free]
+    whitened = _Whitening.of(noise.covariance)(start.jacobian)
+    effects = np.linalg.norm(whitened, axis=0) * sizes
+    effect = dict(zip(problem.parameters.names, effects.tolist(), strict=True))
+    kept = []
+    for c in rig.constants:
+        fixed = c.has_prior and effect[c.name] < _NEGLIGIBLE
+        kept.append(replace(c, fixed=fixed))
+    return rig.problem(Parameters.of([*given, *kept])), noise
+
+
+@dataclass(frozen=True)
+class _Whitening:
+    """Whitens the residual of the data: times `matrix`, or by element; `undo` is its inverse."""
+
+    matrix: FloatArray
+
+    @classmethod
+    def of(cls, covariance: FloatArray) -> _Whitening:
+        if covariance.ndim == 1:
+            return cls(1.0 / np.sqrt(np.maximum(covariance, 1e-300)))
+        size = np.sqrt(np.diag(covariance))
+        lower = np.linalg.cholesky(covariance / np.outer(size, size) + 1e-12 * np.eye(len(size)))
+        return cls(np.linalg.inv(lower) / size)
+
+    def __call__(self, rows: FloatArray) -> FloatArray:
+        if self.matrix.ndim == 2:
+            return self.matrix @ rows
+        return (rows.T * self.matrix).T
+
+    def undo(self, rows: FloatArray) -> FloatArray:
+        if self.matrix.ndim == 2:
+            return np.linalg.solve(self.matrix, rows)
+        return (rows.T / self.matrix).T
+
+
+def _size(noise: Noise) -> float:
+    S = noise.covariance
+    return float(np.mean(S if S.ndim == 1 else np.diag(S)))
+
+
+def _unsolved(problem: Problem, x: FloatArray, jacobian: FloatArray) -> Solution:
+    """Residual and Jacobian at x, without solving."""
+    residual = np.asarray(problem.residual(x), float)
+    return Solution(problem, x, residual, jacobian, best=None, attempts=())  # type: ignore[arg-type]
+
+
+def _whitened(problem: Problem, whitening: _Whitening, loss: Loss) -> Problem:
+    """The whitened residual, then a row per constant with a prior."""
+    free = problem.parameters.free
+    indices = [i for i, p in enumerate(free) if p.has_prior]
+    deviations = np.array([free[i].prior_std for i in indices])
+
+    def residual(x: FloatArray) -> FloatArray:
+        data = whitening(np.asarray(problem.residual(x), float))
+        if loss == "huber":
+            data = huber(data)
+        return np.concatenate([data, np.asarray(x, float)[indices] / deviations])
+
+    return replace(problem, residual=residual, jacobian=None)
+
+
+def _with_budget(
+    result: FitResult, solution: Solution, rows: int, known: Collection[str]
+) -> FitResult:
+    """The result with its budget, and with the deviations that noise alone would give.
+
+    Args:
+        solution: of the whitened problem.
+        rows: number of those of the data; the others are priors.
+        known: names of the constants that have a prior.
+    """
+    parameters = solution.problem.parameters
+    names = parameters.names
+    fitted = [i for i, name in enumerate(names) if name not in known]
+    sources = ["noise", *(name for name in names if name in known)]
+    J = solution.jacobian * parameters.scales
+    parts = np.square(np.linalg.pinv(J))
+    split = np.column_stack([parts[:, :rows].sum(axis=1), parts[:, rows:]])
+    shares = split / parts.sum(axis=1, keepdims=True)
+    exact = np.linalg.norm(np.linalg.pinv(J[:rows, fitted]), axis=1)
+    estimates = {e.name: e for e in result.estimates}
+    budget = {}
+    for i, scaled in zip(fitted, exact.tolist(), strict=True):
+        name = names[i]
+        e = estimates[name]
+        deviation = math.inf
+        if e.identifiable:
+            deviation = min(scaled * float(parameters.scales[i]), e.standard_deviation)
+            pairs = zip(sources, shares[i].tolist(), strict=True)
+            largest = sorted(pairs, key=lambda pair: -pair[1])
+            budget[name] = {source: share for source, share in largest if share >= _MIN_SHARE}
+        estimates[name] = replace(e, noise_deviation=deviation)
+    return replace(result, estimates=tuple(estimates.values()), budget=budget)
+
+
+def _misfit_warnings(
+    result: FitResult, solution: Solution, rows: int, known: Collection[str]
+) -> list[str]:
+    """Warnings of constants far from their prior, and of a residual that nothing explains."""
+    warnings = []
+    for p, shift in zip(solution.problem.parameters.free, solution.x, strict=True):
+        if p.name in known and abs(shift) > _MAX_SHIFT_SIGMA * p.prior_std:
+            warnings.append(
+                f"the data want {p.name} shifted by {shift:.3g}, "
+                f"{abs(shift) / p.prior_std:.1f} of its standard deviations "
+                f"({p.prior_std:.2g}): set it, or free it (--free {p.name})"
+            )
+    freedom = rows - len(result.free)
+    power = float(solution.residual @ solution.residual)
+    if 1 <= freedom <= _MAX_FREEDOM and chdtrc(freedom, power) <= _MISFIT_PROBABILITY:
+        warnings.append(
+            f"noise and constants do not explain the data: what is left is {power / freedom:.3g} "
+            "times what they allow; a constant is further off than its uncertainty says, or "
+            "something else is wrong"
+        )
+    return warnings

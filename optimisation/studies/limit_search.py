@@ -1,0 +1,180 @@
+"""Search of a limit: the highest value of a factor that holds, and the first one that is lost.
+
+What holds is not monotone (design section 7): beyond the first loss there may be islands that hold
+again. A limit is therefore the end of an unbroken row from below. It is searched in one of three
+ways, for one candidate or many, by runs or as arrays of reduced cars:
+
+- A climb begins where the candidate is expected to hold, goes up in strides until a value is lost
+  (down first, if the first one is), and halves the last stride (`Bracket.next_value`).
+- A scan evaluates the whole range and narrows the step from held to the first loss.
+- A sweep evaluates a whole grid at once (`unbroken`).
+
+The values that are evaluated depend on their verdicts alone, so neither do the limits depend on the
+number of workers; rows that are kept are not made again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import SweepError
+
+SCAN_SECTIONS = 3
+"""Parts of a bracket per round of a scan: two runs, one per core of a small computer."""
+
+Start = float | Literal["scan"]
+"""Value at which a climb begins, or `scan`."""
+Candidate = TypeVar("Candidate")
+
+
+@dataclass(frozen=True)
+class Bracket:
+    """Highest value that holds below the first loss, and that loss; numbers, or arrays (n).
+
+    Attributes:
+        held: -inf while no value holds.
+        lost: inf while no value is lost.
+    """
+
+    held: Any = -math.inf
+    lost: Any = math.inf
+
+    @classmethod
+    def from_verdicts(cls, verdicts: Mapping[float, bool | None]) -> Bracket:
+        """Makes the bracket of values and their verdicts; a value without verdict is ignored."""
+        losses = (value for value, holds in verdicts.items() if holds is False)
+        lost = min(losses, default=math.inf)
+        held = (value for value, holds in verdicts.items() if holds and value < lost)
+        return cls(max(held, default=-math.inf), lost)
+
+    def updated(self, value: Any, holds: Any) -> Bracket:
+        """Narrows the bracket by the verdict on a value between its ends."""
+        return Bracket(np.where(holds, value, self.held), np.where(holds, self.lost, value))
+
+    def next_value(self, start: Any, stride: Any) -> Any:
+        """Returns the start, then a stride beyond the only end, then the middle of both ends."""
+        has_held = np.isfinite(self.held)
+        has_lost = np.isfinite(self.lost)
+        held = np.where(has_held, self.held, 0.0)
+        lost = np.where(has_lost, self.lost, 0.0)
+        down = np.where(has_lost, lost - stride, start)
+        outside = np.where(has_held, held + stride, down)
+        return np.where(has_held & has_lost, 0.5 * (held + lost), outside)
+
+
+def unbroken(holds: FloatArray, axis: int = 0) -> FloatArray:
+    """Returns which verdicts hold with all those before them on an axis, as 1 and 0."""
+    return np.cumprod(holds, axis=axis)
+
+
+def run_rounds(
+    candidates: Sequence[Candidate],
+    next_values: Callable[[Candidate], Iterable[float]],
+    run: Callable[[Sequence[tuple[Candidate, float]]], Sequence[Any]],
+    record: Callable[[Candidate, float, Any], None],
+) -> None:
+    """Searches for several candidates at once, so that all workers are busy.
+
+    Args:
+        candidates: whose limits are searched.
+        next_values: values that a candidate needs next; none at its end.
+        run: evaluates (candidate, value), in order.
+        record: receives each result.
+    """
+    while True:
+        wanted = [
+            (candidate, value) for candidate in candidates for value in next_values(candidate)
+        ]
+        if not wanted:
+            return
+        for (candidate, value), result in zip(wanted, run(wanted), strict=True):
+            record(candidate, value, result)
+
+
+@dataclass(frozen=True)
+class LimitSearch:
+    """Range and steps of a search.
+
+    Attributes:
+        factor: number of the scenario that is varied.
+        low: lowest value; the grid of a climb begins here.
+        high: highest value.
+        scan: largest step of a scan, in which a narrower island may be missed; first stride of a
+            climb.
+        tolerance: largest distance between the highest value held and the first lost; grid of a
+            climb.
+    """
+
+    factor: str
+    low: float
+    high: float
+    scan: float
+    tolerance: float
+
+    def __post_init__(self) -> None:
+        limits = {
+            "low": (-math.inf, self.high),
+            "scan": (1e-12, math.inf),
+            "tolerance": (1e-12, self.scan),
+        }
+        for name, (least, largest) in limits.items():
+            value = getattr(self, name)
+            if not (least <= value <= largest and math.isfinite(value)):
+                raise SweepError(
+                    f"threshold of {self.factor}: {name} {value:g}; "
+                    f"must be from {least:g} to {largest:g}"
+                )
+
+    def index(self, value: float) -> int:
+        """Returns the index of a value on the grid, within its ends; the lower one of two."""
+        index = math.floor((value - self.low) / self.tolerance + 1e-9)
+        return min(max(index, 0), self._last)
+
+    def value(self, index: int) -> float:
+        """Returns the value at an index of the grid."""
+        return rounded(self.low + index * self.tolerance)
+
+    def next_values(self, start: Start, verdicts: Mapping[float, bool | None]) -> list[float]:
+        """Returns the values that are needed next; none at the end.
+
+        Args:
+            start: of a climb, or `scan`.
+            verdicts: value -> whether it holds, of all that was evaluated so far.
+        """
+        bracket = Bracket.from_verdicts(verdicts)
+        if start == "scan":
+            values = self._scan(bracket, not verdicts)
+        else:
+            values = [self._climb(start, bracket)]
+        return [value for value in values if value not in verdicts]
+
+    def _climb(self, start: float, bracket: Bracket) -> float:
+        """Returns the next value of a climb; one that is known already ends it."""
+        stride = self.tolerance * max(1, round(self.scan / self.tolerance))
+        return self.value(self.index(bracket.next_value(start, stride)))
+
+    def _scan(self, bracket: Bracket, is_new: bool) -> list[float]:
+        held = bracket.held
+        lost = bracket.lost
+        if is_new:
+            steps = math.ceil((self.high - self.low) / self.scan - 1e-9)
+            return [rounded(value) for value in np.linspace(self.low, self.high, steps + 1)]
+        if lost - held == math.inf or lost - held <= self.tolerance + 1e-9:
+            return []
+        cuts = np.linspace(held, lost, SCAN_SECTIONS + 1)[1:-1]
+        return [rounded(value) for value in cuts]
+
+    @property
+    def _last(self) -> int:
+        return round((self.high - self.low) / self.tolerance)
+
+
+def rounded(value: float) -> float:
+    """Drops the last bits of a division, so that tables and settings read well."""
+    return float(f"{value:.9g}")

@@ -1,0 +1,400 @@
+"""Runs of the car and of the rigs as tasks with flat rows: many of them on an engine, each made
+once.
+
+A run that kills its worker is a row with an error. Rows are kept on the disk, so that work can be
+stopped and go on, or be widened.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from functools import cache, lru_cache, partial
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import pandas as pd
+
+from aerodima.workbench.batch.engine import Engine
+from aerodima.workbench.batch.row_store import (
+    ProgressBar,
+    ProgressLine,
+    Row,
+    RowStore,
+    content_key,
+    no_progress,
+    print_resume_hint,
+)
+from aerodima.workbench.control.swing_library import NO_SWING, find_swing
+from aerodima.workbench.control.user_law import in_words, load_law
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.yaml_files import read_yaml
+from aerodima.workbench.logs.schema import RunLog, read_run_log, software_versions
+from aerodima.workbench.scenario.rig_scenario import RigScenario
+from aerodima.workbench.scenario.scenario import Scenario, default_values
+
+WORKER_LOST = "its worker process was lost"
+"""Begins the error of a run whose worker died under it again and again."""
+
+MIN_SPEED_SHARE = 0.9
+"""Share of the commanded speed that a car must have reached when its turn begins."""
+
+FINE_STEP = 0.0005
+"""Step of the plant at which claims are made, s; a fourth of that of ordinary runs."""
+Item = TypeVar("Item")
+WORKER_LOST_AGAIN = (
+    f"{WORKER_LOST} again and again, also alone in the cluster (out of memory, or "
+    "a crash in the solver)"
+)
+TEXT_COLUMNS = frozenset(
+    [
+        "axis",
+        "block",
+        "direction",
+        "error",
+        "kind",
+        "log",
+        "member",
+        "outcome",
+        "run",
+        "scenario",
+        "scenario_sha256",
+        "settings",
+        "signals",
+        "tail",
+        "tail_mode",
+        "touched",
+    ]
+)
+"""Columns that are texts even where no row has one."""
+
+
+@dataclass(frozen=True)
+class RunTask:
+    """One run, small enough to send anywhere; files that it names must be there where it runs.
+
+    Attributes:
+        name: of the run within its study.
+        scenario: name or path, as for `load_any_scenario`.
+        settings: overrides, such as `car.tyre_friction=0.7`.
+        signals: `all` also gives the impulses of the tail, at twice the price.
+        log: file in which the log of the run is kept; one that is there already is that of an
+            earlier try.
+        law: `FILE:CLASS` of the law that drives the tail instead of the scenario's, as `load_law`
+            takes it.
+    """
+
+    name: str
+    scenario: str
+    settings: tuple[str, ...] = ()
+    signals: Literal["all", "outcome"] = "outcome"
+    log: str = ""
+    law: str = ""
+
+
+def load_any_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenario | RigScenario:
+    """Loads a scenario of the car or of a rig, by its path or by the name of one that ships;
+    ScenarioError as `load`.
+    """
+    path = Path(name_or_path)
+    if path.is_file():
+        is_rig = read_yaml(path).get("schema") == RigScenario.model_fields["schema_"].default
+    else:
+        is_rig = name_or_path in RigScenario.names()
+    return (RigScenario if is_rig else Scenario).load(name_or_path, settings)
+
+
+def step_settings(step: float) -> tuple[str, ...]:
+    """Returns the settings of a step of the plant, s."""
+    return (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")
+
+
+def evaluate(task: RunTask) -> Row:
+    """Runs a task; one row of outcome, metrics and provenance, without anything that differs from
+    time to time.
+
+    A run that cannot be made (impossible scenario, plant that does not load, solver that gives up,
+    NaN, any error in a law of the task) gives a row without outcome, with one line in `error`.
+    Units are at the end of the names.
+    """
+    try:
+        scenario = load_any_scenario(task.scenario, task.settings)
+    except UserError as error:
+        return failed_row(task, str(error))
+    try:
+        return _measured(task, scenario)
+    except Exception as error:
+        if not task.law and not isinstance(
+            error, (UserError, ArithmeticError, RuntimeError, ValueError)
+        ):
+            raise
+        if task.law:
+            words = in_words(error)
+        else:
+            words = " ".join(str(error).split()) or type(error).__name__
+        return failed_row(task, words, scenario)
+
+
+def tipped_before_turn(row: Mapping[Any, Any]) -> bool:
+    """Whether a run flipped before its turn, so that it says nothing about the turn.
+
+    A high car with its tail behind may tip over backwards while it gathers speed; it is slow, or
+    lies, when the turn begins.
+    """
+    speed = row.get("speed_m_per_s")
+    commanded = row.get("commanded_speed_m_per_s")
+    if row["outcome"] != "flipped" or speed is None or commanded is None:
+        return False
+    return float(speed) < MIN_SPEED_SHARE * float(commanded)
+
+
+def failed_row(task: RunTask, error: str, scenario: Scenario | RigScenario | None = None) -> Row:
+    """Makes the row of a run without outcome; the columns of the metrics are missing in it."""
+    return {"run": task.name, "outcome": None, "error": error, **_provenance(task, scenario)}
+
+
+def _measured(task: RunTask, scenario: Scenario | RigScenario) -> Row:
+    from aerodima.workbench.batch.simulation import simulate
+
+    path = Path(task.log) if task.log else None
+    if path is not None and path.exists():
+        # It is whole: its process was killed between writing it and saying so.
+        return measured_row(task, scenario, read_run_log(path))
+    if isinstance(scenario, RigScenario):
+        run = simulate(scenario, path, force=True)
+    else:
+        law = load_law(task.law, scenario) if task.law else None
+        record = "all" if path else task.signals
+        run = simulate(scenario, path, record=record, stop_when_certain=True, law=law, force=True)
+    return measured_row(task, scenario, run)
+
+
+def measured_row(task: RunTask, scenario: Scenario | RigScenario, run: RunLog) -> Row:
+    """Makes the row of a task whose scenario has been run, as `evaluate` does."""
+    last = {"error": "", **_provenance(task, scenario)}
+    if isinstance(scenario, RigScenario):
+        facts = {name: run.extra[name] for name in ("tail", "axis", "wind_speed_m_per_s")}
+        facts["angle_rad"] = scenario.experiment.angle
+        truth = {f"true_{name}": value for name, value in run.extra["truth"].items()}
+        row = {"run": task.name, "outcome": "measured", "kind": run.kind, **facts, **truth}
+        return row | last
+    from aerodima.workbench.car.termination import STOPPED
+    from aerodima.workbench.car.tip_up import path_row, tip_up
+    from aerodima.workbench.car.turn_course import turn_course
+    from aerodima.workbench.car.turn_signals import steered_windows
+    from aerodima.workbench.metrics.run_summary import summarise
+
+    summary = summarise(run, scenario.name)
+    row = {
+        "run": task.name,
+        **summary.as_row(),
+        **turn_course(run).as_row(),
+        **tip_up(run, steered_windows(run)).as_row(),
+        **path_row(run, scenario),
+        "stopped_at_flip_s": run.extra.get(STOPPED),
+    }
+    if task.signals == "all":
+        row |= summary.impulses_row()
+        if run.has_tail:
+            from aerodima.workbench.car.tail_impulses import CAUSES, tail_yaw_impulses
+
+            yaw = tail_yaw_impulses(run)
+            row |= {f"{cause}_yaw_impulse_window_n_m_s": getattr(yaw, cause) for cause in CAUSES}
+    return row | last
+
+
+def _provenance(task: RunTask, scenario: Scenario | RigScenario | None) -> Row:
+    row: Row = {
+        "scenario": task.scenario,
+        "settings": " ".join(task.settings),
+        "seed": None,
+        "scenario_sha256": None,
+    }
+    if scenario is not None:
+        resolved = json.dumps(scenario.resolved(), sort_keys=True)
+        row["seed"] = scenario.seed
+        row["scenario_sha256"] = hashlib.sha256(resolved.encode()).hexdigest()
+    return {
+        **row,
+        **{f"version_{name}": version for name, version in sorted(software_versions().items())},
+    }
+
+
+def open_run_engine(
+    workers: int = 2, scheduler: str | None = None, **options: Any
+) -> AbstractContextManager[Engine]:
+    """Opens `aerodima.workbench.open_engine`, whose workers are ready to simulate; with its
+    options.
+    """
+    from aerodima.workbench.batch.dask_engine import open_engine
+
+    return open_engine(workers, scheduler, module="aerodima.workbench.car.car_run", **options)
+
+
+class CachedRunner:
+    """Rows of tasks, each run once.
+
+    Args:
+        engine: where they are run; this process by default.
+        store: open; keeps them on the disk, and holds those of before. Without one this object
+            remembers them.
+        progress: receives lines of progress.
+        stage: what is being run, for these lines; may be changed on the way.
+    """
+
+    def __init__(
+        self,
+        engine: Engine | None = None,
+        store: RowStore | None = None,
+        progress: ProgressLine = no_progress,
+        stage: str = "",
+    ) -> None:
+        self._engine = engine or Engine()
+        self._store = store
+        self._known: dict[str, Row] = {} if store is None else store.rows
+        self.say = progress
+        self.stage = stage
+        self.ran = 0
+
+    def rows(self, tasks: Sequence[RunTask]) -> list[Row]:
+        """Returns `evaluate` of each task, in order, under its own name; one that kills its worker
+        gives a row with an error.
+        """
+        keys = [run_key(task) for task in tasks]
+        rows = self._rows_by_key(evaluate, tasks, keys, _lost)
+        return [row | {"run": task.name} for task, row in zip(tasks, rows, strict=True)]
+
+    def map(
+        self, function: Callable[[Item], Any], items: Sequence[Item], keys: Sequence[str]
+    ) -> list[Any]:
+        """Returns `function` (of a module) of each item, JSON-able; raises what it raises, and
+        UserError for a lost worker.
+        """
+        rows = self._rows_by_key(partial(_result_of, function), items, keys)
+        return [row["result"] for row in rows]
+
+    def _rows_by_key(
+        self,
+        work: Callable[[Item], Row],
+        items: Sequence[Item],
+        keys: Sequence[str],
+        lost: Callable[[Item], Row] | None = None,
+    ) -> list[Row]:
+        """Returns rows of items by their keys, with a line of progress for each new one."""
+        by_key = dict(zip(keys, items, strict=True))
+        missing = [key for key in by_key if key not in self._known]
+        bar = ProgressBar(self.say, len(by_key), len(by_key) - len(missing))
+
+        def keep(index: int, row: Row) -> None:
+            self.ran += 1
+            key = missing[index]
+            if self._store is None:
+                self._known[key] = row
+            else:
+                self._store.add(key, row)
+            if "result" not in row:
+                bar.advance(f"{self.stage} {row['outcome'] or 'failed':8}".lstrip())
+            elif self.stage:
+                bar.advance(self.stage)
+
+        self._engine.map(work, [by_key[key] for key in missing], keep, lost)
+        return [self._known[key] for key in keys]
+
+
+@contextmanager
+def cached_runs(
+    out: Path, engine: Engine, *, force: bool = False, progress: ProgressLine = no_progress
+) -> Iterator[CachedRunner]:
+    """Runs that are kept in `runs.jsonl` of a folder, with these parameters and versions.
+
+    Raises:
+        UserError: the folder is in use, or holds runs of other parameters or versions and `force`
+            is not set.
+    """
+    identity = {
+        "schema": "aerodima/judge/1",
+        "parameters": default_values(),
+        "versions": software_versions(),
+    }
+    with RowStore(out / "runs.jsonl", identity, force=force) as store:
+        runs = CachedRunner(engine, store, progress)
+        with print_resume_hint(progress, lambda: f"{len(store.rows)} runs"):
+            yield runs
+        progress(f"{runs.ran} runs made; {len(store.rows)} are in {out}")
+
+
+def _lost(task: RunTask) -> Row:
+    return failed_row(task, WORKER_LOST_AGAIN)
+
+
+def _result_of(function: Callable[[Any], Any], item: Any) -> Row:
+    return {"result": function(item)}
+
+
+def run_key(task: RunTask) -> str:
+    """Hashes all that determines the row of a run, swing and law included, but not its name.
+
+    Of what a law's file imports nothing is looked at.
+    """
+    content = scenario_content(task.scenario, task.settings)
+    if task.law:
+        path, _, name = task.law.rpartition(":")
+        content += [name, Path(path).read_text(encoding="utf-8")]
+    return content_key(task.scenario, task.settings, task.signals, _versions(), content)
+
+
+def scenario_content(name: str, settings: Sequence[str] = ()) -> list[Any]:
+    """Returns what the files behind a scenario with overrides hold, its swing among them, for keys
+    of cached results.
+    """
+    try:
+        scenario = load_any_scenario(name, settings)
+        swing = ""
+        if isinstance(scenario, Scenario):
+            swing = _swing(scenario.controller.swing_file)
+        return [scenario.resolved(), swing]
+    except UserError as error:
+        return [str(error)]
+
+
+@cache
+def _versions() -> dict[str, str]:
+    return software_versions()
+
+
+def _swing(name: str) -> str:
+    path = Path(name)
+    if name == NO_SWING:
+        return ""
+    return _swing_content(name, path.stat().st_mtime_ns if path.is_file() else 0)
+
+
+@lru_cache
+def _swing_content(name: str, _changed: int) -> str:
+    return find_swing(name).model_dump_json()
+
+
+def make_frame(rows: Sequence[Row]) -> pd.DataFrame:
+    """Makes one table of rows with different keys: numbers as float, truth values as boolean,
+    everything else as text.
+
+    The order of the columns is that of their first appearance in a list of rows that is in order
+    itself; the kind of a column does not depend on the order of its rows.
+    """
+    names = list(dict.fromkeys(name for row in sorted(rows, key=len, reverse=True) for name in row))
+    return pd.DataFrame({name: _column(name, [row.get(name) for row in rows]) for name in names})
+
+
+def _column(name: str, values: list[Any]) -> pd.Series:
+    present = [value for value in values if value is not None]
+    if name == "clean" or (present and all(isinstance(value, bool) for value in present)):
+        return pd.Series(values, dtype="boolean")
+    is_text = name in TEXT_COLUMNS or name.startswith("version_")
+    if not is_text and all(isinstance(value, int | float) for value in present):
+        return pd.Series(
+            [None if value is None else float(value) for value in values], dtype="float64"
+        )
+    return pd.Series([None if value is None else str(value) for value in values], dtype="str")

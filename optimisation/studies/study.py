@@ -1,0 +1,332 @@
+"""A study: which runs are to be made, as a YAML file of scenarios with grids and samples of their
+numbers.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+from scipy.stats import norm, qmc
+
+from aerodima.optimisation.studies.runs import RunTask, load_any_scenario
+from aerodima.workbench.core.errors import ScenarioError, SweepError
+from aerodima.workbench.core.key_errors import nearest
+from aerodima.workbench.core.yaml_files import StrictModel, checked, find_file, read_yaml
+from aerodima.workbench.scenario.ensemble import Member, load_ensemble
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.scenario_file import ScenarioFile
+
+STUDY_SCHEMA = "aerodima/study/1"
+MAX_RUNS = 100_000
+"""Upper bound against typos: a day and a half on two cores."""
+
+Value = float | int | bool | str
+
+
+class Range(StrictModel):
+    """Evenly spaced values, both ends included."""
+
+    first: float
+    last: float
+    number: int = Field(description="of values", ge=1, le=10_000)
+
+    def values(self) -> list[Value]:
+        """Returns the values as the plain decimals that a reader expects, without bits of a
+        division.
+        """
+        return [float(f"{value:.12g}") for value in np.linspace(self.first, self.last, self.number)]
+
+
+class Uniform(StrictModel):
+    """Uniform distribution between two values."""
+
+    low: float
+    high: float
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "Uniform":
+        if self.high <= self.low:
+            raise ValueError(f"high: {self.high:g}; must be above low, {self.low:g}")
+        return self
+
+    def at(self, share: np.ndarray) -> np.ndarray:
+        """Returns the values of quantiles (n)."""
+        return self.low + (self.high - self.low) * share
+
+
+class Normal(StrictModel):
+    """Normal distribution."""
+
+    mean: float
+    deviation: float = Field(gt=0)
+
+    def at(self, share: np.ndarray) -> np.ndarray:
+        """Returns the values of quantiles (n)."""
+        return norm.ppf(np.clip(share, 1e-9, 1.0 - 1e-9), self.mean, self.deviation)
+
+
+class Sample(StrictModel):
+    """Scattered values of several factors at once (scipy.stats.qmc), the same for the same seed."""
+
+    method: Literal["sobol", "lhs"] = "sobol"
+    number: int = Field(description="of samples; a power of 2 balances Sobol's", ge=1, le=MAX_RUNS)
+    anew: bool = Field(
+        default=False, description="each combination of the grid has samples of its own"
+    )
+    seed: int = Field(default=1, description="of the scattering", ge=0)
+    factors: dict[str, Uniform | Normal] = Field(min_length=1)
+    new_seeds: bool = Field(
+        default=False, description="each sample has its own seed, so its own sensor noise"
+    )
+
+    def rows(self, times: int = 1) -> list[dict[str, Value]]:
+        """Draws one dict of factor -> value per sample, so many times the number of samples."""
+        dimensions = len(self.factors)
+        number = times * self.number
+        generator = np.random.default_rng(self.seed)
+        if self.method == "sobol":
+            power = int(np.ceil(np.log2(number)))
+            shares = qmc.Sobol(dimensions, rng=generator).random_base2(power)[:number]
+        else:
+            shares = qmc.LatinHypercube(dimensions, rng=generator).random(number)
+        distributions = self.factors.values()
+        columns = [one.at(share) for one, share in zip(distributions, shares.T, strict=True)]
+        rows: list[dict[str, Value]] = []
+        for values in zip(*columns, strict=True):
+            numbers = [float(f"{value:.12g}") for value in values]
+            rows.append(dict(zip(self.factors, numbers, strict=True)))
+        if self.new_seeds:
+            rows = [row | {"seed": 1 + index} for index, row in enumerate(rows)]
+        return rows
+
+
+class Block(StrictModel):
+    """One scenario of the car or a rig with factors: every combination of the grid, with every
+    sample.
+
+    A factor of both has the sum.
+    """
+
+    name: str = Field(default="", description="of the block within the study", max_length=40)
+    scenario: str = Field(description="name or path")
+    settings: tuple[str, ...] = Field(
+        default=(), description="overrides of every run, such as car.mass=5.5"
+    )
+    grid: dict[str, Annotated[list[Value], Field(min_length=1)] | Range] = Field(default={})
+    sample: Sample | None = None
+
+    def points(self) -> Iterator[dict[str, Value]]:
+        """Yields factor -> value of each run."""
+        axes = [
+            axis.values() if isinstance(axis, Range) else list(axis) for axis in self.grid.values()
+        ]
+        cells = list(product(*axes))
+        samples: Sequence[Mapping[str, Value]] = [{}]
+        anew = False
+        if self.sample is not None:
+            anew = self.sample.anew
+            samples = self.sample.rows(len(cells) if anew else 1)
+        each = len(samples) // len(cells) if anew else len(samples)
+        for index, values in enumerate(cells):
+            point = dict(zip(self.grid, values, strict=True))
+            first = index * each if anew else 0
+            for sampled in samples[first : first + each]:
+                sums = {name: _sum(point.get(name, 0.0), value) for name, value in sampled.items()}
+                yield point | sums
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        lengths = [
+            axis.number if isinstance(axis, Range) else len(axis) for axis in self.grid.values()
+        ]
+        return math.prod(lengths) * (1 if self.sample is None else self.sample.number)
+
+    @property
+    def factors(self) -> list[str]:
+        """Keys that differ from run to run."""
+        factors = list(self.grid)
+        if self.sample is not None:
+            factors += self.sample.factors
+            if self.sample.new_seeds:
+                factors.append("seed")
+        return factors
+
+
+class Study(StrictModel):
+    """Everything that is to be run. A file with one block may write its keys at the top level."""
+
+    schema_: Literal["aerodima/study/1"] = Field(default="aerodima/study/1", alias="schema")
+    name: str = Field(description="of the study, in its page", min_length=1, max_length=80)
+    signals: Literal["all", "outcome"] = Field(
+        default="outcome", description="all: the impulses of the tail too"
+    )
+    logs: bool = Field(default=False, description="keep the log of each run in the folder `logs`")
+    ensemble: str | None = Field(
+        default=None, description="name or path: every run for every member of it"
+    )
+    members: int | None = Field(
+        default=None, description="only that many members, drawn by weight", ge=1
+    )
+    blocks: tuple[Block, ...] = Field(min_length=1)
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """A task, and the columns of its row that say where it stands in the study.
+
+    Attributes:
+        task: what is run.
+        place: `block`, `member`, `weight`, one entry per factor, and the `log` within the folder of
+            the study.
+    """
+
+    task: RunTask
+    place: dict[str, Value | None]
+
+
+def load_study(path: str | Path) -> Study:
+    """Reads a study file, or the one of a name in `models/studies`.
+
+    Raises:
+        SweepError: no such file or name, wrong key, value or factor; names the place, the value and
+            what is allowed.
+    """
+    path = find_file(path, "studies", "study", SweepError)
+    data = {"schema": STUDY_SCHEMA, "name": path.stem} | read_yaml(path, SweepError)
+    _refuse_empty_factors(path, data)
+    study = checked(Study, _in_blocks(data), str(path), SweepError, schema=STUDY_SCHEMA)
+    check_factors(study, str(path))
+    return study
+
+
+def _refuse_empty_factors(path: Path, data: dict[str, Any]) -> None:
+    """Raises one sentence for the mistake that the schema would answer with one per
+    kind of factor.
+    """
+    blocks = data.get("blocks", [data])
+    for block in blocks if isinstance(blocks, list) else []:
+        grid = block.get("grid") if isinstance(block, dict) else None
+        for name, values in grid.items() if isinstance(grid, dict) else ():
+            if values in ([], {}, None):
+                raise SweepError(
+                    f"{path}: grid: {name}: {values!r} is no value; must have at least one"
+                )
+
+
+def check_factors(study: Study, where: str) -> None:
+    """Raises SweepError for a factor that no scenario has, and for a scenario that is not there."""
+    for block in study.blocks:
+        label = f"{where}: block {block.name!r}" if block.name else where
+        try:
+            scenario = load_any_scenario(block.scenario, block.settings)
+        except ScenarioError as error:
+            raise SweepError(f"{label}: {error}") from None
+        for factor in block.factors:
+            _check_factor(factor, type(scenario), label)
+        sampled = () if block.sample is None else block.sample.factors
+        for name in sorted(set(block.grid).intersection(sampled)):
+            values = block.grid[name]
+            if isinstance(values, list) and any(isinstance(value, str | bool) for value in values):
+                raise SweepError(
+                    f"{label}: {name}: is in the grid and in the sample; must be numbers, which "
+                    "are added"
+                )
+        if study.ensemble is not None and not isinstance(scenario, Scenario):
+            raise SweepError(
+                f"{label}: ensemble: {study.ensemble}; must be none, with a scenario of a rig"
+            )
+
+
+def plan_runs(study: Study) -> list[PlannedRun]:
+    """Plans every run of a study, in the order of its table.
+
+    Raises:
+        SweepError: more than `MAX_RUNS`.
+        EnsembleError: the ensemble cannot be read.
+    """
+    members: Sequence[Member | None] = [None]
+    if study.ensemble is not None:
+        ensemble = load_ensemble(study.ensemble)
+        members = ensemble.members
+        if study.members is not None:
+            members = ensemble.resample(study.members)
+    number = sum(block.size for block in study.blocks) * len(members)
+    if number > MAX_RUNS:
+        raise SweepError(f"{study.name}: {number} runs; must be at most {MAX_RUNS}")
+    factors = dict.fromkeys(factor for block in study.blocks for factor in block.factors)
+    runs: list[PlannedRun] = []
+    for index, block in enumerate(study.blocks):
+        for point in block.points():
+            for member in members:
+                place: dict[str, Value | None] = {"block": block.name or str(index)}
+                settings: list[str] = []
+                if member is not None:
+                    place |= {"member": member.name, "weight": member.weight}
+                    settings += member.settings_on(block.scenario)
+                settings += block.settings
+                settings += [f"{name}={_text(value)}" for name, value in point.items()]
+                place |= {name: point.get(name) for name in factors}
+                name = f"{len(runs):06d}"
+                if study.logs:
+                    place["log"] = f"logs/{name}.parquet"
+                task = RunTask(name, block.scenario, tuple(settings), study.signals)
+                runs.append(PlannedRun(task, place))
+    return runs
+
+
+def _text(value: Value) -> str:
+    """Returns the text that YAML reads back: floats in full precision (`1e-05` would be text,
+    `1.0e-05` is a number).
+    """
+    if isinstance(value, bool):
+        return str(value).lower()
+    text = str(value)
+    mantissa, exponent, power = text.partition("e")
+    if isinstance(value, float) and exponent and "." not in mantissa:
+        return f"{mantissa}.0e{power}"
+    return text
+
+
+def _in_blocks(data: dict[str, Any]) -> dict[str, Any]:
+    own = [key for key in Block.model_fields if key in data and key != "name"]
+    if "blocks" in data or not own:
+        return data
+    rest = {key: value for key, value in data.items() if key not in own}
+    return rest | {"blocks": [{key: data[key] for key in own}]}
+
+
+def _sum(value: Value, added: Value) -> Value:
+    """Adds a number of the sample to that of the grid; a seed of the sample stays whole."""
+    if not value:
+        return added
+    return float(value) + float(added)
+
+
+def _check_factor(factor: str, scenario: type[ScenarioFile], where: str) -> None:
+    section, _, key = factor.partition(".")
+    sections = scenario.sections()
+    if not key:
+        known = [
+            name for name in scenario.model_fields if name not in sections and name != "schema_"
+        ]
+        if factor not in known:
+            raise SweepError(
+                f"{where}: factor {factor!r}: must be section.key, such as car.tyre_friction, "
+                "or seed"
+            )
+        return
+    if section not in sections:
+        raise SweepError(
+            f"{where}: factor {factor!r}: {section!r} is no section; "
+            f"{nearest(section, list(sections))}"
+        )
+    keys = list(sections[section].model_fields)
+    if key not in keys:
+        close = nearest(factor, [f"{section}.{name}" for name in keys])
+        raise SweepError(f"{where}: factor {factor!r}: no such number; {close}")

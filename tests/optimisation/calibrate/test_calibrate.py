@@ -1,0 +1,222 @@
+"""Runs of the calibration: figures of a known motion, reduced against full cars, and the whole job,
+which goes on.
+"""
+
+from dataclasses import fields
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+
+from aerodima.optimisation.calibrate.calibration import fit_surrogate
+from aerodima.optimisation.calibrate.calibration_plan import FIGURES, LIFT, CarPrior, load_plan
+from aerodima.optimisation.calibrate.turn_runs import (
+    AFTER,
+    BEFORE,
+    STEP,
+    Motion,
+    WorkItem,
+    _motions,
+    figures_of_motion,
+    run_full,
+    run_reduced,
+    search_full,
+)
+from aerodima.optimisation.calibrate.validation_page import calibrate
+from aerodima.optimisation.studies.runs import CachedRunner
+from aerodima.workbench.car.reduced.states import RATES, STATES, V, W
+from aerodima.workbench.car.reduced.turns import Turns
+from aerodima.workbench.cli.program import main
+from aerodima.workbench.scenario.ensemble import load_ensemble
+
+PLAN = load_plan()
+PRIOR = CarPrior(PLAN)
+SLOW = {turn.system: turn for turn in reversed(PLAN.turns) if turn.table and turn.tail == "none"}
+STILL = {"window": 0.6, "latency": 0.0, "gyro_bias": 0.0, "forward": 0.0}
+
+
+def motion(begin=0.0, end=2.0):
+    """Yaws at 2 rad/s and rolls at 0.5 rad/s between two times after the steering; the inner wheels
+    lift at 0.3 s.
+    """
+    time = STEP * np.arange(round((BEFORE + AFTER) / STEP)) - BEFORE
+    turning = 1.0 * ((time >= begin - 1e-9) & (time < end - 1e-9))
+    return Motion(2.0 * turning, 6.0 * turning, 0.5 * turning, time < 0.3)
+
+
+def test_figures_of_a_steady_turn_in_the_simulated_system():
+    found = figures_of_motion(motion(), SLOW["simulated"], STILL)
+    assert [found[name] for name in FIGURES[:4]] == pytest.approx([2.0, 2.0, 6.0, 6.0])
+    assert found["roll_integral_rad"] == pytest.approx(0.5 * AFTER, abs=0.01)
+    assert found[LIFT] == 2.0
+
+
+def test_latency_moves_the_window_back_and_bias_adds():
+    late = figures_of_motion(
+        motion(0.0, 0.5), SLOW["physical"], STILL | {"latency": 0.1, "gyro_bias": 0.03}
+    )
+    assert late["average_yaw_rate_rad_per_s"] == pytest.approx(2.0 * 0.5 / 0.6 + 0.03, rel=0.02)
+    short = STILL | {"window": 0.5}
+    ended = figures_of_motion(motion(0.0, 0.25), SLOW["physical"], short)
+    shifted = figures_of_motion(motion(0.0, 0.25), SLOW["physical"], short | {"latency": 0.25})
+    for found in (ended, shifted):
+        assert found["average_yaw_rate_rad_per_s"] == pytest.approx(1.0, rel=0.1)
+    missed = figures_of_motion(motion(0.3, 0.5), SLOW["physical"], short | {"latency": 0.25})
+    assert missed["average_yaw_rate_rad_per_s"] < 0.1
+
+
+def test_filter_that_runs_forwards_only_is_late():
+    both, forwards = (
+        figures_of_motion(motion(), SLOW["physical"], STILL | {"forward": forward})
+        for forward in (0.0, 1.0)
+    )
+    name = "average_yaw_rate_rad_per_s"
+    delay = np.sqrt(2.0) / (2.0 * np.pi * 5.0)  # s, of a second-order Butterworth of 5 Hz
+    assert forwards[name] == pytest.approx(2.0 * (1.0 - delay / 0.6), rel=0.01)
+    assert both[name] > 1.03 * forwards[name]
+
+
+def test_acceleration_at_the_imu_is_that_of_its_path():
+    """A body that turns about all axes while its origin moves on a curve: second differences of the
+    path of the IMU.
+    """
+    turning = np.array([0.4, -0.5, 0.9])
+    imu = np.array([0.13, 0.0, 0.21])
+    time = STEP * np.arange(-1, round(AFTER / STEP) + 1)
+    turned = Rotation.from_rotvec((time + 0.8 * time**2)[:, None] * turning)
+    rates = (1.0 + 1.6 * time[1:-1])[:, None] * turning
+    place = np.stack(
+        [2.0 * time + time**2, 0.4 * np.sin(3.0 * time), 0.1 * np.cos(2.0 * time)], axis=1
+    )
+    path = place + turned.apply(imu)
+    expected = turned[1:-1].inv().apply((path[2:] - 2.0 * path[1:-1] + path[:-2]) / STEP**2)[:, 1]
+    moved = np.stack(
+        [2.0 + 2.0 * time, 1.2 * np.cos(3.0 * time), -0.2 * np.sin(2.0 * time)], axis=1
+    )
+    history = np.zeros((len(time) - 2, len(STATES), 1))
+    history[:, RATES][:, W, 0] = rates
+    history[:, RATES][:, V, 0] = turned[1:-1].inv().apply(moved[1:-1])
+    loads = np.ones((len(history), 4, 1))
+    nothing = dict.fromkeys((field.name for field in fields(Turns)), np.zeros(1))
+    driven = Turns(**nothing | {"history": history, "loads": loads})
+    (found,) = _motions(driven, imu[:1], imu[2:])
+    first = round(BEFORE / STEP) + 1
+    assert found.acceleration[first + 2 :] == pytest.approx(expected[2:-1], abs=5e-3)
+    assert found.yaw_rate[first:] == pytest.approx(rates[:-1, 2])
+    assert found.roll_rate[first:] == pytest.approx(rates[:-1, 0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("system", ["simulated", "physical"])
+def test_reduced_cars_show_the_figures_of_full_ones(system):
+    turn = SLOW[system]
+    cars = PRIOR.draw(2, seed=3)
+    friction = PRIOR.column(f"{system} car.tyre_friction")
+    cars[:, friction] = 0.5
+    plan = PLAN.model_copy(update={"size": PLAN.size.model_copy(update={"rounds": 2})})
+    reduced = run_reduced(WorkItem(plan, turn, tuple(map(tuple, cars.tolist())), reach=0.02))
+    middle = [
+        place for place, car in enumerate(reduced["inputs"]) if car[friction] == pytest.approx(0.5)
+    ]
+    inputs = [reduced["inputs"][place] for place in middle]
+    assert len(inputs) == 2
+    for full, figures in zip(
+        run_full(WorkItem(plan, turn, tuple(map(tuple, inputs)))), middle, strict=True
+    ):
+        assert full["survived"]
+        assert [full[name] for name in FIGURES[:2]] == pytest.approx(
+            reduced["figures"][figures][:2], rel=0.05
+        )
+        assert [full[name] for name in FIGURES[2:4]] == pytest.approx(
+            reduced["figures"][figures][2:4], rel=0.15
+        )
+        assert full[FIGURES[4]] == pytest.approx(reduced["figures"][figures][4], rel=0.2, abs=0.01)
+        assert full[LIFT] == pytest.approx(reduced["figures"][figures][5], rel=0.1)
+
+
+def test_car_that_cannot_be_run_has_no_figures_and_no_flip_and_its_error_is_kept():
+    car = PRIOR.draw(1, seed=4)[0]
+    car[PRIOR.column("car.mass")] = 1.0
+    piece = WorkItem(PLAN, SLOW["simulated"], (tuple(car.tolist()),), reach=0.05, margins=(0.0,))
+    (row,) = run_full(piece)
+    found = search_full(piece)
+    assert (found["flips"], found["inputs"]) == ([None], [])
+    assert "car.mass: 1 kg" in row["error"]
+    assert "car.mass: 1 kg" in found["errors"][0]
+
+
+def small_plan():
+    """Two short turns of few cars: what the whole job takes is the job, not the cars."""
+    size = {
+        "cars": 40,
+        "rounds": 3,
+        "full": 4,
+        "full_rounds": 5,
+        "walkers": 60,
+        "steps": 40,
+        "ensemble": 2,
+        "fine_step": 0.002,
+    }
+    settings = {system: (*given[:1], *SHORT) for system, given in PLAN.settings.items()}
+    turns = tuple(SLOW.values())
+    changed = {"turns": turns, "size": PLAN.size.model_copy(update=size), "settings": settings}
+    return PLAN.model_copy(update=changed)
+
+
+SHORT = ("manoeuvre.speed_ramp=1.2", "manoeuvre.turn_start=1.5", "manoeuvre.duration=3.5")
+
+
+@pytest.mark.slow
+def test_full_car_flips_at_the_friction_of_the_reduced_one():
+    """Without a tail within 5 %, which is three times what the calibration found them apart."""
+    plan = small_plan()
+    turn = SLOW["physical"]
+    car = CarPrior(small_plan()).ranges.mean(axis=1)[None]
+    plan = plan.model_copy(
+        update={"size": plan.size.model_copy(update={"rounds": 6, "full_rounds": 3})}
+    )
+    (flip,) = run_reduced(WorkItem(plan, turn, tuple(map(tuple, car.tolist())), reach=0.8))["flips"]
+    column = CarPrior(plan).column("physical car.tyre_friction")
+    car[0, column] = np.exp(flip)
+    found = search_full(
+        WorkItem(plan, turn, tuple(map(tuple, car.tolist())), reach=0.05, margins=(0.0,))
+    )
+    assert found["flips"][0] == pytest.approx(flip, abs=0.05)
+    for tried, shown in zip(found["inputs"], found["figures"], strict=True):
+        assert tried[column] < np.exp(found["flips"][0])
+        assert shown[1] > 0.3  # rad/s, to the left
+
+
+@pytest.mark.slow
+@pytest.mark.nightly
+def test_whole_job_writes_pages_and_ensembles_and_goes_on_with_its_runs(tmp_path):
+    plan = small_plan()
+    runs = CachedRunner()
+    page = calibrate(plan, runs, tmp_path, played=1)
+    assert page.is_file()
+    figures = pd.read_csv(tmp_path / "figures.csv")
+    assert set(figures.figure.str[:9]) == {"Table 7.1", "Table 7.3"}
+    assert (figures.low <= figures["median"]).all()
+    assert (figures["median"] <= figures.high).all()
+    measured = pd.read_csv(tmp_path / "measure_next.csv")
+    assert measured.gain_nats.is_monotonic_decreasing
+    for system in SLOW:
+        ensemble = load_ensemble(tmp_path / f"{system}.yaml")
+        assert len(ensemble.members) == 2
+        for member in ensemble.members:
+            ensemble.scenario(member, "turn_swing")
+    before = dict(runs._known)
+    again = fit_surrogate(plan, runs)
+    assert runs._known == before
+    assert set(again.figures) == {turn.name for turn in plan.turns}
+
+
+def test_wrong_plan_is_one_line(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(
+        "sys.argv", ["aerodima", "calibrate", "--plan", "no_such", "--out", str(tmp_path)]
+    )
+    with pytest.raises(SystemExit):
+        main()
+    assert "no_such" in capsys.readouterr().err
+    assert not (tmp_path / "index.html").exists()

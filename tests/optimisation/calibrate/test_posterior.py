@@ -1,0 +1,319 @@
+"""Emulator, sampler, intervals and information, on cars whose answer is known in closed form."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from aerodima.optimisation.calibrate import validation
+from aerodima.optimisation.calibrate.calibration import (
+    Posterior,
+    log_density,
+    log_likelihood,
+    sample,
+)
+from aerodima.optimisation.calibrate.calibration_plan import (
+    DISCREPANCY,
+    LIFT,
+    CarPrior,
+    figures_of,
+    load_plan,
+)
+from aerodima.optimisation.calibrate.surrogate import METRICS, Regression, Surrogate, _unseen
+from aerodima.optimisation.studies.runs import CachedRunner
+
+SHIPPED = load_plan()
+PLAN = SHIPPED.model_copy(
+    update={
+        "size": SHIPPED.size.model_copy(update={"walkers": 60, "steps": 600}),
+        "discrepancy": (0.049, 0.051),
+    }
+)
+PRIOR = CarPrior(PLAN)
+RNG = np.random.default_rng(0)
+
+
+def constant(value):
+    return Regression((0,), partial(_level, value), np.array([1e-6]))
+
+
+def _level(value, inputs):
+    return np.full((len(inputs), 1), value)
+
+
+def emulator(slope=None, level=0.0):
+    """All figures as published, whatever the car, but one that is a line in one coordinate; all
+    outcomes certain.
+
+    Args:
+        slope: name of the figure, of the coordinate, and the figure's change over half of the
+            coordinate's range.
+        level: added to that figure.
+    """
+    figures = {}
+    for turn in PLAN.turns:
+        if turn.table:
+            row = np.array([3.0] * len(METRICS))
+            line = np.zeros((len(PRIOR.names), len(METRICS)))
+            for figure in (f for f in figures_of(PLAN) if f.turn == turn):
+                place = METRICS.index(figure.metric)
+                row[place] = figure.published
+                if slope is not None and figure.name == slope[0]:
+                    row[place] += level
+                    line[PRIOR.column(slope[1]), place] = slope[2]
+            columns = tuple(range(len(PRIOR.names)))
+            model = partial(_line, row, line)
+            figures[turn.name] = Regression(columns, model, np.full(len(METRICS), 1e-6))
+    flips = {turn.name: constant(9.0 if turn.ends == "survived" else -9.0) for turn in PLAN.turns}
+    return Surrogate(PRIOR, flips, figures)
+
+
+def _line(row, line, inputs):
+    return row + inputs @ line
+
+
+def test_curved_figures_are_learnt_and_what_is_missed_is_said():
+    cars = PRIOR.spread(900, seed=1)
+    scaled = PRIOR.scaled(cars)
+    bent = (
+        2.0 + scaled[:, 0] - 0.5 * scaled[:, 0] * scaled[:, 2] + 0.3 * np.tanh(2.0 * scaled[:, 1])
+    )
+    values = np.column_stack([bent, 1.0 - bent]) + 0.05 * RNG.standard_normal((len(cars), 1))
+    fitted = Regression.process([0, 1, 2], scaled, values, np.arange(len(cars)))
+    assert np.std(fitted(scaled)[:, 0] - bent) < 0.04
+    assert fitted.deviation == pytest.approx([0.05, 0.05], rel=0.35)
+    repeated = Regression.process(
+        [0, 1, 2],
+        np.vstack([scaled, scaled]),
+        np.vstack([values, values]),
+        np.tile(np.arange(900), 2),
+    )
+    assert repeated.deviation == pytest.approx(
+        [0.05, 0.05], rel=0.35
+    )  # a car does not vouch for itself
+
+
+def test_deviation_of_a_surface_is_that_of_normal_errors_and_knows_no_wild_ones():
+    scaled = RNG.uniform(-1.0, 1.0, size=(1000, 1))
+    errors = np.array([0.05, 0.2]) * RNG.standard_normal((1000, 2))
+    errors[::100] += 2.0  # cars at the edge of a flip
+    errors[50::100] -= 2.0
+    fitted = Regression.line([0], scaled, scaled + errors, np.arange(1000))
+    assert fitted.deviation == pytest.approx([0.05, 0.2], rel=0.12)
+
+
+def test_survival_is_as_wide_as_the_outcome_and_what_is_missed_together():
+    turn = PLAN.turns[0]
+    car = PRIOR.draw(1, seed=4)
+    missed = 0.05
+    width = np.hypot(PLAN.outcome_width[turn.tail], missed)
+    car[0, PRIOR.column(f"{turn.system} car.tyre_friction")] = 0.6 * np.exp(-width)
+    flip = Regression((0,), partial(_level, np.log(0.6)), np.array([missed]))
+    made = replace(emulator(), flips=emulator().flips | {turn.name: flip})
+    assert made.survival(car, turn)[0] == pytest.approx(norm.cdf(1.0))
+
+
+def test_what_is_missed_of_a_row_is_its_value_less_the_prediction_without_its_car():
+    cars = PRIOR.spread(60, seed=16)
+    scaled = PRIOR.scaled(cars)
+    values = scaled[:, :1] + 0.01 * RNG.standard_normal((len(cars), 1))
+    values[7] += 1.0
+    for fit in (Regression.process, Regression.line):
+        assert fit([0], scaled, values, np.arange(len(cars))).residuals[7, 0] == pytest.approx(
+            1.0, abs=0.15
+        )
+
+
+def test_margin_of_a_car_that_was_not_seen_lacks_what_is_missed_of_its_flip():
+    turn = PLAN.turns[0]
+    tried = PRIOR.draw(2, seed=17)
+    tried[:, PRIOR.column(f"{turn.system} car.tyre_friction")] = 0.5
+    surface = replace(constant(0.0), residuals=np.array([[0.1], [-0.05]]))
+    flip = np.array([np.log(0.6), np.nan, np.log(0.7)])
+    margin = _unseen(PRIOR, turn, flip, surface, tried, np.array([0, 2]))
+    assert margin == pytest.approx([np.log(0.6 / 0.5) - 0.1, np.log(0.7 / 0.5) + 0.05])
+
+
+@pytest.mark.slow
+def test_full_cars_shift_flips_and_figures_go_with_the_margin():
+    """Full cars flip at a tenth more friction, and show a figure that is 3 less the logarithm of
+    their margin.
+    """
+    at_last = len(PRIOR.names)
+    leaning = Regression(
+        (at_last,), lambda inputs: 3.0 - inputs @ np.ones((1, len(METRICS))), np.ones(len(METRICS))
+    )
+    flips = {turn.name: constant(np.log(0.6)) for turn in PLAN.turns}
+    figures = {turn.name: leaning for turn in PLAN.turns if turn.table}
+    first = replace(emulator(), flips=flips, figures=figures)
+    cars = PRIOR.spread(20, seed=2)
+    found = {}
+    for t in PLAN.turns:
+        tried = cars.copy()
+        tried[:, PRIOR.column(f"{t.system} car.tyre_friction")] = 0.66 * np.exp(-0.2)
+        shown = np.full((len(cars), len(METRICS)), 3.0 - np.log(0.2))
+        found[t.name] = {
+            "flips": [np.log(0.66)] * len(cars),
+            "inputs": tried.tolist(),
+            "figures": shown.tolist(),
+        }
+    found[PLAN.turns[0].name]["flips"][0] = None
+    corrected = first.corrected(cars, found)
+    car = PRIOR.draw(1, seed=3)
+    figure = next(f for f in figures_of(PLAN) if f.turn == PLAN.turns[0])
+    car[0, PRIOR.column(f"{figure.turn.system} car.tyre_friction")] = 0.66 * np.exp(-0.05)
+    assert corrected.margin(car, figure.turn)[0] == pytest.approx(0.05, abs=1e-6)
+    assert corrected.flip_deviation(figure.turn) < 1e-6
+    assert corrected.value(car, figure)[0] == pytest.approx(3.0 - np.log(0.05), abs=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("margin", [0.0, -0.15])
+def test_what_is_missed_of_a_car_is_one_number_for_all_speeds(margin):
+    """A car that survives the slower turn by a hair, or against three deviations, and flips in the
+    faster one.
+    """
+    slow, fast = PLAN.turns[:2]
+    car = PRIOR.draw(1, seed=4)
+    missed = 0.05
+    width = PLAN.outcome_width["none"]
+    car[0, PRIOR.column(f"{slow.system} car.tyre_friction")] = 0.6 * np.exp(-margin)
+    one = Regression(
+        (0,), lambda inputs: np.full((len(inputs), 1), np.log(0.6)), np.array([missed])
+    )
+    made = replace(emulator(), flips=emulator().flips | {slow.name: one, fast.name: one})
+    errors = np.linspace(-6.0, 6.0, 20_001) * missed
+    z = (errors + margin) / width
+    expected = np.trapezoid(norm.pdf(errors, 0.0, missed) * norm.cdf(z) * norm.cdf(-z), errors)
+    margins = {turn.name: made.margin(car, turn) for turn in made.prior.plan.turns}
+    assert np.exp(made.log_outcomes(margins)[0]) == pytest.approx(expected, rel=0.01)
+    rng = np.random.default_rng(5)
+    drawn = [made.draw_outcomes(car, rng) for _ in range(1500)]
+    assert np.mean([ends[slow.name] and not ends[fast.name] for ends in drawn]) == pytest.approx(
+        expected, abs=0.025
+    )
+    if margin == 0.0:
+        assert expected < 0.1 < made.survival(car, slow)[0] * (1.0 - made.survival(car, fast)[0])
+
+
+def test_likelihood_knows_who_survived_and_whose_wheel_lifted():
+    """Friction 0.5 or 0.7 at a flip of 0.6; the inner wheel lifts at 0.8 or 1.2 rad/s, published
+    1.
+    """
+    first = emulator()
+    turn = PLAN.turns[0]
+    low = PRIOR.draw(1, seed=4)
+    high = PRIOR.draw(1, seed=4)
+    column = PRIOR.column(f"{turn.system} car.tyre_friction")
+    low[0, column] = 0.5
+    high[0, column] = 0.7
+    made = replace(first, flips=first.flips | {turn.name: constant(np.log(0.6))})
+    assert log_likelihood(made, (), low)[0] > log_likelihood(made, (), high)[0] + 5.0
+    ends = tuple(
+        one.model_copy(update={"ends": "flipped"}) if one == turn else one for one in PLAN.turns
+    )
+    flipped = replace(made, prior=CarPrior(PLAN.model_copy(update={"turns": ends})))
+    assert log_likelihood(flipped, (), low)[0] < log_likelihood(flipped, (), high)[0] - 5.0
+    place = METRICS.index(LIFT)
+    early, late = (
+        replace(
+            first,
+            figures=first.figures
+            | {turn.name: Regression((0,), partial(_lifting, place, at), np.full(6, 1e-6))},
+        )
+        for at in (0.8, 1.2)
+    )
+    assert log_likelihood(late, (), low)[0] > log_likelihood(early, (), low)[0] + 2.0
+
+
+def _lifting(place, at, inputs):
+    values = np.full((len(inputs), len(METRICS)), 3.0)
+    values[:, place] = at
+    return values
+
+
+@pytest.mark.slow
+def test_posterior_is_that_of_the_closed_form():
+    """A figure that is linear in one coordinate leaves a normal of known mean and deviation."""
+    figure = next(f for f in figures_of(PLAN) if f.name == "Table 7.3 max_yaw_rate_rad_per_s")
+    slope = 4.0 * 0.05 * figure.published
+    found = sample(emulator((figure.name, "imu.x", slope), -0.2 * slope), figures_of(PLAN), seed=1)
+    scaled = PRIOR.scaled(found.cars)[:, PRIOR.column("imu.x")]
+    assert found.size > 100
+    assert np.mean(scaled) == pytest.approx(0.2, abs=0.05)
+    assert np.std(scaled) == pytest.approx(0.25, rel=0.15)
+    free = PRIOR.scaled(found.cars)[:, PRIOR.column("imu.z")]
+    assert np.std(free) == pytest.approx(1 / np.sqrt(3), rel=0.1)
+
+
+def test_density_of_a_figure_is_a_normal_of_its_share_and_that_of_cars_their_mean():
+    figure = figures_of(PLAN)[0]
+    car = PRIOR.draw(1, seed=5)
+    made = emulator((figure.name, "imu.x", 0.0), 0.1 * figure.published)
+    spread = car[0, PRIOR.column(DISCREPANCY)]
+    spread *= 1.1  # a share of what is predicted
+    expected = -0.5 * (0.1 / spread) ** 2 - np.log(spread * np.sqrt(2 * np.pi))
+    assert log_density(made, figure, car)[0] == pytest.approx(expected, rel=1e-6)
+    same = np.repeat(car, 5, axis=0)
+    assert validation.joint_density(made, [figure], same) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.nightly
+def test_intervals_hold_what_they_promise_when_the_model_is_perfect():
+    posterior = Posterior(PRIOR.draw(400, seed=6), 400.0, 0.3)
+    inside = validation.perfect_model(
+        emulator(), posterior, ("Table 7.3", "Table 7.4"), 2, 7, CachedRunner()
+    )
+    assert 0.75 <= inside <= 1.0
+
+
+@pytest.mark.slow
+def test_left_out_table_is_predicted_without_its_figures():
+    """Its own figures, however far off, leave the prediction where the other tables put it."""
+    table = "Table 7.4"
+    moved = [
+        replace(f, published=9.0 * f.published) if f.turn.table == table else f
+        for f in figures_of(PLAN)
+    ]
+    honest, far = (
+        validation.leave_out(emulator(), figures, table, 8) for figures in (figures_of(PLAN), moved)
+    )
+    assert honest.rows.inside.all()
+    assert not far.rows.inside.any()
+    assert honest.density > far.density + 20.0
+    for name in ("low", "median", "high"):
+        assert honest.rows[name].to_numpy() == pytest.approx(far.rows[name].to_numpy(), rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["tail mass", "angle of balance", "slip angle at the limit"])
+def test_simulated_measurement_narrows_the_posterior_as_promised(name):
+    """The mean of the divergence of the narrowed cars from all of them is the promised gain."""
+    cars = PRIOR.draw(1500, seed=9)
+    measured = next(m for m in validation.measurements(PRIOR) if m.name == name)
+    promised = validation.information(measured, cars, seed=10)
+    rng = np.random.default_rng(11)
+    gains = []
+    for truth in rng.choice(measured.value(cars), 300):
+        seen = truth + measured.deviation * rng.standard_normal()
+        weights = norm.pdf(seen, measured.value(cars), measured.deviation)
+        weights /= weights.sum()
+        gains.append(np.sum(weights * np.log(np.maximum(weights * len(cars), 1e-300))))
+    assert promised > 0.3
+    assert np.mean(gains) == pytest.approx(promised, abs=0.12)
+
+
+@pytest.mark.slow
+def test_best_determined_combination_is_the_one_that_was_measured():
+    cars = PRIOR.draw(3000, seed=14)
+    friction = PRIOR.column("physical car.tyre_friction")
+    height = PRIOR.column("car.com_height")
+    product = cars[:, friction] * cars[:, height]
+    kept = cars[np.abs(product / np.median(product) - 1.0) < 0.05]
+    ratio, weights = validation.combinations(PRIOR, kept, 15)[0]
+    assert ratio < 0.1
+    first = list(weights)[:2]
+    assert set(first) == {"physical car.tyre_friction", "car.com_height"}
+    assert weights[first[0]] * weights[first[1]] > 0.0

@@ -1,0 +1,146 @@
+"""Threshold search on made-up survival: the step is bracketed, islands are reported."""
+
+import math
+
+import pytest
+
+from aerodima.optimisation.studies.limit_search import LimitSearch
+from aerodima.optimisation.studies.rollover_threshold import (
+    FRICTION,
+    SPEED,
+    TIPPED,
+    Case,
+    critical_friction,
+    find_thresholds,
+)
+from aerodima.optimisation.studies.runs import CachedRunner, tipped_before_turn
+from aerodima.workbench.batch.engine import Engine
+from aerodima.workbench.core.errors import SweepError, UserError
+from tests.refusals import assert_refused
+
+
+class MadeUp(Engine):
+    """Survival as a function of the searched factor instead of a run."""
+
+    def __init__(self, survives, factor):
+        self.survives = survives
+        self.factor = factor
+        self.runs = []
+
+    def map(self, work, tasks, done=None, lost=None):
+        rows = []
+        for place, task in enumerate(tasks):
+            value = float(dict(setting.split("=") for setting in task.settings)[self.factor])
+            self.runs.append(value)
+            outcome = self.survives(value)
+            kind = outcome if isinstance(outcome, str) else "survived" if outcome else "flipped"
+            speeds = {
+                "speed_m_per_s": 0.5 if kind == "tipped" else 3.3,
+                "commanded_speed_m_per_s": 3.33,
+            }
+            kind = "flipped" if kind == "tipped" else kind
+            row = {
+                "clean": kind == "survived",
+                "outcome": None if kind == "error" else kind,
+                "error": "broken" if kind == "error" else "",
+            }
+            rows.append(row | speeds)
+            if done is not None:
+                done(place, rows[-1])
+        return rows
+
+
+def search(survives, **changes):
+    settings = {
+        "factor": FRICTION,
+        "low": 0.4,
+        "high": 1.0,
+        "scan": 0.1,
+        "tolerance": 0.01,
+    } | changes
+    engine = MadeUp(survives, settings["factor"])
+    return find_thresholds([Case("", "turn_none")], LimitSearch(**settings), CachedRunner(engine))[
+        0
+    ], engine
+
+
+def test_step_is_bracketed_within_the_tolerance_with_few_runs():
+    found, engine = search(lambda friction: friction < 0.6537)
+    assert found.found
+    assert found.survived < 0.6537 <= found.lost
+    assert found.lost - found.survived <= 0.01 + 1e-9
+    assert found.value == pytest.approx(0.5 * (found.survived + found.lost))
+    assert len(engine.runs) == len(set(engine.runs)) == 7 + 3 * 2
+    assert found.islands == ()
+
+
+def test_island_of_survivors_is_reported_and_not_taken_for_the_threshold():
+    found, _ = search(lambda friction: friction < 0.55 or 0.75 < friction < 0.95)
+    assert found.survived < 0.55 <= found.lost
+    assert found.islands == ((0.8, 0.9),)
+
+
+def test_threshold_outside_the_range_is_said_so():
+    always, _ = search(lambda friction: True)
+    never, _ = search(lambda friction: False)
+    assert (always.lost, always.value, always.found) == (None, math.inf, False)
+    assert (never.survived, never.value, never.found) == (None, -math.inf, False)
+
+
+def test_failed_runs_are_counted_and_passed_over():
+    found, _ = search(lambda friction: "error" if abs(friction - 0.5) < 1e-6 else friction < 0.72)
+    assert found.survived < 0.72 <= found.lost
+    assert "broken" in found.outcomes[0.5]
+
+
+def test_tipping_over_before_the_turn_is_no_flip_in_the_turn():
+    found, _ = search(lambda friction: "tipped" if abs(friction - 0.5) < 1e-6 else friction < 0.72)
+    assert found.survived < 0.72 <= found.lost
+    assert found.outcomes[0.5] == TIPPED
+
+
+def test_cases_are_searched_together_and_give_what_each_gives_alone():
+    engine = MadeUp(lambda speed: speed < 3.4, SPEED)
+    wanted = LimitSearch(SPEED, 3.0, 4.0, 0.25, 0.05)
+    both = find_thresholds(
+        [Case("a", "turn_none"), Case("a", "turn_held")], wanted, CachedRunner(engine)
+    )
+    assert both[0] == both[1]
+    assert both[0] == find_thresholds([Case("a", "turn_none")], wanted, CachedRunner(engine))[0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"low": 1.2}, ("low", "1.2")),
+        ({"scan": 0.0}, ("scan", "0")),
+        ({"tolerance": 0.2}, ("tolerance", "0.2")),
+        ({"tolerance": math.nan}, ("tolerance", "nan")),
+    ],
+)
+def test_impossible_search_is_refused(changes, named):
+    assert_refused(lambda: search(lambda friction: True, **changes), SweepError, *named)
+
+
+def test_scenario_that_cannot_be_resolved_is_refused_before_any_run():
+    engine = MadeUp(lambda friction: True, FRICTION)
+    assert_refused(
+        lambda: critical_friction("turn_none", ["car.mass=-1"], engine), UserError, "car.mass", "-1"
+    )
+    assert engine.runs == []
+
+
+@pytest.mark.parametrize(("speed", "tipped"), [(2.9, True), (3.1, False), (None, False)])
+def test_a_car_that_has_not_reached_nine_tenths_of_its_speed_flipped_before_its_turn(speed, tipped):
+    row = {"outcome": "flipped", "commanded_speed_m_per_s": 3.33, "speed_m_per_s": speed}
+    assert tipped_before_turn(row) == tipped
+    assert not tipped_before_turn(row | {"outcome": "survived"})
+
+
+@pytest.mark.slow
+def test_tailless_car_has_its_critical_friction_between_a_slippery_and_a_gripping_floor():
+    found = critical_friction(
+        "turn_none", ["manoeuvre.speed=4.0"], low=0.5, high=0.8, scan=0.15, tolerance=0.05
+    )
+    assert found.found
+    assert 0.5 <= found.survived < found.lost <= 0.8

@@ -1,0 +1,221 @@
+"""A stopped study goes on, its table is the same as without a stop; one client at a time; a full
+disk loses nothing.
+"""
+
+import json
+import shutil
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+
+from aerodima.optimisation.studies.run_study import (
+    METADATA_KEY,
+    TABLE,
+    open_store,
+    read_table,
+    run_study,
+)
+from aerodima.optimisation.studies.runs import load_any_scenario, make_frame
+from aerodima.optimisation.studies.study import load_study
+from aerodima.workbench.batch.engine import Engine
+from aerodima.workbench.batch.row_store import RowStore
+from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.logs.schema import read_run_log
+from tests.optimisation.studies.tiny import tiny_study, write_study
+from tests.refusals import assert_refused
+from tests.workbench.made_up_runs import signals_equal
+
+
+class Stopping(Engine):
+    """Is interrupted after so many runs, as by Ctrl-C."""
+
+    def __init__(self, after):
+        super().__init__()
+        self.left = after
+        self.names = []
+
+    def map(self, work, tasks, done=None, lost=None):
+        def count(place, row):
+            done(place, row)
+            self.names.append(row["settings"])
+            self.left -= 1
+            if self.left == 0:
+                raise KeyboardInterrupt
+
+        return super().map(work, tasks, count)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("undisturbed")
+    run_study(load_study(tiny_study(folder)), folder / "out", Engine())
+    return folder / "out"
+
+
+def test_stopped_study_goes_on_without_losing_or_doubling_a_run(tmp_path, undisturbed):
+    study = load_study(tiny_study(tmp_path))
+    out = tmp_path / "out"
+    said = []
+    first = Stopping(3)
+    second = Stopping(-1)
+    with pytest.raises(KeyboardInterrupt):
+        run_study(study, out, first, progress=said.append)
+    assert "3 of 4" in said[-1]
+    assert not (out / TABLE).exists()
+    run_study(study, out, second, progress=said.append)
+    assert (len(first.names), len(second.names)) == (3, 1)
+    assert not set(first.names) & set(second.names)
+    assert (out / TABLE).read_bytes() == (undisturbed / TABLE).read_bytes()
+    assert (out / "table.csv").read_bytes() == (undisturbed / "table.csv").read_bytes()
+    third = Stopping(-1)
+    pd.testing.assert_frame_equal(run_study(study, out, third), read_table(out))
+    assert third.names == []
+
+
+@pytest.mark.slow
+def test_the_serial_engine_needs_no_dask(tmp_path, undisturbed):
+    code = f"""
+import sys
+sys.modules["dask"] = sys.modules["distributed"] = None
+from pathlib import Path
+from aerodima.optimisation.studies.run_study import run_study
+from aerodima.optimisation.studies.runs import make_frame
+from aerodima.optimisation.studies.study import load_study
+from aerodima.workbench.batch.engine import Engine
+run_study(load_study(Path({str(tiny_study(tmp_path))!r})), Path({str(tmp_path / "out")!r}),
+Engine())
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+    assert (tmp_path / "out" / TABLE).read_bytes() == (undisturbed / TABLE).read_bytes()
+
+
+def test_table_is_tidy_and_carries_the_study(undisturbed):
+    table = read_table(undisturbed)
+    assert len(table) == 4
+    assert table["manoeuvre.speed"].tolist() == pytest.approx([1.0, 4 / 3, 5 / 3, 2.0])
+    assert (table["outcome"] == "survived").all()
+    assert not [name for name in table.columns if "wall" in name or "created" in name]
+    metadata = json.loads(pq.read_schema(undisturbed / TABLE).metadata[METADATA_KEY])
+    assert metadata["study"]["name"] == "tiny"
+    assert json.loads((undisturbed / "timing.json").read_text())["runs_of_the_last_call"] == 4
+
+
+def test_member_that_makes_no_plant_is_a_row_with_its_reason(tmp_path):
+    study = load_study(write_study(tmp_path / "s.yaml", "grid:\n  car.mass: [6.0, 1.3]\n"))
+    said = []
+    table = run_study(study, tmp_path / "out", Engine(), progress=said.append)
+    assert table["outcome"].tolist()[0] == "survived"
+    assert pd.isna(table["outcome"].iloc[1])
+    assert table["error"].iloc[1]
+    assert table["error"].iloc[1] in said[-1]
+
+
+def test_a_folder_of_other_results_is_refused_and_made_anew_by_force(tmp_path, undisturbed):
+    study = load_study(tiny_study(tmp_path))
+    out = tmp_path / "out"
+    with open_store(out, {"runs": "others"}):
+        assert_refused(lambda: run_study(study, out, Engine()), SweepError, str(out))
+    assert_refused(lambda: run_study(study, out, Engine()), SweepError, str(out))
+    run_study(study, out, Engine(), force=True)
+    assert (out / TABLE).read_bytes() == (undisturbed / TABLE).read_bytes()
+
+
+@pytest.mark.parametrize("other", ["default_values", "software_versions", "load_any_scenario"])
+def test_results_of_another_car_or_version_are_not_mixed(tmp_path, undisturbed, monkeypatch, other):
+    """The same study with another parameter file, version or scenario of the same name."""
+    out = shutil.copytree(undisturbed, tmp_path / "out")
+    study = load_study(tiny_study(undisturbed.parent))
+    changed = {"car.mass": 9.0}
+    if other == "load_any_scenario":
+        changed = load_any_scenario("straight", ["car.mass=6.9"])
+    module = sys.modules[run_study.__module__]
+    monkeypatch.setattr(module, other, lambda *_: changed)
+    assert_refused(lambda: run_study(study, out, Engine()), SweepError, str(out))
+
+
+def test_a_full_disk_is_one_error_and_what_was_written_is_used_again(
+    tmp_path, undisturbed, monkeypatch
+):
+    study = load_study(tiny_study(tmp_path))
+    out = tmp_path / "out"
+    whole = RowStore._write
+    keys = []
+
+    def write_until_full(store, data):
+        keys.append(b'"key"' in data)
+        if sum(keys) == 3:
+            store._stream.write(data[:40])
+            store._stream = SimpleNamespace(write=lambda _: 0, close=lambda: None)
+        whole(store, data)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(RowStore, "_write", write_until_full)
+        assert_refused(lambda: run_study(study, out, Engine()), SweepError, str(out))
+    rest = Stopping(-1)
+    run_study(study, out, rest)
+    assert len(rest.names) == 2
+    assert (out / TABLE).read_bytes() == (undisturbed / TABLE).read_bytes()
+
+
+def test_kind_of_a_column_does_not_depend_on_the_order_of_the_rows():
+    rows = [
+        {"clean": None, "peak": None, "n": 1, "error": "x"},
+        {"clean": True, "peak": 0.5, "n": 2.0, "error": ""},
+    ]
+    there = make_frame(rows)
+    back = make_frame(rows[::-1])
+    assert there.dtypes.to_dict() == back.dtypes.to_dict()
+    assert [str(kind) for kind in there.dtypes] == [
+        "boolean",
+        "float64",
+        "float64",
+        str(pd.Series(["x"]).dtype),
+    ]
+
+
+def test_study_of_a_rig_keeps_its_logs_and_makes_only_those_that_are_missing(tmp_path):
+    path = tmp_path / "rig.yaml"
+    path.write_text(
+        """
+scenario: static
+logs: true
+settings: [experiment.duration=0.3, experiment.wind_off=0.1, aero.source=constant]
+grid: {experiment.tail: [1, 3], experiment.angle: [0.0, 1.3]}
+sample:
+  number: 2
+  anew: true
+  new_seeds: true
+  factors: {tunnel.psi3: {low: -0.1, high: 0.1}, experiment.angle: {low: 0.001, high: 0.003}}
+"""
+    )
+    study = load_study(path)
+    out = tmp_path / "out"
+    first = Stopping(-1)
+    second = Stopping(-1)
+    table = run_study(study, out, first)
+    assert len(first.names) == len(set(table["seed"])) == len(set(table["tunnel.psi3"])) == 8
+    angles = table["angle_rad"] - [0.0, 0.0, 1.3, 1.3] * 2
+    assert angles.between(0.001, 0.003).all()
+    assert table["tail"].tolist() == ["1"] * 4 + ["3"] * 4
+    log = read_run_log(out / table["log"][5])
+    assert log.extra["truth"]["psi3"] == table["true_psi3"][5] == table["tunnel.psi3"][5]
+    (out / table["log"][5]).unlink()
+    pd.testing.assert_frame_equal(run_study(study, out, second), table)
+    assert second.names == [table["settings"][5]]
+    assert signals_equal(read_run_log(out / table["log"][5]), log)
+
+
+def test_log_of_a_rig_that_cannot_be_made_is_a_row_with_its_reason(tmp_path):
+    path = tmp_path / "rig.yaml"
+    path.write_text(
+        "scenario: static\nlogs: true\nsettings: [experiment.duration=0.3, "
+        "maxon.current_limit=2.3]\n"
+        "grid: {experiment.angle: [0.0, 1.3]}\n"
+    )
+    table = run_study(load_study(path), tmp_path / "out", Engine())
+    assert "2.3 A" in table["error"][0]
+    assert [(tmp_path / "out" / name).exists() for name in table["log"]] == [False, True]

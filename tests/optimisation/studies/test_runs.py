@@ -1,0 +1,178 @@
+"""Workers give what a serial loop gives; a run that kills its worker is reported and takes nothing
+with it.
+"""
+
+from dataclasses import replace
+
+import pytest
+
+from aerodima.optimisation.studies import runs as engine_module
+from aerodima.optimisation.studies.runs import (
+    WORKER_LOST,
+    CachedRunner,
+    RunTask,
+    evaluate,
+    open_run_engine,
+    run_key,
+)
+from aerodima.workbench.batch import dask_cluster
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.resources import model_path
+from aerodima.workbench.scenario.swing_file import read_swing, write_swing
+from tests.optimisation.studies.tiny import POISON, TINY_SETTINGS, evaluate_or_die
+from tests.refusals import assert_refused
+
+
+def tasks(number, *settings):
+    speeds = [f"manoeuvre.speed={1.0 + 0.1 * place!r}" for place in range(number)]
+    return [
+        RunTask(f"{place}", "straight", (*TINY_SETTINGS, speed, *settings))
+        for place, speed in enumerate(speeds)
+    ]
+
+
+def test_row_has_outcome_metrics_and_provenance_and_nothing_that_changes():
+    (task,) = tasks(1)
+    row = evaluate(task)
+    assert (row["outcome"], row["clean"], row["error"], row["run"]) == ("survived", True, "", "0")
+    assert row["commanded_speed_m_per_s"] == 1.0
+    assert len(row["scenario_sha256"]) == 64
+    assert row["version_drake"]
+    assert evaluate(task) == row
+
+
+@pytest.mark.parametrize(
+    ("setting", "named"),
+    [
+        ("car.mass=-1", ("car.mass", "-1")),
+        ("car.mass=1.3", ("car.mass", "1.3 kg")),
+        ("tail.sail_length=1.2", ("tail.sail_length", "1.2 m")),
+        ("manoeuvre.duration=0.001", ("1 sample",)),
+    ],
+)
+def test_impossible_run_is_a_row_with_one_line_of_error(setting, named):
+    (task,) = tasks(1, setting)
+    row = evaluate(task)
+    assert row["outcome"] is None
+    assert "\n" not in row["error"]
+    assert row["settings"].endswith(setting)
+    assert [part for part in named if part not in row["error"]] == []
+
+
+@pytest.mark.parametrize(
+    ("error", "law", "raised"),
+    [
+        (ArithmeticError("a\nb"), "", False),
+        (RuntimeError("solver"), "", False),
+        (KeyError("mistake"), "", True),
+        (KeyError("gain"), "my_law.py:Mine", False),
+    ],
+)
+def test_a_mistake_of_the_programme_is_raised_and_one_in_a_law_is_a_row(
+    monkeypatch, error, law, raised
+):
+    def failing(*_):
+        raise error
+
+    monkeypatch.setattr(engine_module, "_measured", failing)
+    task = replace(tasks(1)[0], law=law)
+    if raised:
+        with pytest.raises(KeyError):
+            evaluate(task)
+        return
+    row = evaluate(task)
+    assert row["outcome"] is None
+    assert row["error"]
+    assert "\n" not in row["error"]
+
+
+@pytest.mark.slow
+def test_workers_give_the_rows_of_a_serial_loop_in_order(engine):
+    work = [*tasks(4), RunTask("bad", "straight", ("car.mass=-1",))]
+    finished = []
+    rows = CachedRunner(engine, progress=finished.append).rows(work)
+    assert rows == CachedRunner().rows(work)
+    assert [line.split()[1] for line in finished] == ["1/5", "2/5", "3/5", "4/5", "5/5"]
+    assert engine.workers == 2
+    assert engine.startup > 0.0
+
+
+@pytest.mark.slow
+def test_run_that_kills_its_worker_is_a_row_with_an_error_and_its_neighbours_are_there(
+    engine, monkeypatch
+):
+    monkeypatch.setattr(engine_module, "evaluate", evaluate_or_die)
+    work = tasks(6)
+    rows = CachedRunner(engine).rows([*work[:2], RunTask(POISON, "straight"), *work[3:]])
+    assert [row["run"] for row in rows] == ["0", "1", POISON, "3", "4", "5"]
+    assert rows[2]["outcome"] is None
+    assert rows[2]["error"].startswith(WORKER_LOST)
+    assert [row for row in rows if row["run"] != POISON] == [
+        evaluate(task) for task in work if task.name != "2"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("workers", "scheduler", "named"),
+    [
+        (0, None, ("--workers", "0")),
+        (2, "tcp://127.0.0.1:1", ("--scheduler", "tcp://127.0.0.1:1")),
+        (2, "nonsense:/", ("--scheduler", "nonsense:")),
+    ],
+)
+def test_wrong_number_of_workers_and_absent_scheduler_are_refused(
+    monkeypatch, workers, scheduler, named
+):
+    monkeypatch.setattr(dask_cluster, "CONNECT_TIMEOUT", 0.5)
+    assert_refused(lambda: open_run_engine(workers, scheduler).__enter__(), UserError, *named)
+
+
+def test_the_key_of_a_run_follows_all_that_determines_its_row(tmp_path, monkeypatch):
+    scenario = tmp_path / "turn.yaml"
+    law = tmp_path / "law.py"
+    scenario.write_text("schema: aerodima/scenario/1\nname: mine\n")
+    law.write_text("class Mine: pass\nclass Other: pass\n")
+    base = RunTask("", str(scenario), ("controller.swing_file=none",), law=f"{law}:Mine")
+    keys = {
+        "": run_key(base),
+        "settings": run_key(replace(base, settings=(*base.settings, "car.mass=6.5"))),
+        "signals": run_key(replace(base, signals="all")),
+        "law": run_key(replace(base, law="")),
+        "class": run_key(replace(base, law=f"{law}:Other")),
+        "scenario": run_key(replace(base, scenario="turn_fast")),
+    }
+    assert run_key(replace(base, name="other", log="kept.parquet")) == keys[""]
+    law.write_text("class Mine: gain = 2\nclass Other: pass\n")
+    keys["law's text"] = run_key(base)
+    scenario.write_text("schema: aerodima/scenario/1\nname: mine\ncar: {mass: 6.6}\n")
+    keys["scenario's text"] = run_key(base)
+    monkeypatch.setattr(engine_module, "_versions", lambda: {"project": "0.0.0"})
+    keys["versions"] = run_key(base)
+    assert len(set(keys.values())) == len(keys), keys
+
+
+def test_another_swing_of_the_same_name_is_another_run(tmp_path):
+    thesis = read_swing(model_path("swings/thesis_8_rad_per_s.yaml"))
+    path = tmp_path / "swing.yaml"
+    keys = set()
+    for speed in (8.0, 9.0):
+        limits = thesis.limits.model_copy(update={"velocity_rad_per_s": speed})
+        write_swing(thesis.model_copy(update={"limits": limits}), path, force=True)
+        keys.add(run_key(RunTask("", "turn_fast", (f"controller.swing_file={path}",))))
+    assert len(keys) == 2
+
+
+def test_a_run_of_two_names_is_made_once_and_a_kept_one_not_again(monkeypatch):
+    made = []
+
+    def made_up(task):
+        made.append(task.settings)
+        return {"run": task.name, "outcome": "survived", "error": ""}
+
+    monkeypatch.setattr(engine_module, "evaluate", made_up)
+    (one,) = tasks(1)
+    runs = CachedRunner()
+    rows = runs.rows([one, replace(one, name="twin")])
+    assert [row["run"] for row in rows] == ["0", "twin"]
+    runs.rows([replace(one, name="later"), replace(one, signals="all")])
+    assert len(made) == runs.ran == 2

@@ -1,0 +1,120 @@
+import math
+from functools import partial
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.quantity import check_rate
+from aerodima.workbench.core.sampled import SampledSensor
+from tests.refusals import assert_refused
+
+
+class Clock(SampledSensor):
+    """Measures the time and its square, and counts."""
+
+    def __init__(self, rate=100.0, delay=0.0, step=None):
+        super().__init__(
+            name="clock", outputs={"time": 1, "more": 2}, rate=rate, delay=delay, step=step
+        )
+        self.indices = []
+
+    def measure(self, context, index):
+        self.indices.append(index)
+        time = context.get_time()
+        return np.array([time, time**2, index])
+
+
+def record(clock, times):
+    """Time shown, sample time and age just before each of `times`."""
+    simulator = Simulator(clock)
+    simulator.Initialize()
+    rows = []
+    for time in times:
+        simulator.AdvanceTo(time)
+        context = simulator.get_context()
+        rows.append(
+            [clock.GetOutputPort(port).Eval(context)[0] for port in ("time", "sample_time", "age")]
+        )
+    return np.array(rows).T
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.004, 0.01, 0.025, 0.1])
+def test_delay_is_exact_for_whole_and_broken_periods(delay):
+    """Between its appearances the output holds the sample of k / rate that is at least `delay`
+    old.
+    """
+    times = 0.3 + 0.0011 + 0.002 * np.arange(200)
+    shown, sample_time, age = record(Clock(delay=delay), times)
+    expected = np.floor((times - delay) * 100.0 + 1e-6) / 100.0
+    np.testing.assert_allclose(shown, expected, atol=1e-12)
+    np.testing.assert_allclose(sample_time, expected, atol=1e-12)
+    np.testing.assert_allclose(age, times - expected, atol=1e-12)
+    assert delay - 1e-12 <= age.min() <= delay + 0.002
+    assert delay + 0.008 <= age.max() <= delay + 0.01
+
+
+def test_sample_appears_at_the_very_instant_delay_after_it_was_taken():
+    shown, _, _ = record(Clock(delay=0.025), [0.5349, 0.5351])
+    np.testing.assert_allclose(shown, [0.50, 0.51])
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.004, 0.025])
+def test_before_the_run_the_robot_stood_still(delay):
+    """The first sample is there from the start, aged as in steady running."""
+    times = 0.0011 + 0.002 * np.arange(25)
+    shown, _, age = record(Clock(delay=delay), times)
+    np.testing.assert_allclose(
+        shown, np.maximum(0.0, np.floor((times - delay) * 100.0 + 1e-6) / 100.0), atol=1e-12
+    )
+    assert np.all(age >= delay - 1e-12)
+    assert np.all(age <= delay + 0.01)
+
+
+def test_exactly_one_sample_every_period():
+    clock = Clock(delay=0.004)
+    simulator = Simulator(clock)
+    simulator.Initialize()
+    clock.indices.clear()
+    simulator.AdvanceTo(1.0)
+    assert clock.indices == list(range(100))
+
+
+def test_several_outputs_cut_the_sample():
+    clock = Clock()
+    simulator = Simulator(clock)
+    simulator.AdvanceTo(0.055)
+    np.testing.assert_allclose(
+        clock.GetOutputPort("more").Eval(simulator.get_context()), [0.05**2, 5.0]
+    )
+
+
+def test_outputs_have_no_feedthrough():
+    assert not Clock().HasAnyDirectFeedthrough()
+
+
+@pytest.mark.parametrize(
+    ("rate", "step"), [(500.0, 0.002), (1000.0, 0.001), (3.0, 1.0 / 3.0), (100.0, None)]
+)
+def test_rate_up_to_one_per_step_is_allowed(rate, step):
+    check_rate(rate, step, "imu.rate")
+
+
+@pytest.mark.parametrize(
+    ("work", "named"),
+    [
+        (partial(check_rate, 501.0, 0.002, "imu.rate"), ("imu.rate", "501", "0.002")),
+        *(
+            (partial(check_rate, rate, 0.002, "gps.rate"), ("gps.rate", f"{rate:g}"))
+            for rate in (0.0, -1.0, math.nan, math.inf)
+        ),
+        (partial(Clock, rate=1000.0, step=0.002), ("clock.rate", "1000")),
+        *(
+            (partial(Clock, delay=delay), ("clock.delay", f"{delay:g}"))
+            for delay in (-0.01, math.nan, math.inf)
+        ),
+    ],
+)
+def test_impossible_rate_and_delay_are_refused(work, named):
+    assert_refused(work, UserError, *named)

@@ -1,0 +1,64 @@
+"""The force sensor as a system: the same numbers as a log made at once, and a rate that fits the
+step.
+"""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from aerodima.workbench.rig.rig_sensors import RigSensor, force_errors
+from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
+
+SETTINGS = load_rig_scenario("static").force_sensor
+OFFSETS = (-0.064, -0.019, 15.695, -0.011, -0.538, 0.013)
+WRENCH = np.array([1.0, -2.0, 16.0, 0.3, -0.4, 0.05])
+
+
+def shown(count, **arguments):
+    """The first readings, seen half a period after each sample."""
+    sensor = RigSensor(
+        "force_sensor", SETTINGS.rate, force_errors(SETTINGS, OFFSETS, 4), **arguments
+    )
+    simulator = Simulator(sensor)
+    sensor.GetInputPort("value").FixValue(simulator.get_mutable_context(), WRENCH)
+    rows = []
+    for k in range(count):
+        simulator.AdvanceTo((k + 0.5) / SETTINGS.rate)
+        rows.append(np.array(sensor.GetOutputPort("reading").Eval(simulator.get_context())))
+    return np.array(rows)
+
+
+def sensor_readings(wrench, count, settings):
+    return force_errors(settings, OFFSETS, 4).first_readings(wrench, count, settings.rate)
+
+
+def test_system_and_whole_log_give_the_same_readings():
+    np.testing.assert_allclose(shown(150), sensor_readings(WRENCH, 150, SETTINGS), atol=1e-12)
+
+
+def test_reading_plus_offset_is_the_wrench_of_a_faultless_sensor():
+    faultless = SETTINGS.model_copy(
+        update={f"{axis}_accuracy": 0.0 for axis in ("fx", "fy", "fz", "tx", "ty", "tz")}
+    )
+    readings = sensor_readings(WRENCH, 3, faultless)
+    np.testing.assert_allclose(readings + OFFSETS, np.tile(WRENCH, (3, 1)), atol=1e-12)
+
+
+def test_a_wrench_per_sample_is_followed():
+    ramp = WRENCH + np.arange(5)[:, None]
+    difference = sensor_readings(ramp, 5, SETTINGS) - sensor_readings(WRENCH, 5, SETTINGS)
+    np.testing.assert_allclose(difference, np.tile(np.arange(5.0)[:, None], (1, 6)), atol=1e-12)
+
+
+def test_errors_of_a_seed_scale_with_the_accuracy():
+    doubled = SETTINGS.model_copy(update={"fx_accuracy": 2 * SETTINGS.fx_accuracy})
+    one, two = (force_errors(settings, OFFSETS, 9) for settings in (SETTINGS, doubled))
+    for name in ("bias", "drift", "noise"):
+        assert getattr(two, name)[0] == pytest.approx(2 * getattr(one, name)[0])
+        np.testing.assert_array_equal(getattr(two, name)[1:], getattr(one, name)[1:])
+
+
+def test_readings_end_at_the_range_of_the_sensor():
+    limits = np.array(SETTINGS.ranges)
+    readings = sensor_readings(np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0]) * 2e4, 3, SETTINGS)
+    np.testing.assert_array_equal(readings, np.tile(limits * [1, -1, 1, -1, 1, -1], (3, 1)))

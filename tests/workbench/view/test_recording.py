@@ -1,0 +1,118 @@
+"""What is recorded: frames, arrows whose points are where the forces say, a world that moves under
+the camera.
+"""
+
+from collections import defaultdict
+from functools import partial
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import DiagramBuilder
+
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.view.force_arrows import ForceArrow, shortest_turn
+from aerodima.workbench.view.logged_run import add_logged_run
+from aerodima.workbench.view.recording import (
+    FRAMES_PER_SECOND,
+    MAX_FRAMES,
+    _draw_arrow,
+    _follow,
+    frame_rows,
+    record_run,
+)
+from tests.refusals import assert_refused
+
+
+class Tracks:
+    """Takes the calls that a Meshcat and its animation get."""
+
+    def __init__(self):
+        self.transforms = defaultdict(dict)
+        self.properties = defaultdict(dict)
+        self.camera = None
+
+    def SetTransform(self, *words):  # noqa: N802, Drake's name
+        if isinstance(words[0], int):
+            frame, path, X = words
+            self.transforms[path][frame] = X
+
+    def SetProperty(self, *words):  # noqa: N802
+        if isinstance(words[0], int):
+            frame, path, name, value = words
+            self.properties[path, name][frame] = value
+
+    def SetObject(self, *words):  # noqa: N802
+        pass
+
+    def SetCameraPose(self, camera, target):  # noqa: N802
+        self.camera = camera, target
+
+
+def test_frames_are_the_nearest_rows_from_first_to_last():
+    time = np.array([1.0, 1.011, 1.019, 1.031, 1.04])
+    rows, frames_per_second = frame_rows(time, 1.0)
+    assert rows.tolist() == [0, 2, 4]  # 1.00, 1.02, 1.04 s
+    assert frames_per_second == pytest.approx(50.0)
+
+
+def test_slow_motion_has_more_frames_at_the_same_rate_of_frames():
+    time = np.arange(2001) * 0.002
+    rows, frames_per_second = frame_rows(time, 0.25)
+    assert len(rows) == 4 * 4 * 50 + 1
+    assert frames_per_second == pytest.approx(FRAMES_PER_SECOND)
+
+
+def test_long_replay_keeps_its_length_with_fewer_frames():
+    time = np.arange(60_001) * 0.01
+    rows, frames_per_second = frame_rows(time, 1.0)
+    assert len(rows) == MAX_FRAMES + 1
+    assert MAX_FRAMES / frames_per_second == pytest.approx(600.0)
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, 50.0, float("nan")])
+def test_rate_out_of_range_is_refused(tailed, rate):
+    work = partial(record_run, tailed, None, rate)
+    assert_refused(work, UserError, "--rate", f"{rate:g}", "0.02", "20")
+
+
+@pytest.mark.parametrize(
+    "direction", [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.6, 0.0, 0.8], [0.0, -0.8, -0.6]]
+)
+def test_shortest_turn_takes_z_to_the_direction(direction):
+    assert shortest_turn(np.array(direction)).matrix()[:, 2] == pytest.approx(np.array(direction))
+
+
+def test_point_of_an_arrow_is_force_times_scale_from_its_foot():
+    points = np.array([[1.0, 2.0, 0.0], [1.5, 2.0, 0.0], [2.0, 2.0, 0.0]])
+    lengths = np.array([[0.1, -0.2, 0.3], [0.0, 0.0, 0.0], [0.0, 0.4, 0.0]])
+    tracks = Tracks()
+    arrow = ForceArrow("wind", (1.0, 0.0, 0.0), points, lengths)
+    _draw_arrow(tracks, tracks, arrow, np.arange(3))
+    path = "/drake/forces/wind"
+    for frame in (0, 2):
+        X_WA = tracks.transforms[path][frame]
+        shaft = tracks.properties[f"{path}/shaft", "scale"][frame][2]
+        X_AH = tracks.transforms[f"{path}/head"][frame]
+        X_AS = tracks.transforms[f"{path}/shaft"][frame]
+        assert X_WA.multiply(X_AH.translation()) == pytest.approx(points[frame] + lengths[frame])
+        foot = X_WA.multiply(X_AS.multiply(np.array([0.0, 0.0, -shaft / 2])))
+        assert foot == pytest.approx(points[frame], abs=1e-12)
+        # The head is a cone that opens along its own z: back towards the foot.
+        assert X_WA.rotation().multiply(X_AH.rotation()).matrix()[:, 2] @ lengths[frame] < 0
+    assert tracks.properties[path, "visible"] == {0: True, 1: False, 2: True}
+
+
+def test_world_moves_so_that_the_car_stays_in_view(tailed):
+    logged = add_logged_run(DiagramBuilder(), tailed)
+    tracks = Tracks()
+    rows = np.array([0, 100, len(tailed.time) - 1])
+    _follow(tracks, tracks, logged, rows)
+    com = tailed.vector("com", "truth_m")
+    for frame, row in enumerate(rows):
+        shown = tracks.transforms["/drake"][frame].multiply(com[row])
+        assert np.linalg.norm(shown[:2]) < 0.1  # smoothed: the car moves a little in the picture
+        assert shown[2] == pytest.approx(com[row, 2])  # the floor stays where it is
+    position, target = tracks.camera
+    assert position[0] > 1.0  # ahead of a car that heads along x
+    assert position[1] < 0.0  # outside of a left turn: right
+    assert target[2] > 0.0

@@ -1,1 +1,0 @@
-"""Motors, servo, drive and joint friction between the station's input ports and the plant."""

@@ -1,0 +1,419 @@
+"""The force laws of a section (design section 5), for floats and for AutoDiffXd alike.
+
+All work on a line of sections: section i at distance s_i along the axis a sees the relative
+velocity v_i = v_air - v_section = u + s_i k, with u that of the root and k = -(omega x a). Hence k
+is perpendicular to a, and the spanwise part v_i . a is the same for all sections. Vectors are
+sequences of three scalars in the world frame.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from pydrake.math import arctan2
+
+from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.quantity import check_range
+
+check_from_zero = partial(check_range, low=0.0, high=math.inf, error=ModelError)
+check_above_zero = partial(check_from_zero, above_low=True)
+"""Refuse a number that is not finite or too small, by `check_range`."""
+
+Scalar = Any  # float or AutoDiffXd
+Vector = Any  # three scalars in a row
+
+# Below this squared speed (m2/s2) a section feels nothing: both laws are quadratic, so value and
+# gradient are zero there.
+STILL = 1e-60
+
+ROBOT_LIMIT = 15.0
+"""Highest relative speed of the robot-tail tables, m/s (Table 11.7)."""
+
+CHEETAH_LIMIT = 10.0
+"""Relative speed up to which the quasi-steady model was shown to hold for the cheetah tails, m/s
+(section 4.9)."""
+
+
+class LineMotion(NamedTuple):
+    """Motion of a line of sections against the air, vectors (3) in W; see `SectionLayout.motion`.
+
+    Attributes:
+        u: relative velocity of the air at the root, m/s.
+        k: its change along the line, 1/s: u + s k at distance s.
+        a: axis of the line, from root to tip.
+        n: normal of the sections.
+    """
+
+    u: Vector
+    k: Vector
+    a: Vector
+    n: Vector
+
+
+def dot(a: Vector, b: Vector) -> Scalar:
+    """Dot product of two vectors of three scalars."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vector, b: Vector) -> tuple[Scalar, Scalar, Scalar]:
+    """Cross product of two vectors of three scalars."""
+    a_x, a_y, a_z = a
+    b_x, b_y, b_z = b
+    return a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x
+
+
+class SectionLaw(ABC):
+    """Force law of a section, as `TailForce` asks for it.
+
+    Attributes:
+        knows_normal: the force depends on the normal n, so that the air can turn a sail about its
+            axis.
+    """
+
+    knows_normal: ClassVar[bool] = True
+
+    @abstractmethod
+    def line_force(
+        self, line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
+    ) -> tuple[Scalar, ...]:
+        """Force on the line and its moment about the root: (F_x, F_y, F_z, M_x, M_y, M_z), W frame,
+        N and N m.
+        """
+
+    def section_force(
+        self, v: Vector, a: Vector, n: Vector, area: Scalar, density: float
+    ) -> tuple[Scalar, ...]:
+        """Force on one section that sees the relative velocity v: (F_x, F_y, F_z), W frame, N."""
+        return self.line_force(LineMotion(v, (0.0, 0.0, 0.0), a, n), (0.0,), (area,), density)[:3]
+
+    @abstractmethod
+    def covers(self, speed: float, angle: float) -> bool:
+        """Tells whether a speed (m/s) and an angle of attack (rad) lie inside the measured range
+        of the coefficients.
+        """
+
+
+def length(v: Vector) -> Scalar:
+    """|v|, with a zero gradient at v = 0."""
+    squared = dot(v, v)
+    if squared > STILL:
+        return squared**0.5
+    return 0.0 * squared
+
+
+def angle_of_attack(v: Vector, a: Vector) -> Scalar:
+    """gamma = asin(v . a / |v|), rad: 0 is broadside, positive when the air flows towards the tip;
+    0 in still air.
+
+    Computed with atan2 (ERRATA E27 shows where the thesis form fails).
+    """
+    spanwise = dot(v, a)
+    across = length(cross(v, a))
+    if isinstance(spanwise, float):
+        return math.atan2(spanwise, across)
+    if float_of(spanwise) == 0.0 and float_of(across) == 0.0:
+        return 0.0 * spanwise
+    return arctan2(spanwise, across)
+
+
+def wind_direction(
+    line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar]
+) -> Scalar:
+    """Angle (rad) about the axis a from the normal n to where the air moves across the axis; 0 in
+    still air.
+
+    The direction of the sum of area |v_p| v_p over the sections, with v_p their relative velocity
+    across the axis.
+    """
+    u, k, a, n = line
+    b = cross(a, n)
+    u_n = dot(u, n)
+    k_n = dot(k, n)
+    u_b = dot(u, b)
+    k_b = dot(k, b)
+    along_normal = across = 0.0 * u_n + 0.0  # never -0.0, of which atan2 would make half a turn
+    for s, area in zip(distances, areas, strict=True):
+        v_n = u_n + s * k_n
+        v_b = u_b + s * k_b
+        squared = v_n * v_n + v_b * v_b
+        if squared > STILL:
+            weight = area * squared**0.5
+            along_normal = along_normal + weight * v_n
+            across = across + weight * v_b
+    still = float_of(along_normal) == 0.0 and float_of(across) == 0.0
+    if still:
+        return 0.0 * across
+    return arctan2(across, along_normal)
+
+
+def float_of(value: Scalar) -> float:
+    """The number behind a float or an AutoDiffXd."""
+    if isinstance(value, float):
+        return value
+    return float(value.value())
+
+
+def plate_force(
+    line: LineMotion,
+    distances: Sequence[Scalar],
+    areas: Sequence[Scalar],
+    density: Scalar,
+    along: float,
+    against: float,
+) -> tuple[Scalar, ...]:
+    """F = 1/2 rho A C_N |v_p| v_n n for every section; see `SectionLaw.line_force`.
+
+    With one C_N for both sides all numbers may be arrays of one shape, for many cars at once.
+
+    Args:
+        line, distances, areas, density: as there.
+        along, against: C_N when the air blows along +n, and along -n.
+    """
+    (ux, uy, uz), (kx, ky, kz), (ax, ay, az), (nx, ny, nz) = line
+    cx = ny * az - nz * ay  # chord direction n x a
+    cy = nz * ax - nx * az
+    cz = nx * ay - ny * ax
+    u_n = ux * nx + uy * ny + uz * nz
+    k_n = kx * nx + ky * ny + kz * nz
+    u_c = ux * cx + uy * cy + uz * cz
+    k_c = kx * cx + ky * cy + kz * cz
+    scale = 0.5 * density
+    even = along == against
+    many = isinstance(u_n, np.ndarray)
+    if even:
+        scale = scale * along
+        along = 1.0
+    total = moment = 0.0
+    for i in range(len(distances)):
+        s = distances[i]
+        v_n = u_n + s * k_n
+        v_c = u_c + s * k_c
+        squared = v_n * v_n + v_c * v_c
+        if many or squared > STILL:
+            if many:
+                speed = (squared + STILL) ** 0.5
+            else:
+                speed = squared**0.5
+            f = areas[i] * (along if even or v_n > 0.0 else against) * speed * v_n
+            total += f
+            moment += s * f
+    total = scale * total
+    # The moment s a x (f n) lies along a x n = -c.
+    moment = -(scale * moment)
+    return total * nx, total * ny, total * nz, moment * cx, moment * cy, moment * cz
+
+
+def require_increasing(name: str, values: Sequence[float], where: str) -> None:
+    """Refuses a grid of fewer than two points, NaN, negative values or no strict increase."""
+    for i, value in enumerate(values):
+        check_from_zero(f"{where}: {name}[{i}]", value, unit="1")
+    if len(values) < 2:
+        raise ModelError(f"{where}: {name} has {len(values)} points, but a table needs at least 2")
+    for i, (left, right) in enumerate(pairwise(values)):
+        if right <= left:
+            raise ModelError(
+                f"{where}: {name} must increase strictly, but {name}[{i + 1}] = {right} follows "
+                f"{left}"
+            )
+
+
+def require_finite(name: str, values: np.ndarray, where: str) -> None:
+    """Refuses holes and NaN, naming the first."""
+    bad = np.argwhere(~np.isfinite(values))
+    if bad.size:
+        index = "".join(f"[{i}]" for i in bad[0])
+        raise ModelError(
+            f"{where}: {name}{index} is missing or not finite; fill the hole or leave the whole "
+            "row out"
+        )
+
+
+@dataclass(frozen=True)
+class SpeedTable:
+    """A coefficient over |v_rel|, linear between the points and constant beyond them (thesis Fig.
+    6.15).
+
+    Attributes:
+        speeds: strictly increasing (n), m/s.
+        values: (n).
+        where: name of the file or table, for messages.
+    """
+
+    speeds: tuple[float, ...]
+    values: tuple[float, ...]
+    where: str = "speed table"
+
+    def __post_init__(self) -> None:
+        require_increasing("speeds", self.speeds, self.where)
+        if len(self.values) != len(self.speeds):
+            raise ModelError(
+                f"{self.where}: {len(self.values)} values for {len(self.speeds)} speeds"
+            )
+        require_finite("values", np.asarray(self.values, float), self.where)
+
+    def __call__(self, speed: Scalar) -> Scalar:
+        """The coefficient at a speed."""
+        speeds = self.speeds
+        values = self.values
+        if speed <= speeds[0]:
+            return values[0]
+        if speed >= speeds[-1]:
+            return values[-1]
+        i = bisect_right(speeds, float_of(speed)) - 1
+        slope = (values[i + 1] - values[i]) / (speeds[i + 1] - speeds[i])
+        return values[i] + slope * (speed - speeds[i])
+
+    def covers(self, speed: float) -> bool:
+        """Tells whether the speed lies inside the table."""
+        return self.speeds[0] <= speed <= self.speeds[-1]
+
+
+@dataclass(frozen=True)
+class SpeedLine:
+    """A coefficient that is a line over |v_rel| inside a range, and constant beyond it (ERRATA
+    E26).
+
+    Attributes:
+        slope: per m/s.
+        intercept: at 0 m/s.
+        speed_range: lowest and highest speed, m/s.
+    """
+
+    slope: float
+    intercept: float
+    speed_range: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        require_increasing("speed_range", self.speed_range, "speed line")
+        require_finite("slope and intercept", np.array([self.slope, self.intercept]), "speed line")
+
+    def __call__(self, speed: Scalar) -> Scalar:
+        """The coefficient at a speed."""
+        low, high = self.speed_range
+        if speed < low:
+            speed = low
+        elif speed > high:
+            speed = high
+        return self.intercept + self.slope * speed
+
+    def covers(self, speed: float) -> bool:
+        """Tells whether the speed lies inside the range."""
+        return self.speed_range[0] <= speed <= self.speed_range[1]
+
+
+@dataclass(frozen=True)
+class NormalForceLaw(SectionLaw):
+    """F = 1/2 rho A C_N(|v|) |v_p| v_n n, with v_p the velocity without its spanwise part, v_n its
+    part along n.
+
+    Equals Drake's `Wing`. The thesis' model of the robot tail (eq. 6.8, C_D = 2, force normal to
+    the tail) has cos(gamma) |v|^2 where this law has |v_p| v_n, in the plane of tail and normal
+    cos^2(gamma) |v|^2: the two are equal broadside only.
+
+    Attributes:
+        coefficient: C_N, a number or a function of |v_rel| such as `SpeedTable`.
+    """
+
+    coefficient: float | Callable[[Scalar], Scalar] = 2.0
+
+    def __post_init__(self) -> None:
+        if not callable(self.coefficient):
+            check_from_zero("normal-force law: coefficient", self.coefficient, unit="1")
+
+    def line_force(
+        self, line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
+    ) -> tuple[Scalar, ...]:
+        """See `SectionLaw.line_force`."""
+        coefficient = self.coefficient
+        if not callable(coefficient):
+            return plate_force(line, distances, areas, density, coefficient, coefficient)
+        u, k, _, _ = line
+        weighted = []
+        for s, area in zip(distances, areas, strict=True):
+            v = (u[0] + s * k[0], u[1] + s * k[1], u[2] + s * k[2])
+            weighted.append(area * coefficient(length(v)))
+        return plate_force(line, distances, weighted, density, 1.0, 1.0)
+
+    def covers(self, speed: float, angle: float) -> bool:
+        """See `SectionLaw.covers`; a plain number covers everything."""
+        covers = getattr(self.coefficient, "covers", None)
+        if covers is None:
+            return True
+        return bool(covers(speed))
+
+
+@dataclass(frozen=True)
+class TwoSidedLaw(SectionLaw):
+    """The normal-force law with a coefficient per side, for a half cylinder with end caps.
+
+    Attributes:
+        along_normal: C_N when the air blows along +n (the force points along +n), onto the side
+            that faces -n.
+        against_normal: C_N when it blows along -n.
+    """
+
+    along_normal: float
+    against_normal: float
+
+    def __post_init__(self) -> None:
+        for name in ("along_normal", "against_normal"):
+            check_from_zero(f"two-sided law: {name}", getattr(self, name), unit="1")
+
+    def line_force(
+        self, line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
+    ) -> tuple[Scalar, ...]:
+        """See `SectionLaw.line_force`; each section takes the coefficient of the side that it shows
+        to the wind.
+        """
+        return plate_force(line, distances, areas, density, self.along_normal, self.against_normal)
+
+    def covers(self, speed: float, angle: float) -> bool:
+        """Two numbers cover everything."""
+        return True
+
+
+@dataclass(frozen=True)
+class CrossedPlatesLaw(SectionLaw):
+    """Two plates that cross on one line: `normal` acts along n, `side` along the chord n x a.
+
+    With two equal laws of constant C_N = C_D it is the drag of a sail that always faces the wind,
+    F = 1/2 rho A C_D |v_p| v_p with v_p the velocity without its spanwise part; n does not matter
+    then.
+
+    Attributes:
+        normal: of the plate whose normal is n.
+        side: of the plate whose normal is the chord.
+    """
+
+    normal: SectionLaw
+    side: SectionLaw
+
+    def line_force(
+        self, line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
+    ) -> tuple[Scalar, ...]:
+        """See `SectionLaw.line_force`."""
+        across = line._replace(n=cross(line.n, line.a))
+        normal = self.normal.line_force(line, distances, areas, density)
+        side = self.side.line_force(across, distances, areas, density)
+        return tuple(one + other for one, other in zip(normal, side, strict=True))
+
+    def covers(self, speed: float, angle: float) -> bool:
+        """See `SectionLaw.covers`; both plates must."""
+        return self.normal.covers(speed, angle) and self.side.covers(speed, angle)
+
+
+def facing_law(law: SectionLaw) -> CrossedPlatesLaw:
+    """Law of a sail that shows the same side to the wind whatever its direction: of two sides the
+    hollow one.
+    """
+    if isinstance(law, TwoSidedLaw):
+        law = NormalForceLaw(law.along_normal)
+    return CrossedPlatesLaw(law, law)

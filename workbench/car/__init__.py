@@ -1,0 +1,1 @@
+"""The car: plant, tail, laws, sensors, station, run, trial record and verdict."""

@@ -1,0 +1,244 @@
+"""AK70-10 motors in MIT mode (design section 6): on the joints of the car's tail, and on that of
+the robot on the rig.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
+
+from aerodima.workbench.car.laws import joint_friction, pd_torque, torque_bounds
+from aerodima.workbench.car.tail_plant import arm_inertia
+from aerodima.workbench.core.elementwise import clip
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.port_wiring import vector_of
+from aerodima.workbench.core.system_lifetime import weak_callback
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.signal_table import TAIL_COMMAND
+from aerodima.workbench.scenario.tail_parameters import TailMotorParameters
+
+if TYPE_CHECKING:
+    from aerodima.workbench.scenario.scenario import Scenario
+
+TAIL_JOINTS = ("tail_pitch", "tail_roll")
+"""Joints that a motor drives, in the order of all vectors of two."""
+NOW = (0.0, 1.0, 0.0)
+"""Step without length, at whose instant a law holds."""
+
+
+def torque_speed_limits(motor: TailMotorParameters) -> tuple[float, float]:
+    """Returns stall torque (N m) and no-load speed (rad/s) at the output, from the pack voltage.
+
+    Ideal DC machine: the torque constant in N m/A equals 1/speed_constant in SI units.
+    """
+    no_load_speed = motor.pack_voltage * motor.speed_constant / motor.gear_ratio
+    stall_torque = (
+        motor.pack_voltage / motor.winding_resistance / motor.speed_constant * motor.gear_ratio
+    )
+    return stall_torque, no_load_speed
+
+
+def mit_torque(
+    position: float,
+    speed: float,
+    command: Sequence[float],
+    motor: TailMotorParameters,
+    line: tuple[float, float],
+    ahead: tuple[float, float, float] = NOW,
+) -> float:
+    """Returns the torque (N m) of one motor in MIT mode, positive along the joint axis.
+
+    tau = kp (q_d - q) + kd (qd_d - qd) + tau_ff with gains clipped to the frame's range, all of it
+    wrong by the error of the torque constant, then held inside the peak torque and the torque-speed
+    line: near the no-load speed the motor cannot push further, braking stays possible.
+
+    The firmware closes this loop at kHz, the plant steps at 2 ms: damping that acts on the rate of
+    the beginning of a step would push a light joint back and forth (kd h / I > 2 for the pitch
+    joint of a tail that lies sideways). So angle and rate are those of the end of the step, q + h v
+    and v = qd + (tau + load) h / I, solved for tau.
+
+    Args:
+        position: joint angle, rad.
+        speed: joint rate, rad/s.
+        command: q_d rad, qd_d rad/s, kp N m/rad, kd N m s/rad, tau_ff N m.
+        motor: limits.
+        line: stall torque N m and no-load speed rad/s, from `torque_speed_limits`.
+        ahead: length of the plant's step, s, inertia of the joint with the reflected rotor, kg m2,
+            and torque on it from all but its motor, N m; by default the law holds at this instant.
+    """
+    target, target_rate, kp, kd, feedforward = command
+    scale = 1.0 + motor.torque_error
+    kp = scale * clip(kp, 0.0, motor.kp_max)
+    kd = scale * clip(kd, 0.0, motor.kd_max)
+    step, inertia, load = ahead
+    coasting = speed + step * load / inertia
+    torque = pd_torque(  # angles are counted from the present one
+        step * coasting, coasting, target - position, target_rate, kp, kd, scale * feedforward
+    )
+    torque /= 1.0 + step * (kd + step * kp) / inertia
+    lower, upper = torque_bounds(speed, motor.torque_limit, *line)
+    limited: float = clip(torque, lower, upper)
+    return limited
+
+
+class TailMotor(LeafSystem):
+    """One motor on a joint of the car's tail: `mit_torque` at the end of the plant's step.
+
+    The load on the joint is that of the last step, inertia times acceleration less the torque that
+    acted, with the friction of this instant. The reflected rotor inertia is part of the plant
+    (tail.sdf).
+
+    Input ports:
+        joint_motion (6): angle, rad, and rate, rad/s, of the joint; 1, or 0 before the first step;
+            rate before the last step, rad/s; torque of motor and friction in it, N m; angle of the
+            roll joint now, rad.
+        tail_command (5): position rad, velocity rad/s, kp N m/rad, kd N m s/rad, torque N m; a NaN
+            in it gives zero torque.
+    Output ports:
+        torque (1): N m along the joint axis.
+
+    Args:
+        scenario: with motor, arm, friction of the joints and step of the plant.
+        joint: one of `TAIL_JOINTS`.
+    """
+
+    def __init__(self, scenario: Scenario, joint: str) -> None:
+        super().__init__()
+        motor = scenario.tail_motor
+        self._motor = motor
+        self._axis = TAIL_JOINTS.index(joint)
+        self._arm = arm_inertia(scenario.tail, motor, scenario.car)
+        self._friction = scenario.friction
+        self._step = scenario.simulation.step
+        self._line = torque_speed_limits(motor)
+        self._rotor = motor.rotor_inertia * motor.gear_ratio**2
+        self._motion = self.DeclareVectorInputPort("joint_motion", 6)
+        self._command = self.DeclareVectorInputPort("tail_command", TAIL_COMMAND.size)
+        inputs = {self.all_input_ports_ticket()}
+        self.DeclareVectorOutputPort("torque", 1, weak_callback(self._calc), inputs)
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        motion = vector_of(self._motion, context).tolist()
+        angle, rate, stepped, last_rate, last_torque, roll = motion
+        command = vector_of(self._command, context).tolist()
+        inertia = self._arm.about_joints(roll)[self._axis] + self._rotor
+        acceleration = stepped * (rate - last_rate) / self._step
+        law = self._friction
+        friction = joint_friction(rate, law.coulomb, law.viscous, law.tanh_gain)
+        load = inertia * acceleration - last_torque + friction
+        ahead = (self._step, inertia, load)
+        torque = mit_torque(angle, rate, command, self._motor, self._line, ahead)
+        output[0] = torque if torque == torque else 0.0
+
+
+class JointFriction(LeafSystem):
+    """Friction of the tail's joints, added to the torques of their motors.
+
+    Input ports:
+        rates (2): of `TAIL_JOINTS`, rad/s.
+        motor_torques (2): N m.
+    Output ports:
+        joint_torques (2): motor and friction together, N m.
+
+    Args:
+        scenario: with the friction.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__()
+        self.set_name("joint_friction")
+        self._friction = scenario.friction
+        size = len(TAIL_JOINTS)
+        self._rates = self.DeclareVectorInputPort("rates", size)
+        self._torques = self.DeclareVectorInputPort("motor_torques", size)
+        inputs = {self.all_input_ports_ticket()}
+        self.DeclareVectorOutputPort("joint_torques", size, weak_callback(self._calc), inputs)
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        law = self._friction
+        rates = vector_of(self._rates, context).tolist()
+        torques = vector_of(self._torques, context).tolist()
+        for joint, (rate, torque) in enumerate(zip(rates, torques, strict=True)):
+            output[joint] = torque + joint_friction(rate, law.coulomb, law.viscous, law.tanh_gain)
+
+
+TailMotorFactory = Callable[["Scenario", str], LeafSystem]
+"""Makes the motor of one of `TAIL_JOINTS`. Its output port `torque` (1) drives the joint, N m. It
+has those input ports that it needs: `joint_state` (2), angle, rad, and rate, rad/s, of the joint,
+or one of those of `TailMotor`."""
+
+
+def add_tail_motor(
+    builder: DiagramBuilder,
+    make: TailMotorFactory,
+    scenario: Scenario,
+    joint: str,
+    **inputs: OutputPort,
+) -> LeafSystem:
+    """Adds a motor, named after its joint, and connects those of the inputs that it has.
+
+    Raises:
+        UserError: the motor has no output port `torque` (1), or an input port of another name.
+    """
+    motor = make(scenario, joint)
+    motor.set_name(f"{joint}_motor")
+    builder.AddSystem(motor)
+    for index in range(motor.num_input_ports()):
+        port = motor.get_input_port(index)
+        source = inputs.get(port.get_name())
+        if source is not None:
+            builder.Connect(source, port)
+        elif port.get_name() != "tail_command":
+            raise UserError(
+                f"tail_motor: input port {port.get_name()!r}; must be one of tail_command, "
+                f"{', '.join(inputs)}"
+            )
+    if not motor.HasOutputPort("torque") or motor.GetOutputPort("torque").size() != 1:
+        raise UserError("tail_motor: must have an output port 'torque' with one element")
+    return motor
+
+
+class MitMotor(LeafSystem):
+    """One motor on a continuous plant, on the robot's wind-tunnel rig: `mit_torque` at this
+    instant.
+
+    The motor's firmware closes the loop at kHz.
+
+    A NaN in the command gives zero torque. The reflected rotor inertia is part of the plant.
+
+    Input ports:
+        joint_state (2): angle rad, rate rad/s.
+        tail_command (5): position rad, velocity rad/s, kp N m/rad, kd N m s/rad, torque N m.
+    Output ports:
+        torque (1): N m along the joint axis.
+        current (1): A, positive against the joint axis, as on the rig with the Maxon motor.
+
+    Args:
+        motor: limits.
+        torque_constant: torque at the output per ampere, N m/A.
+    """
+
+    def __init__(self, motor: TailMotorParameters, torque_constant: float):
+        super().__init__()
+        self._motor = motor
+        self._torque_constant = torque_constant
+        self._line = torque_speed_limits(motor)
+        self._state = self.DeclareVectorInputPort("joint_state", 2)
+        self._command = self.DeclareVectorInputPort("tail_command", TAIL_COMMAND.size)
+        inputs = {self.all_input_ports_ticket()}
+        self.DeclareVectorOutputPort("torque", 1, weak_callback(self._calc_torque), inputs)
+        self.DeclareVectorOutputPort("current", 1, weak_callback(self._calc_current), inputs)
+
+    def _torque(self, context: Context) -> float:
+        angle, rate = vector_of(self._state, context).tolist()
+        command = vector_of(self._command, context).tolist()
+        torque = mit_torque(angle, rate, command, self._motor, self._line)
+        return torque if torque == torque else 0.0
+
+    def _calc_torque(self, context: Context, output: BasicVector) -> None:
+        output[0] = self._torque(context)
+
+    def _calc_current(self, context: Context, output: BasicVector) -> None:
+        output[0] = -self._torque(context) / self._torque_constant

@@ -1,0 +1,291 @@
+"""The air around the simulated car: the wind of a scenario, the sections of its sail with their
+coefficients, and their force on the tail.
+
+The air acts on the sail only; the chassis feels none.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    LeafSystem,
+    OutputPort,
+    System,
+)
+
+from aerodima.workbench.aero.sail import FreeSail, SailMotion, generalised_force, sail_motion
+from aerodima.workbench.aero.section_laws import (
+    ROBOT_LIMIT,
+    NormalForceLaw,
+    SectionLaw,
+    cross,
+    facing_law,
+    wind_direction,
+)
+from aerodima.workbench.aero.sections import Air, SectionLayout
+from aerodima.workbench.car.tail_plant import tail_geometry
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.port_wiring import add_and_connect, concatenate, vector_of
+from aerodima.workbench.core.system_lifetime import weak_callback
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.tail_parameters import (
+    CONSTANT,
+    SAIL_LAWS,
+    SAIL_SHAPES,
+    TailParameters,
+)
+
+if TYPE_CHECKING:
+    from aerodima.workbench.aero.wind import WindModel
+    from aerodima.workbench.scenario.scenario import Scenario
+
+
+def wind_model(scenario: Scenario) -> WindModel | None:
+    """The wind that the scenario's tail meets; None in still air, and for a car without tail, which
+    feels no wind.
+    """
+    wind = scenario.wind
+    if wind.is_still or scenario.tail.mode == "none":
+        return None
+    from aerodima.workbench.aero.wind import WindModel
+
+    gust = wind.gust_amplitude
+    return WindModel(
+        mean=(wind.mean_x, wind.mean_y, wind.mean_z),
+        gust=(gust * math.cos(wind.gust_direction), gust * math.sin(wind.gust_direction), 0.0),
+        gust_frequency=1.0 / wind.gust_period,
+        turbulence=(wind.turbulence,) * 3,
+        time_constant=wind.turbulence_time_constant,
+        seed=scenario.seed,
+    )
+
+
+def add_wind_source(builder: DiagramBuilder, scenario: Scenario) -> System | None:
+    """Adds the wind of a scenario to a diagram; nothing, and None, where there is none."""
+    model = wind_model(scenario)
+    if model is None:
+        return None
+    from aerodima.workbench.aero.wind import WindSource
+
+    return builder.AddNamedSystem("wind", WindSource(model))
+
+
+def sail_law(tail: TailParameters) -> tuple[SectionLaw, float]:
+    """Law of the sail as `tail.sail` lets it stand, and the relative speed (m/s) up to which it was
+    shown to hold.
+
+    Raises:
+        ModelError: there is no such file or it is not a coefficient set; or its law does not know
+            the sail's normal, so that the air would not turn the sail.
+    """
+    law: SectionLaw
+    shape = SAIL_SHAPES[tail.sail_shape].coefficients
+    name = shape if shape is not None and tail.coefficients == CONSTANT else tail.coefficients
+    if name == CONSTANT:
+        law = NormalForceLaw(tail.normal_force_coefficient)
+        limit = ROBOT_LIMIT
+    else:
+        from aerodima.workbench.aero.coefficient_files import load_coefficients
+
+        try:
+            chosen = load_coefficients(name)
+        except ModelError as error:
+            raise ModelError(f"tail.coefficients: {error}") from None
+        law = chosen.law()
+        limit = chosen.quasi_steady_limit
+    if tail.sail == "locked":
+        return law, limit
+    if not law.knows_normal:
+        raise ModelError(
+            f"tail.coefficients: {tail.coefficients} has a {chosen.law_kind} law; allowed with "
+            f"tail.sail {tail.sail!r}: {', '.join(SAIL_LAWS)}"
+        )
+    return facing_law(law) if tail.sail == "facing" else law, limit
+
+
+def sail_layout(tail: TailParameters) -> SectionLayout:
+    """Sections of a sail that is locked or faces the wind, in the frame of the body `tail_sail`: z
+    along the tail.
+
+    The sail is drawn hollow towards +y (models/tail/tail.sdf), and its normal leaves the round
+    side.
+
+    Raises:
+        ModelError: a tail of its own geometry, which may have several lines of sections; reduced
+            cars have one.
+    """
+    if tail.has_own_geometry:
+        raise ModelError(
+            f"tail.geometry: {tail.geometry}; allowed: none, for a car with one straight sail"
+        )
+    (layout,) = tail_geometry(tail).section_layouts()
+    return layout
+
+
+def free_sail(tail: TailParameters, law: SectionLaw) -> FreeSail:
+    """The plates of the sail on its bearing."""
+    return FreeSail(
+        length=tail.sail_length,
+        width=tail.sail_width,
+        centre_of_pressure=tail.sail_shell_offset * tail.sail_width,
+        board_width=tail.board_share * tail.sail_width,
+        start=tail.length - tail.sail_length,
+        law=law,
+        side_coefficient=tail.sail_side_coefficient,
+        number=tail.sections,
+        shell_share=tail.shell_share,
+    )
+
+
+def sail_strips(tail: TailParameters) -> list[tuple[SectionLayout, SectionLaw]]:
+    """Lines of sections of the sail with the law of each, in the frame of body `tail_sail`."""
+    law, _ = sail_law(tail)
+    if tail.has_own_geometry:
+        return [(layout, law) for layout in tail_geometry(tail).section_layouts()]
+    if tail.sail != "free":
+        return [(sail_layout(tail), law)]
+    sail = free_sail(tail, law)
+    return [
+        (sail.shell_layout, sail.shell_law),
+        (sail.board_layout, NormalForceLaw(sail.side_coefficient)),
+    ]
+
+
+class TailAerodynamics(LeafSystem):
+    """The air on the car's tail, as a generalised force on chassis and joints.
+
+    Each line of sections has a `SectionLaw`; the motion of the sail is in closed form, by test
+    equal to Drake's. A list of spatial forces would make a Python object per step.
+
+    Input ports:
+        tail_motion (16): of the chassis its quaternion w, x, y, z, angular velocity, rad/s, and
+            velocity, m/s, in W; angles, rad, and rates, rad/s, of pitch, roll and sail joint.
+        wind_velocity (3): v_WA in W, m/s; only in wind.
+    Output ports:
+        force (9): moment on the chassis about its origin, N m, and force on it, N, in W; torques
+            on pitch, roll and sail joint, N m.
+        wind_direction (1): of the first line of sections, as `TailForce.wind_direction`, rad.
+
+    Args:
+        scenario: with tail and density of the air.
+        p_BoSo_B: where the tail's joint axes cross, in the chassis frame (3), m.
+        windy: whether the air moves.
+    """
+
+    def __init__(self, scenario: Scenario, p_BoSo_B: FloatArray, windy: bool) -> None:
+        super().__init__()
+        self.set_name("tail_aerodynamics")
+        self._lines = sail_strips(scenario.tail)
+        self._density = scenario.environment.air_density
+        self._p_BoSo_B = p_BoSo_B.tolist()
+        self._motion = self.DeclareVectorInputPort("tail_motion", 16)
+        self._wind = self.DeclareVectorInputPort("wind_velocity", 3) if windy else None
+        inputs = {self.all_input_ports_ticket()}
+        self.DeclareVectorOutputPort("force", 9, weak_callback(self._calc_force), inputs)
+        self.DeclareVectorOutputPort(
+            "wind_direction", 1, weak_callback(self._calc_wind_direction), inputs
+        )
+
+    @classmethod
+    def add_to_builder(
+        cls,
+        builder: DiagramBuilder,
+        scenario: Scenario,
+        plant: MultibodyPlant,
+        *,
+        tail_motion: OutputPort,
+        wind: OutputPort | None,
+    ) -> TailAerodynamics:
+        """Adds the air around the tail of a plant; still air without `wind`."""
+        chassis = plant.GetFrameByName("chassis")
+        sail = plant.GetFrameByName("tail_sail")
+        X_BS = plant.CalcRelativeTransform(plant.CreateDefaultContext(), chassis, sail)
+        air = cls(scenario, X_BS.translation(), wind is not None)
+        add_and_connect(builder, air, tail_motion=tail_motion)
+        if wind is not None:
+            builder.Connect(wind, air.GetInputPort("wind_velocity"))
+        return air
+
+    def _sail(self, context: Context) -> tuple[SailMotion, Any]:
+        """Motion of the sail; velocity of the air, None where it is still."""
+        x = vector_of(self._motion, context).tolist()
+        sail = sail_motion(x[:4], x[4:10], x[10:13], x[13:], self._p_BoSo_B)
+        wind = None if self._wind is None else vector_of(self._wind, context).tolist()
+        return sail, wind
+
+    def _calc_force(self, context: Context, output: BasicVector) -> None:
+        sail, wind = self._sail(context)
+        fx = fy = fz = mx = my = mz = 0.0
+        for layout, law in self._lines:
+            line = layout.motion(sail.R_WS, sail.w_WS, sail.v_WSo, wind)
+            gx, gy, gz, kx, ky, kz = law.line_force(
+                line, layout.distances, layout.areas, self._density
+            )
+            if layout.p_BoRo_B != (0.0, 0.0, 0.0):
+                dx, dy, dz = cross(layout.root_in(sail.R_WS), (gx, gy, gz))
+                kx = kx + dx
+                ky = ky + dy
+                kz = kz + dz
+            fx = fx + gx
+            fy = fy + gy
+            fz = fz + gz
+            mx = mx + kx
+            my = my + ky
+            mz = mz + kz
+        force = generalised_force(sail, (fx, fy, fz), (mx, my, mz))
+        output.SetFromVector(np.array(force))
+
+    def _calc_wind_direction(self, context: Context, output: BasicVector) -> None:
+        sail, wind = self._sail(context)
+        (layout, _) = self._lines[0]
+        line = layout.motion(sail.R_WS, sail.w_WS, sail.v_WSo, wind)
+        output[0] = wind_direction(line, layout.distances, layout.areas)
+
+
+def add_sail_report(
+    builder: DiagramBuilder, plant: MultibodyPlant, scenario: Scenario, wind: OutputPort | None
+) -> dict[str, OutputPort]:
+    """Adds systems that say what the air does to the sail; `TailAerodynamics` pushes the plant.
+
+    Returns:
+        The ports `sections` and `validity` of `TailForce`: of the sail's opening, or of all lines
+        of a tail of its own geometry.
+    """
+    from aerodima.workbench.aero.tail_force import add_tail_force
+
+    tail = scenario.tail
+    _, limit = sail_law(tail)
+    air = Air(scenario.environment.air_density, scenario.environment.air_viscosity)
+    lines = []
+    for number, (layout, law) in enumerate(sail_strips(tail)):
+        line = add_tail_force(
+            builder,
+            plant,
+            "tail_sail",
+            layout,
+            law,
+            air=air,
+            wind=wind,
+            quasi_steady_limit=limit,
+            applied=False,
+            name=f"tail_force_tail_sail_{number}" if number else None,
+        )
+        lines.append(line)
+    if tail.sail == "free":
+        lines = lines[:1]
+    report = {}
+    for name in ("sections", "validity"):
+        ports = [line.GetOutputPort(name) for line in lines]
+        if len(ports) == 1:
+            report[name] = ports[0]
+        else:
+            report[name] = concatenate(builder, f"sail_{name}", ports)
+    return report

@@ -1,0 +1,175 @@
+"""The diagram of a car's run: station, driver, tail controller and roll estimator."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
+
+from aerodima.workbench.car.car_station import (
+    InterfaceFactory,
+    make_car_station,
+    simulated_car,
+)
+from aerodima.workbench.control.controller_systems import TailController, TurnDriver
+from aerodima.workbench.control.driver_law import DriverLaw, make_driver
+from aerodima.workbench.control.law_of_scenario import law_of_scenario
+from aerodima.workbench.control.manoeuvre import Schedule
+from aerodima.workbench.control.tail_law import TailLaw
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.port_wiring import constant
+from aerodima.workbench.logs.recorder import (
+    OpenBuilder,
+    Signals,
+    output_ports,
+    signals_of,
+)
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.signal_table import (
+    CAR_PORTS,
+    CAR_TRUTH,
+    STATION_INPUTS,
+    names_of,
+    plant_position_columns,
+    sensor_columns,
+)
+
+DRIVER_PORTS = ("planned_turn", "state")
+"""Ports of driver and tail controller that the log has beside their commands."""
+Build = Callable[[DiagramBuilder, Diagram], object]
+"""Adds what drives a station to the builder, in which the station stands, and connects its input
+ports. What it exports or logs fills columns of the log (`OpenBuilder.signals`); exported as
+`planned_turn` or `state`, those of driver and controller."""
+
+
+@dataclass(frozen=True)
+class CarDiagram:
+    """A station with what drives it and the roll estimator around it, and the ports worth
+    recording.
+
+    Attributes:
+        builder: that holds the station.
+        station: of the car.
+        signals: ports with the names of their columns.
+        user_signals: those of them that whoever added what drives has exported or logged.
+    """
+
+    builder: DiagramBuilder
+    station: Diagram
+    signals: Signals
+    user_signals: Signals
+
+
+def default_build(
+    scenario: Scenario,
+    tail_law: TailLaw | None = None,
+    schedule: DriverLaw | Schedule | None = None,
+    lean: bool = False,
+) -> Build:
+    """Returns what adds driver and tail controller of a scenario; see `assemble`."""
+
+    def build(builder: DiagramBuilder, station: Diagram) -> None:
+        law = tail_law or law_of_scenario(scenario)
+        rate = scenario.controller.rate
+        driver = TurnDriver.add_to_builder(
+            builder,
+            schedule or make_driver(scenario),
+            rate,
+            station=station,
+            controller_rate=law.rate,
+        )
+        idle = lean and tail_law is None and scenario.tail.mode == "none"
+        controller = TailController.add_to_builder(
+            builder, scenario, station=station, driver=driver, law=law, idle=idle
+        )
+        for port, system in zip(DRIVER_PORTS, (driver, controller), strict=True):
+            builder.ExportOutput(system.GetOutputPort(port), port)
+
+    return build
+
+
+def assemble(
+    scenario: Scenario,
+    interface: InterfaceFactory | None = None,
+    meshcat: Meshcat | None = None,
+    tail_law: TailLaw | None = None,
+    lean: bool = False,
+    schedule: DriverLaw | Schedule | None = None,
+    build: Build | None = None,
+) -> CarDiagram:
+    """Connects station, what drives it, and estimator; the controllers stand outside the station.
+
+    The tail follows `tail_law`, the driver `schedule`, which may be a law, or by default what the
+    scenario names; `build` adds something else in place of both. With `lean`, what no metric of a
+    run needs is left out: most of the truth, the estimator of roll and, without tail, the ticks of
+    its controller.
+
+    Raises:
+        UserError: `build` leaves an input port of the station without connection, or names columns
+            that are there.
+    """
+    builder = OpenBuilder()
+    station = make_car_station(scenario, interface, meshcat, with_truth=not lean)
+    builder.AddSystem(station)
+    (build or default_build(scenario, tail_law, schedule, lean))(builder, station)
+    ports = builder.sources(station)
+    missing = [name for name in STATION_INPUTS if name not in ports]
+    if missing:
+        raise UserError(
+            f"build: station port {', '.join(missing)}: not connected; each of them commands the "
+            "car"
+        )
+    for name in DRIVER_PORTS:
+        if name in builder.exported:
+            ports[name] = builder.exported.pop(name)
+        else:
+            ports[name] = constant(builder, f"no_{name}", [0.0])
+    sources: list[System] = [station]
+    if not lean:
+        from aerodima.workbench.car.roll_estimator import RollEstimator
+        from aerodima.workbench.car.roll_filter import RollFilterSettings
+
+        settings = RollFilterSettings(
+            rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81
+        )
+        sources.append(RollEstimator.add_to_builder(builder, settings, station=station))
+    signals = signals_of(CAR_PORTS, ports | output_ports(*sources)) + truth_signals(station)
+    taken = names_of(sensor_columns())
+    for _, names in signals:
+        taken += names
+    user_signals = builder.signals(taken)
+    return CarDiagram(builder, station, signals + user_signals, user_signals)
+
+
+def build_name(build: Build) -> str:
+    """Returns the name under which a log has a build."""
+    return str(getattr(build, "__name__", type(build).__name__))
+
+
+def truth_signals(station: Diagram) -> Signals:
+    """Returns the ground-truth ports of a station with their columns; none without a plant."""
+    ports = output_ports(station)
+    wind = ports.pop("wind_truth", None)
+    signals = signals_of(CAR_TRUTH, ports)
+    if "plant_state_truth" in ports:
+        plant = simulated_car(station).plant
+        names = names_of(plant_position_columns(plant.GetPositionNames()))
+        names += [f"plant_velocity_{name}" for name in plant.GetVelocityNames()]
+        signals.append((ports["plant_state_truth"], names))
+    if wind is not None:
+        signals += signals_of(CAR_TRUTH, {"wind_truth": wind})
+    return signals
+
+
+def plant_facts(station: Diagram) -> dict[str, float]:
+    """Returns masses (kg) of a simulated station, for `extra` of a run log."""
+    car = simulated_car(station)
+    context = car.plant.CreateDefaultContext()
+    if car.tail is None:
+        tail_mass = 0.0
+    else:
+        tail_mass = car.plant.CalcTotalMass(context, [car.tail])
+    return {
+        "tail_mass_kg": tail_mass,
+        "total_mass_kg": car.plant.CalcTotalMass(context, car.instances),
+    }

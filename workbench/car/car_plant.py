@@ -1,0 +1,220 @@
+"""The car on level ground as a `MultibodyPlant`, with or without its tail arm.
+
+Discrete plant with point contact, `kLagged` approximation and tyres that stand on their edges
+(design section 7). Body frame B: x forward, y left, z up, origin on the ground under the rear axle
+at nominal ride height.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydrake.geometry import (
+    AddContactMaterial,
+    CollisionFilterDeclaration,
+    GeometryId,
+    GeometrySet,
+    HalfSpace,
+    ProximityProperties,
+    SceneGraph,
+)
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import (
+    ContactModel,
+    CoulombFriction,
+    DiscreteContactApproximation,
+    MultibodyPlant,
+)
+from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+
+from aerodima.workbench.car.car_model import car_sdf, slip_speed
+from aerodima.workbench.car.tail_plant import LEAST_INERTIA_LEFT, added_mass_layout, tail_sdf
+from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.resources import models_dir
+from aerodima.workbench.core.sdf_model import SdfModel
+
+if TYPE_CHECKING:
+    from aerodima.workbench.aero.added_mass import AddedMass
+    from aerodima.workbench.scenario.scenario import Scenario
+
+GROUND_STIFFNESS = 1.0e10
+"""Contact stiffness (N/m) of the ground: rigid against any tyre, so that the pair has the tyre's
+stiffness to 1e-5."""
+
+HALF_SPACE_WARNING = (
+    "Rigid (non-deformable) half spaces are not currently supported for deformable contact; "
+    "registration is allowed, but no contact data will be reported."
+)
+"""What Drake says about every half space with which a deformable body could touch. The car has no
+deformable body."""
+
+MODELS_PACKAGE = "aerodima_models"
+
+
+@dataclass(frozen=True)
+class CarPlant:
+    """A finalised plant with its scene graph; `tail` is None for the car without tail arm.
+
+    Added mass of the air is neither car nor tail but a model instance of its own: sums over the
+    vehicle go over these two.
+    """
+
+    plant: MultibodyPlant
+    scene_graph: SceneGraph
+    car: ModelInstanceIndex
+    tail: ModelInstanceIndex | None
+
+    @property
+    def instances(self) -> list[ModelInstanceIndex]:
+        """Car and tail arm, without the added mass of the air."""
+        if self.tail is None:
+            return [self.car]
+        return [self.car, self.tail]
+
+    @property
+    def actuated_joints(self) -> list[str]:
+        """Joints of the car alone, in the order of its actuation."""
+        indices = self.plant.GetJointActuatorIndices(self.car)
+        return [self.plant.get_joint_actuator(index).joint().name() for index in indices]
+
+
+def add_car_plant(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    wind_acceleration: OutputPort | None = None,
+    *,
+    sampled_outputs: bool = True,
+    drawn: bool = True,
+) -> CarPlant:
+    """Adds the car of a scenario, standing at the origin and heading along x, to a diagram.
+
+    Args:
+        wind_acceleration: of the air in W (3), m/s2; it pushes the added mass. Steady wind without
+            it.
+        sampled_outputs: whether accelerations and contact forces on the plant's ports are those of
+            the last step; if not, they are those of the step that begins, and a step need not keep
+            them.
+        drawn: whether it has its visuals, each of which Drake places in every step.
+
+    Raises:
+        ModelError: a model file is missing or does not load with these numbers, or
+            `tail.added_mass` is too negative.
+    """
+    plant, scene_graph = add_plant(builder, scenario.simulation.step)
+    plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -scenario.environment.gravity])
+    _add_ground(plant, scenario.car.tyre_friction)
+    car = parse_model(plant, car_sdf(scenario), drawn)
+    tail = None
+    added = None
+    if scenario.tail.mode != "none":
+        arm = tail_sdf(scenario.tail, scenario.tail_motor, scenario.car)
+        if scenario.tail.sail != "free":
+            arm.fix_joint("tail_sail_turn")
+        tail = parse_model(plant, arm, drawn)
+        reach = scenario.tail.mount_x - scenario.car.gearbox_x
+        X_GT = RigidTransform(np.array([reach, 0.0, scenario.car.gearbox_height / 2]))
+        plant.WeldFrames(plant.GetFrameByName("gearbox"), plant.GetFrameByName("tail_anchor"), X_GT)
+        plant.GetJointByName("tail_roll").set_default_angle(scenario.resting_roll)
+        plant.GetJointByName("tail_pitch").set_default_angle(scenario.resting_pitch)
+        added = _added_mass(plant, scenario)
+    plant.set_stiction_tolerance(slip_speed(scenario.car, scenario.manoeuvre.speed))
+    plant.set_contact_model(ContactModel.kPoint)
+    plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
+    plant.SetUseSampledOutputPorts(sampled_outputs)
+    plant.Finalize()
+    result = CarPlant(plant, scene_graph, car, tail)
+    _let_parts_pass_each_other(plant, scene_graph, result.instances)
+    if added is not None:
+        try:
+            added.add_to_builder(
+                builder, wind_acceleration=wind_acceleration, least_left=LEAST_INERTIA_LEFT
+            )
+        except ModelError as error:
+            raise ModelError(f"tail.added_mass: {error}") from None
+    return result
+
+
+def add_plant(builder: DiagramBuilder, step: float) -> tuple[Any, SceneGraph]:
+    """Adds a plant and its scene graph, as `AddMultibodyPlantSceneGraph` of Drake, which 1.51 never
+    frees.
+
+    Args:
+        step: s; 0 for a continuous plant.
+    """
+    plant: Any = builder.AddNamedSystem("plant", MultibodyPlant(step))
+    scene_graph: Any = builder.AddNamedSystem("scene_graph", SceneGraph())
+    source = plant.RegisterAsSourceForSceneGraph(scene_graph)
+    builder.Connect(plant.get_geometry_pose_output_port(), scene_graph.get_source_pose_port(source))
+    builder.Connect(scene_graph.get_query_output_port(), plant.get_geometry_query_input_port())
+    return plant, scene_graph
+
+
+def _added_mass(plant: MultibodyPlant, scenario: Scenario) -> AddedMass | None:
+    """Added mass of the whole tail, on the rod: it does not turn with a free sail."""
+    tail = scenario.tail
+    if tail.added_mass == 0.0:
+        return None
+    from aerodima.workbench.aero.added_mass import add_added_mass
+
+    return add_added_mass(
+        plant, plant.GetBodyByName("tail_rod"), added_mass_layout(tail), tail.added_mass
+    )
+
+
+def parse_model(plant: MultibodyPlant, model: SdfModel, drawn: bool = True) -> ModelInstanceIndex:
+    """Parses a model strictly, with its visuals if `drawn`: a warning of Drake's parser is an error
+    naming the file.
+    """
+    if not drawn:
+        for link in model.model.findall("link"):
+            model.remove_shapes(str(link.get("name")), kind="visual")
+    parser = Parser(plant)
+    parser.package_map().Add(MODELS_PACKAGE, str(models_dir()))
+    parser.SetStrictParsing()
+    try:
+        (instance,) = parser.AddModelsFromString(model.text(), "sdf")
+    except RuntimeError as error:
+        raise ModelError(f"{model.path}: does not load in Drake: {error}") from None
+    return instance
+
+
+def _add_ground(plant: MultibodyPlant, friction: float) -> None:
+    # A filter that is there already is not added again.
+    logging.getLogger("drake").addFilter(is_news)
+    properties = ProximityProperties()
+    AddContactMaterial(
+        dissipation=0.0,
+        point_stiffness=GROUND_STIFFNESS,
+        friction=CoulombFriction(friction, friction),
+        properties=properties,
+    )
+    plant.RegisterCollisionGeometry(
+        plant.world_body(),
+        HalfSpace.MakePose(np.array([0.0, 0.0, 1.0]), np.zeros(3)),
+        HalfSpace(),
+        "ground",
+        properties,
+    )
+
+
+def _let_parts_pass_each_other(
+    plant: MultibodyPlant, scene_graph: SceneGraph, instances: list[ModelInstanceIndex]
+) -> None:
+    """Contact acts between car and ground only; the tail's range is a limit of its joints."""
+    geometries: list[GeometryId] = []
+    for instance in instances:
+        for body in plant.GetBodyIndices(instance):
+            geometries += plant.GetCollisionGeometriesForBody(plant.get_body(body))
+    scene_graph.collision_filter_manager().Apply(
+        CollisionFilterDeclaration().ExcludeWithin(GeometrySet(geometries))
+    )
+
+
+def is_news(record: logging.LogRecord) -> bool:
+    """False for what Drake says about the ground of every car."""
+    return record.getMessage() != HALF_SPACE_WARNING

@@ -1,0 +1,364 @@
+"""The car behind its ports: simulated plant with actuators and sensors, or the interface to the
+real car.
+
+Both export the same ports (design section 9); whatever drives the car is connected to them and does
+not know which it is. The simulated station adds ground-truth ports, whose names end in `_truth`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from pydrake.geometry import Meshcat, MeshcatVisualizer
+from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, System
+from pydrake.systems.primitives import Multiplexer, PassThrough
+
+from aerodima.workbench.car.ak70 import (
+    TAIL_JOINTS,
+    JointFriction,
+    TailMotor,
+    TailMotorFactory,
+    add_tail_motor,
+)
+from aerodima.workbench.car.car_plant import CarPlant, add_car_plant
+from aerodima.workbench.car.car_sensors import (
+    GpsSpeed,
+    Imu,
+    MotorEncoder,
+    MotorReply,
+    SailEncoder,
+)
+from aerodima.workbench.car.chassis_actuators import DriveTrain, SteeringServo
+from aerodima.workbench.car.plant_ports import PlantPorts
+from aerodima.workbench.core.port_contract import (
+    add_status,
+    export_interface,
+    export_outputs,
+    require_ports,
+)
+from aerodima.workbench.core.port_wiring import add_and_connect, concatenate
+from aerodima.workbench.scenario.signal_table import (
+    STATION_INPUTS,
+    STATION_OUTPUTS,
+    STATUS,
+    TAIL_COMMAND,
+)
+
+if TYPE_CHECKING:
+    from aerodima.workbench.car.car_air import TailAerodynamics
+    from aerodima.workbench.scenario.scenario import Scenario
+
+NOT_FITTED = 1.0
+"""Fault code on `status` of a part that this car does not have, such as the motors of a car without
+tail arm."""
+TAIL_PARTS = ("tail_pitch", "tail_roll", "sail")
+"""Parts of the tail that report on `status`."""
+HEALTHY = ("imu_fault", "speed_fault", "operator_age", "operator_fault")
+"""Fields of `status` that are 0 in simulation."""
+
+InterfaceFactory = Callable[["Scenario"], System]
+"""Makes the system that talks to the real car, with exactly the ports of `STATION_INPUTS` and
+`STATION_OUTPUTS`."""
+
+
+def make_car_station(
+    scenario: Scenario,
+    interface: InterfaceFactory | None = None,
+    meshcat: Meshcat | None = None,
+    *,
+    with_truth: bool = True,
+    tail_motor: TailMotorFactory = TailMotor,
+) -> Diagram:
+    """Makes the station of a scenario as a diagram.
+
+    A tail motor of your own is a system with an output port `torque` (1), N m, and any of the input
+    ports `joint_state` (2), rad and rad/s, and `tail_command` (5):
+
+        class Spring(LeafSystem):
+            def __init__(self, scenario, joint):
+                super().__init__()
+                state = self.DeclareVectorInputPort("joint_state", 2)
+                self.DeclareVectorOutputPort(
+                    "torque", 1, lambda context, torque: torque.SetFromVector(
+                        -5.0 * state.Eval(context)[:1]))
+
+        station = make_car_station(scenario, tail_motor=Spring)
+
+    Args:
+        scenario: what to simulate, or what to drive.
+        interface: None simulates; a factory (from `hardware`) talks to the car.
+        meshcat: shows the simulated car live.
+        with_truth: of a simulated car, whether the station has every ground truth, or only the
+            plant's state and the torque of the tail motors in its last step, which costs nothing.
+        tail_motor: makes the motor of a simulated joint, called with the scenario and one of
+            `tail_pitch` and `tail_roll`.
+
+    Raises:
+        ModelError: a model does not load with the numbers of the scenario.
+        UserError: the interface, the simulated car or a tail motor has other ports than it must
+            have.
+    """
+    builder = DiagramBuilder()
+    if interface is None:
+        _add_simulated_car(builder, scenario, meshcat, with_truth, tail_motor)
+    else:
+        export_interface(builder, interface(scenario), STATION_INPUTS, STATION_OUTPUTS)
+    station = builder.Build()
+    station.set_name("car_station")
+    require_ports(station, STATION_INPUTS, STATION_OUTPUTS, besides=("_truth",))
+    return station
+
+
+def _add_simulated_car(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    meshcat: Meshcat | None,
+    with_truth: bool,
+    tail_motor: TailMotorFactory,
+) -> None:
+    """Adds plant, drive train, servo, tail and sensors, and exports the ports of the station."""
+    # The plant, and the wind that pushes its added mass.
+    wind = None
+    if scenario.tail.mode != "none":  # the air acts on a tail only
+        from aerodima.workbench.car.car_air import add_wind_source
+
+        wind = add_wind_source(builder, scenario)
+    drawn = with_truth or meshcat is not None
+    gust = None
+    if wind is not None and scenario.wind.gust_amplitude > 0.0:
+        gust = wind.GetOutputPort("wind_acceleration")
+    car = add_car_plant(builder, scenario, gust, sampled_outputs=with_truth, drawn=drawn)
+    ports = PlantPorts(builder, car)
+    air = wind.GetOutputPort("wind_velocity") if wind is not None else None
+
+    # Drive train, steering and tail.
+    drive = DriveTrain.add_to_builder(builder, scenario, spins=ports.motion("spins"))
+    servo = SteeringServo.add_to_builder(builder, scenario, last_frame=ports.motion("last_frame"))
+    inputs: dict[str, InputPort] = {
+        "throttle": drive.GetInputPort("throttle"),
+        "steering_angle": servo.GetInputPort("steering_angle"),
+    }
+    torques = drive.GetOutputPort("torques")
+    steering = servo.GetOutputPort("steering")
+    if car.tail is None:
+        tail = None
+        ports.drive(torques, steering)
+        inputs |= _ignored_commands(builder)
+        motor_torques = ports.motion("tail_torque")
+    else:
+        tail = TailDrives.add_to_builder(builder, scenario, car, ports, air, tail_motor)
+        inputs |= tail.commands
+        motor_torques = tail.motor_torques
+        force = tail.air.GetOutputPort("force")
+        ports.drive(torques, steering, motor_torques, tail.joint_torques, force)
+
+    # Sensors, and the ports of the station.
+    outputs = _add_sensors(builder, scenario, ports, tail)
+    for name in STATION_INPUTS:
+        builder.ExportInput(inputs[name], name)
+    outputs["tail_torque"] = motor_torques
+    outputs["plant_state_truth"] = car.plant.get_state_output_port()
+    if with_truth:
+        outputs |= _add_truth(builder, scenario, car, ports, torques, tail, air)
+    elif tail is not None:
+        outputs["last_tail_torque_truth"] = ports.motion("last_tail_torque")
+    if air is not None:
+        outputs["wind_truth"] = air
+    export_outputs(builder, outputs)
+    if meshcat is not None:
+        MeshcatVisualizer.AddToBuilder(builder, car.scene_graph, meshcat)
+
+
+def _ignored_commands(builder: DiagramBuilder) -> dict[str, InputPort]:
+    """Adds a system that takes the commands of a tail that is not there; returns its ports."""
+    ignored = Multiplexer([TAIL_COMMAND.size] * len(TAIL_JOINTS))
+    builder.AddNamedSystem("ignored_commands", ignored)
+    return {
+        f"{joint}_command": ignored.get_input_port(index) for index, joint in enumerate(TAIL_JOINTS)
+    }
+
+
+@dataclass(frozen=True)
+class TailDrives:
+    """What drives the tail of a car.
+
+    Attributes:
+        commands: input ports of the motors, by their names on the station.
+        motor_torques: port (2) of the torques of the motors on pitch and roll joint, N m.
+        joint_torques: port (2) of these and the friction of the joints together, N m.
+        air: the force of the air.
+    """
+
+    commands: dict[str, InputPort]
+    motor_torques: OutputPort
+    joint_torques: OutputPort
+    air: TailAerodynamics
+
+    @classmethod
+    def add_to_builder(
+        cls,
+        builder: DiagramBuilder,
+        scenario: Scenario,
+        car: CarPlant,
+        ports: PlantPorts,
+        wind: OutputPort | None,
+        tail_motor: TailMotorFactory,
+    ) -> TailDrives:
+        """Adds two motors, the friction of their joints, and the air on the sail."""
+        from aerodima.workbench.car.car_air import TailAerodynamics
+
+        commands = {}
+        torques = []
+        for joint in TAIL_JOINTS:
+            motor = add_tail_motor(
+                builder,
+                tail_motor,
+                scenario,
+                joint,
+                joint_state=ports.motion(f"{joint}_state"),
+                joint_motion=ports.motion(f"{joint}_motion"),
+            )
+            torques.append(motor.GetOutputPort("torque"))
+            if motor.HasInputPort("tail_command"):
+                commands[f"{joint}_command"] = motor.GetInputPort("tail_command")
+            else:
+                ignored = PassThrough(TAIL_COMMAND.size)
+                builder.AddNamedSystem(f"ignored_{joint}_command", ignored)
+                commands[f"{joint}_command"] = ignored.get_input_port()
+        motor_torques = concatenate(builder, "motor_torques", torques)
+        friction = add_and_connect(
+            builder,
+            JointFriction(scenario),
+            rates=ports.motion("tail_rates"),
+            motor_torques=motor_torques,
+        )
+        joint_torques = friction.GetOutputPort("joint_torques")
+        air = TailAerodynamics.add_to_builder(
+            builder, scenario, car.plant, tail_motion=ports.motion("tail_motion"), wind=wind
+        )
+        return cls(commands, motor_torques, joint_torques, air)
+
+
+def _add_sensors(
+    builder: DiagramBuilder, scenario: Scenario, ports: PlantPorts, tail: TailDrives | None
+) -> dict[str, OutputPort]:
+    """Adds what the car measures; returns the station's ports of sensors and status."""
+    step = scenario.simulation.step
+    imu = Imu(
+        scenario.imu,
+        p_BoImu_B=(scenario.imu.x, 0.0, scenario.imu.z),
+        seed=scenario.seed,
+        step=step,
+        discrete=True,
+        gravity=scenario.environment.gravity,
+    )
+    gps = GpsSpeed(scenario.gps, seed=scenario.seed, step=step, discrete=True)
+    for sensor in (imu, gps):
+        add_and_connect(builder, sensor, chassis_motion=ports.motion("chassis_motion"))
+    ages: dict[str, System] = {"imu_age": imu, "speed_age": gps}
+    if tail is None:
+        tail_state = ports.motion("tail_state")
+    else:
+        tail_state, encoders = _add_encoders(builder, scenario, ports, tail.air)
+        ages |= encoders
+    return {
+        "tail_state": tail_state,
+        "imu": imu.GetOutputPort("imu"),
+        "speed": gps.GetOutputPort("speed"),
+        "status": _add_status(builder, ages),
+    }
+
+
+def _add_encoders(
+    builder: DiagramBuilder, scenario: Scenario, ports: PlantPorts, air: TailAerodynamics
+) -> tuple[OutputPort, dict[str, System]]:
+    """Adds the encoders of the tail; returns the port `tail_state`, and who reports by age."""
+    motor = scenario.tail_motor
+    step = scenario.simulation.step
+    reply = MotorReply(motor.position_range, motor.speed_range)
+    encoders = MotorEncoder(scenario.controller.rate, reply, step=step, discrete=True)
+    add_and_connect(builder, encoders, joints=ports.motion("tail_joints"))
+    ages: dict[str, System] = {f"{part}_age": encoders for part in TAIL_PARTS}
+    angle = rate = ports.zero
+    if scenario.tail.sail != "locked":
+        sail = SailEncoder(scenario.sail_encoder, seed=scenario.seed, step=step, discrete=True)
+        if scenario.tail.sail == "free":
+            turn = ports.motion("sail_turn")
+        else:  # a sail that faces the wind has no joint, its angle is that of the wind
+            turn = air.GetOutputPort("wind_direction")
+        ages["sail_age"] = add_and_connect(builder, sail, joint_angle=turn)
+        angle = sail.GetOutputPort("angle")
+        rate = sail.GetOutputPort("rate")
+    parts = [encoders.GetOutputPort("angles"), angle, encoders.GetOutputPort("rates"), rate]
+    return concatenate(builder, "tail_state", parts), ages
+
+
+def _add_status(builder: DiagramBuilder, sensors: dict[str, System]) -> OutputPort:
+    """Adds the status of sensors by the field of their age; a tail that is not there has none."""
+    healthy = [*HEALTHY]
+    fault = 0.0
+    if "sail_age" not in sensors:
+        healthy += [f"{part}_age" for part in TAIL_PARTS]
+        fault = NOT_FITTED
+    return add_status(
+        builder,
+        STATUS,
+        {},
+        healthy,
+        samples={name: sensor.GetOutputPort("sample_time") for name, sensor in sensors.items()},
+        faults={f"{part}_fault": fault for part in TAIL_PARTS},
+    )
+
+
+def _add_truth(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    car: CarPlant,
+    ports: PlantPorts,
+    torques: OutputPort,
+    tail: TailDrives | None,
+    wind: OutputPort | None,
+) -> dict[str, OutputPort]:
+    """Adds what only a simulation knows; returns the ports to export."""
+    from aerodima.workbench.car.ground_truth import CarTruth
+
+    plant = car.plant
+    contacts = plant.get_contact_results_output_port()
+    sources = {
+        "plant_state": plant.get_state_output_port(),
+        "contact_results": contacts,
+        "chassis_motion": ports.motion("chassis_motion"),
+        "drive_torque": concatenate(builder, "drive_torque", [(torques, [0])]),
+    }
+    outputs = {
+        "plant_acceleration_truth": plant.GetOutputPort("generalized_acceleration"),
+        "contact_results_truth": contacts,
+    }
+    names = ["body_truth", "contact_truth"]
+    if tail is not None:
+        from aerodima.workbench.car.car_air import add_sail_report
+
+        report = add_sail_report(builder, plant, scenario, wind)
+        force = tail.air.GetOutputPort("force")
+        sources["tail_torque"] = tail.motor_torques
+        sources["tail_air"] = concatenate(builder, "air_on_chassis", [(force, range(6))])
+        outputs["tail_actuation_truth"] = tail.joint_torques
+        outputs["tail_sections_truth"] = report["sections"]
+        outputs["tail_validity_truth"] = report["validity"]
+        names.append("tail_truth")
+    truth = add_and_connect(builder, CarTruth(car, scenario), "truth", **sources)
+    return outputs | {name: truth.GetOutputPort(name) for name in names}
+
+
+def simulated_car(station: Diagram) -> CarPlant:
+    """Returns plant and scene graph of a simulated station, to look at bodies and joints."""
+    plant: Any = station.GetSubsystemByName("plant")
+    scene_graph: Any = station.GetSubsystemByName("scene_graph")
+    instances = {
+        name: plant.GetModelInstanceByName(name)
+        for name in ("car", "tail")
+        if plant.HasModelInstanceNamed(name)
+    }
+    return CarPlant(plant, scene_graph, instances["car"], instances.get("tail"))

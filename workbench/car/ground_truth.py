@@ -1,0 +1,339 @@
+"""Ground truth of the simulated car: motion, contact and tail quantities that no sensor gives, for
+logs and metrics.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.multibody.plant import ContactResults, MultibodyPlant, PointPairContactInfo
+from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from aerodima.workbench.aero.section_laws import cross
+from aerodima.workbench.aero.section_watch import SECTION_COLUMNS
+from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX
+from aerodima.workbench.car.car_plant import CarPlant
+from aerodima.workbench.car.car_sensors import (
+    CHASSIS_MOTION_SIZE,
+    ChassisMotion,
+    chassis_motion,
+    in_body,
+    motion_at_imu,
+)
+from aerodima.workbench.car.tail_plant import tail_geometry
+from aerodima.workbench.core.port_fields import PortFields
+from aerodima.workbench.core.port_wiring import vector_of
+from aerodima.workbench.core.system_lifetime import weak_callback
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.signal_table import CAR_TRUTH, GROUND_CONTACTS, WHEELS, names_of
+
+_XYZ = ("x", "y", "z")
+BASE_COLUMNS = [
+    name
+    for name in names_of(CAR_TRUTH["body_truth"])
+    if not name.startswith(("acceleration", "com"))
+]
+"""Position, roll, pitch, yaw, tilt, velocity and angular velocity of the base: a car body's."""
+COM_COLUMNS = [f"com_{axis}_truth_m" for axis in _XYZ] + [
+    f"com_velocity_{axis}_truth_m_per_s" for axis in _XYZ
+]
+"""Position and velocity of the centre of mass of the whole plant in W."""
+BODY_TRUTH = PortFields("BodyTruth", tuple(names_of(CAR_TRUTH["body_truth"])))
+CONTACT_TRUTH = PortFields("ContactTruth", tuple(names_of(CAR_TRUTH["contact_truth"])))
+TAIL_TRUTH = PortFields("TailTruth", tuple(names_of(CAR_TRUTH["tail_truth"])))
+LEAST_LOAD = 1e-9
+"""N; of a wheel in the air, whose contact point is the origin."""
+
+
+def pose_columns(body: str) -> list[str]:
+    """Columns of the pose of a body in W: quaternion, then position of its origin, m."""
+    return [f"pose_{body}_{part}" for part in ("qw", "qx", "qy", "qz")] + [
+        f"pose_{body}_{axis}_m" for axis in _XYZ
+    ]
+
+
+def air_columns(stem: str) -> list[str]:
+    """Columns of the air on a tail, W axes: force, moment about Wo, root and tip of sections."""
+    parts = (("", "n"), ("_moment", "n_m"), ("_root", "m"), ("_tip", "m"))
+    return [f"{stem}{what}_{axis}_truth_{unit}" for what, unit in parts for axis in _XYZ]
+
+
+def section_columns(stem: str, number: int) -> list[str]:
+    """Columns of the port `sections` of a `TailForce`."""
+    return [f"{stem}_section_{index}_{name}" for index in range(number) for name in SECTION_COLUMNS]
+
+
+def own_instances(plant: MultibodyPlant) -> list[ModelInstanceIndex]:
+    """Model instances with bodies, without the world's and those of weightless added mass."""
+    instances = [ModelInstanceIndex(index) for index in range(1, plant.num_model_instances())]
+    return [
+        instance
+        for instance in instances
+        if plant.GetBodyIndices(instance)
+        and not plant.GetModelInstanceName(instance).startswith(ADDED_MASS_PREFIX)
+    ]
+
+
+class _Kinematics(LeafSystem):
+    """Reads a plant's state and puts a context of its own into it; bodies are kept by index, see
+    design section 13.
+    """
+
+    def __init__(self, plant: MultibodyPlant) -> None:
+        super().__init__()
+        self._plant = plant
+        self._kinematics = plant.CreateDefaultContext()
+        self._state_port = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+        self._known = b""
+
+    def _kinematics_at(self, context: Context) -> Context:
+        state = vector_of(self._state_port, context)
+        known = state.tobytes()
+        if known != self._known:  # else what was computed at this state stays
+            self._plant.SetPositionsAndVelocities(self._kinematics, state)
+            self._known = known
+        return self._kinematics
+
+
+def _body_truth(place: Any, velocity: Any, motion: ChassisMotion, p_BoImu_B: Any) -> list[float]:
+    """Position, roll, pitch, yaw, tilt, velocities and acceleration at a point of a body."""
+    angles, gyro, acceleration = motion_at_imu(motion, p_BoImu_B)
+    tilt = math.acos(min(max(motion.R_WB[2][2], -1.0), 1.0))
+    return [*place, *angles, tilt, *in_body(motion.R_WB, velocity), *gyro, *acceleration]
+
+
+class PlantTruth(_Kinematics):
+    """What a plant knows of its motion. Evaluated only when somebody reads it, such as the run log.
+
+    Everything comes from the plant's state through a context of its own.
+
+    Input ports:
+        plant_state: [q; v] of the plant.
+        <name of a tail force> (9): its `wrench`.
+    Output ports:
+        base (13): `BASE_COLUMNS`; only with a base.
+        com (6): `COM_COLUMNS`.
+        poses (7 n): `pose_columns` of each body; only with bodies.
+        <name of a tail force>_air (12): `air_columns`.
+
+    Args:
+        plant: finalised.
+        base: the body whose roll, tilt and speed count; None for a plant that has none.
+        bodies: whose poses are asked for.
+        tails: `TailForce` systems on bodies of this plant.
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        base: BodyIndex | None,
+        bodies: Sequence[BodyIndex],
+        tails: Sequence[Any],
+    ) -> None:
+        super().__init__(plant)
+        self._base = base
+        self._bodies = list(bodies)
+        self._instances = own_instances(plant)
+        self.DeclareVectorOutputPort("com", len(COM_COLUMNS), weak_callback(self._calc_com))
+        if base is not None:
+            self.DeclareVectorOutputPort("base", len(BASE_COLUMNS), weak_callback(self._calc_base))
+        if self._bodies:
+            self.DeclareVectorOutputPort(
+                "poses", 7 * len(self._bodies), weak_callback(self._calc_poses)
+            )
+        for tail in tails:
+            self._declare_tail(tail)
+
+    def _declare_tail(self, tail: Any) -> None:
+        wrench_port = self.DeclareVectorInputPort(tail.get_name(), 9)
+        body = tail.body.index()
+        root = np.asarray(tail.layout.p_BoRo_B)
+        tip = tail.layout.p_BoTip_B
+
+        def calc(context: Context, output: BasicVector) -> None:
+            wrench = vector_of(wrench_port, context)
+            force = wrench[:3]
+            moment = wrench[3:6]
+            p_WBo = wrench[6:]
+            X_WB = self._plant.EvalBodyPoseInWorld(
+                self._kinematics_at(context), self._plant.get_body(body)
+            )
+            R_WB = X_WB.rotation().matrix()
+            ends = [X_WB.translation() + R_WB @ place for place in (root, tip)]
+            output.SetFromVector(
+                np.concatenate([force, moment + cross(p_WBo.tolist(), force.tolist()), *ends])
+            )
+
+        self.DeclareVectorOutputPort(f"{tail.get_name()}_air", 12, calc)
+
+    def _calc_com(self, context: Context, output: BasicVector) -> None:
+        kinematics = self._kinematics_at(context)
+        plant = self._plant
+        place = plant.CalcCenterOfMassPositionInWorld(kinematics, self._instances)
+        velocity = plant.CalcCenterOfMassTranslationalVelocityInWorld(kinematics, self._instances)
+        output.SetFromVector(np.concatenate([place, velocity]))
+
+    def _calc_base(self, context: Context, output: BasicVector) -> None:
+        assert self._base is not None
+        kinematics = self._kinematics_at(context)
+        body = self._plant.get_body(self._base)
+        X_WB = self._plant.EvalBodyPoseInWorld(kinematics, body)
+        V_WB = self._plant.EvalBodySpatialVelocityInWorld(kinematics, body)
+        still = np.zeros(3)
+        motion = ChassisMotion(X_WB.rotation().matrix(), V_WB.rotational(), still, still)
+        truth = _body_truth(X_WB.translation(), V_WB.translational(), motion, still)
+        output.SetFromVector(np.array(truth[: len(BASE_COLUMNS)]))
+
+    def _calc_poses(self, context: Context, output: BasicVector) -> None:
+        kinematics = self._kinematics_at(context)
+        rows = []
+        for index in self._bodies:
+            X_WB = self._plant.EvalBodyPoseInWorld(kinematics, self._plant.get_body(index))
+            rows += [X_WB.rotation().ToQuaternion().wxyz(), X_WB.translation()]
+        output.SetFromVector(np.concatenate(rows))
+
+
+class CarTruth(_Kinematics):
+    """What the plant knows and the car does not.
+
+    Evaluated only when somebody reads it, such as the run log.
+
+    Accelerations and contact forces are those of the plant's last step. Fields, units and axes:
+    `aerodima.workbench.scenario.signal_table`.
+
+    Input ports:
+        plant_state: [q; v] of the plant.
+        chassis_motion (20): see `CHASSIS_MOTION_SIZE`.
+        contact_results: ContactResults, from the plant.
+        drive_torque (1): N m on the shaft.
+        tail_torque (2), tail_air (6): only with a tail; motor torques, N m, and of the air on it
+            the moment about the origin of the chassis, N m, and the force, N, in W.
+    Output ports:
+        body_truth, contact_truth, and with a tail tail_truth.
+    """
+
+    def __init__(self, car_plant: CarPlant, scenario: Scenario):
+        plant = car_plant.plant
+        super().__init__(plant)
+        self._tail = car_plant.tail
+        self._instances = car_plant.instances
+        self._chassis = plant.GetBodyByName("chassis").index()
+        self._p_BoImu_B = np.array([scenario.imu.x, 0.0, scenario.imu.z])
+        self._step = plant.time_step()
+        nq = plant.num_positions()
+        self._shaft = nq + plant.GetJointByName("drive_shaft_spin").velocity_start()
+        self._contact_slots = contact_slots(car_plant)
+        self._motion_port = self.DeclareVectorInputPort("chassis_motion", CHASSIS_MOTION_SIZE)
+        self._contact_port = self.DeclareAbstractInputPort(
+            "contact_results", Value(ContactResults())
+        )
+        self._drive_port = self.DeclareVectorInputPort("drive_torque", 1)
+        self.DeclareVectorOutputPort("body_truth", BODY_TRUTH.size, weak_callback(self._calc_body))
+        self.DeclareVectorOutputPort(
+            "contact_truth", CONTACT_TRUTH.size, weak_callback(self._calc_contact)
+        )
+        if self._tail is not None:
+            self._p_ToTip_T = tail_geometry(scenario.tail).arm.points[-1]
+            self._rod = plant.GetBodyByName("tail_rod").index()
+            joints = [plant.GetJointByName(name) for name in ("tail_pitch", "tail_roll")]
+            self._tail_rates = [nq + joint.velocity_start() for joint in joints]
+            self._torque_port = self.DeclareVectorInputPort("tail_torque", 2)
+            self._air_port = self.DeclareVectorInputPort("tail_air", 6)
+            self.DeclareVectorOutputPort(
+                "tail_truth", TAIL_TRUTH.size, weak_callback(self._calc_tail)
+            )
+
+    def _calc_body(self, context: Context, output: BasicVector) -> None:
+        values = vector_of(self._motion_port, context)
+        x = values.tolist()
+        motion = chassis_motion(values, self._step)
+        com: Any = self._plant.CalcCenterOfMassPositionInWorld(
+            self._kinematics_at(context), self._instances
+        )
+        truth = _body_truth(x[4:7], x[10:13], motion, self._p_BoImu_B)
+        output.SetFromVector(np.array([*truth, *com.tolist()]))
+
+    def _calc_contact(self, context: Context, output: BasicVector) -> None:
+        results: Any = self._contact_port.Eval(context)
+        forces, points = np.zeros((2, len(WHEELS), 3))
+        ground = dict.fromkeys(GROUND_CONTACTS, 0.0)
+        for slot, force, info in ground_forces(results, self._contact_slots):
+            if slot in ground:
+                ground[slot] += float(np.linalg.norm(force))
+            else:
+                wheel = WHEELS.index(slot)
+                forces[wheel] += force
+                points[wheel] += force[2] * info.contact_point()
+        points /= np.maximum(forces[:, 2:], LEAST_LOAD)
+        power = (
+            vector_of(self._drive_port, context)[0]
+            * vector_of(self._state_port, context)[self._shaft]
+        )
+        output.SetFromVector(
+            np.concatenate([forces.ravel(), points.ravel(), [*ground.values(), power]])
+        )
+
+    def _calc_tail(self, context: Context, output: BasicVector) -> None:
+        kinematics = self._kinematics_at(context)
+        plant = self._plant
+        X_WT = plant.EvalBodyPoseInWorld(kinematics, plant.get_body(self._rod))
+        momentum = plant.CalcSpatialMomentumInWorldAboutPoint(
+            kinematics, self._instances[1:], np.zeros(3)
+        )
+        moment, force = np.split(vector_of(self._air_port, context), 2)
+        p_WBo = plant.EvalBodyPoseInWorld(kinematics, plant.get_body(self._chassis)).translation()
+        torque = vector_of(self._torque_port, context)
+        rates = vector_of(self._state_port, context)[self._tail_rates]
+        output.SetFromVector(
+            np.concatenate(
+                [
+                    X_WT.translation() + X_WT.rotation().matrix() @ self._p_ToTip_T,
+                    plant.CalcCenterOfMassPositionInWorld(kinematics, self._instances[1:]),
+                    momentum.translational(),
+                    momentum.rotational(),
+                    force,
+                    moment + cross(p_WBo.tolist(), force.tolist()),
+                    [torque @ rates],
+                ]
+            )
+        )
+
+
+def ground_forces(
+    results: ContactResults, slots: dict[int, str]
+) -> Iterator[tuple[str, np.ndarray, PointPairContactInfo]]:
+    """Slot (`contact_slots`), ground's force (3) in W, N, Drake's account of each contact."""
+    for index in range(results.num_point_pair_contacts()):
+        info = results.point_pair_contact_info(index)
+        pair = info.point_pair()
+        slot = slots.get(pair.id_B.get_value())
+        force: Any = info.contact_force()
+        if slot is None:
+            yield slots[pair.id_A.get_value()], -1.0 * force, info
+        else:
+            yield slot, force, info
+
+
+def contact_slots(car_plant: CarPlant) -> dict[int, str]:
+    """Value of the GeometryId of every collision shape -> the wheel, or `cage`, `board`, `tail`,
+    that it belongs to.
+    """
+    plant = car_plant.plant
+    inspector = car_plant.scene_graph.model_inspector()
+    slots: dict[int, str] = {}
+    for instance in car_plant.instances:
+        for index in plant.GetBodyIndices(instance):
+            body = plant.get_body(index)
+            for geometry in plant.GetCollisionGeometriesForBody(body):
+                shape = inspector.GetName(geometry).split("::")[-1]
+                if shape.startswith("tyre"):
+                    part = body.name().removesuffix("_wheel")
+                else:
+                    part = shape.split("_")[0]
+                slots[geometry.get_value()] = part
+    return slots

@@ -1,0 +1,1 @@
+"""Steps batches in machine code that is made from their NumPy functions; see README.md."""

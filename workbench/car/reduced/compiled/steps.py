@@ -1,0 +1,84 @@
+"""Steps of a batch, tick by tick where it has ticks, compiled where `llvmlite` is installed."""
+
+from __future__ import annotations
+
+import sys
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from aerodima.workbench.car.reduced.compiled.batch_arrays import attributes
+from aerodima.workbench.core.array_types import FloatArray
+
+_COMPILED: dict[tuple[Any, ...], Any] = {}
+"""Code by class, shapes and constants of a batch."""
+
+
+def run(batch: Any, ticks: np.ndarray, *given: np.ndarray, keep: bool = False) -> list[FloatArray]:
+    """Steps the cars of a batch.
+
+    Args:
+        batch: `batch.step(*numbers)` replaces arrays of the batch, or of objects that it consists
+            of, and returns arrays; `batch.tick(*numbers)` replaces arrays. The last axis of all
+            arrays is the car. Both use the NumPy functions of `trace.OPERATIONS` and shapes only.
+            They are compiled once in a process for each class, shapes and constants.
+        ticks: whether a step begins with a tick (steps).
+        given: the numbers, of all cars (steps) each.
+        keep: what the steps returned.
+
+    Returns:
+        What the steps returned (steps, ..., n) each; nothing unless it is kept.
+
+    Raises:
+        ValueError: no cars.
+        NotImplementedError: a function that cannot be compiled.
+    """
+    values = [owner[name] for owner, name in attributes(batch)]
+    counts = {value.shape[-1] for value in values if isinstance(value, np.ndarray)}
+    if len(counts) != 1 or 0 in counts:
+        raise ValueError(f"cars: {sorted(counts)}; one number, at least 1, is needed")
+    if not len(ticks):
+        return []
+    if not _has_llvm():
+        return run_in_numpy(batch, ticks, *given, keep=keep)
+    from aerodima.workbench.car.reduced.compiled.machine_code import CompiledBatch
+
+    layout = (
+        value.shape[:-1] if isinstance(value, np.ndarray) else ("constant", value)
+        for value in values
+    )
+    key = (type(batch), len(given), *layout)
+    if key not in _COMPILED:
+        _COMPILED[key] = CompiledBatch(batch, len(given))
+    numbers = np.stack([ticks, *given], axis=-1).astype(float)
+    kept: list[FloatArray] = _COMPILED[key](batch, numbers, keep)
+    return kept
+
+
+def run_in_numpy(
+    batch: Any, ticks: np.ndarray, *given: np.ndarray, keep: bool = False
+) -> list[FloatArray]:
+    """Does what `run` does, one step after the other, without compiling anything."""
+    kept = []
+    for tick, *numbers in zip(ticks, *given, strict=True):
+        if tick:
+            batch.tick(*numbers)
+        results = batch.step(*numbers)
+        if keep:
+            kept.append(results)
+    return [np.array(values) for values in zip(*kept, strict=True)]
+
+
+@cache
+def _has_llvm() -> bool:
+    """Returns whether code can be made; says once in a process if it cannot."""
+    try:
+        import llvmlite  # noqa: F401
+    except ImportError:
+        print(
+            "reduced cars run in NumPy, some 80 times slower: llvmlite is missing (extra: search)",
+            file=sys.stderr,
+        )
+        return False
+    return True

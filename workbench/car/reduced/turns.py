@@ -1,0 +1,302 @@
+"""Turns of many reduced cars at once, each with its own floor, steering and swing; what a search
+asks of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from aerodima.workbench.car.laws import pd_torque
+from aerodima.workbench.car.reduced.compiled.steps import run
+from aerodima.workbench.car.reduced.parameters import VehicleParams
+from aerodima.workbench.car.reduced.rollout import (
+    STEP,
+    Rollout,
+    heights,
+    over_ground,
+    tick_flags,
+)
+from aerodima.workbench.car.reduced.states import RATES, STATES, TAIL_RATE, V, W, up_in_body
+from aerodima.workbench.car.reduced.turn_plans import TurnPlans
+from aerodima.workbench.car.verdict import (
+    exit_share,
+    has_flipped,
+    has_left_turn,
+    has_settled,
+    is_busy,
+    is_calm,
+    is_loaded,
+)
+from aerodima.workbench.control.manoeuvre import (
+    TICK_TOLERANCE,
+    angle_to_straighten,
+    pulse_angle,
+    ramp_speed,
+    wheel_angle,
+)
+from aerodima.workbench.control.swing_law import (
+    SwingPhase,
+    SwingState,
+    is_over,
+    is_released,
+    next_phase,
+    roll_command,
+)
+from aerodima.workbench.control.tail_law import EPSILON
+from aerodima.workbench.core.array_types import FloatArray
+
+WITHIN = (np.arange(8.0)[:, None] + 0.5) / 8.0
+"""Instants of a step, in its length: the wheels' angle in a step is the mean over them, so that it
+changes smoothly with the times of the steering."""
+HISTORY = ("history", "asked", "loads")
+"""What `TurnRollout` returns of every step."""
+LEFT = 1.0
+"""Side of all turns."""
+
+
+@dataclass(frozen=True)
+class Turns:
+    """Results of n turns.
+
+    Attributes:
+        survived: as the outcome of a full run.
+        clean: and tail and board stayed off the ground.
+        heading: change from the start of the turn until the car has settled, else to the end, rad.
+        peak_roll: outwards, rad.
+        trigger: when the swing began after the start of the turn, s; NaN when it never did.
+        lowest_tail, lowest_board: least height over the ground, m.
+        course: change from the start of the turn to its exit, rad; `exit_time` s since that start
+            and `sideslip` rad there. NaN without an exit.
+        last: states at the end (24, n).
+        history: every state (steps, 24, n), when asked for; `asked` the torque of the roll motor by
+            its own law at the beginning of each of these steps (steps, n), N m; `loads` of the
+            wheels in them (steps, 4, n), N.
+    """
+
+    survived: np.ndarray
+    clean: np.ndarray
+    heading: FloatArray
+    peak_roll: FloatArray
+    trigger: FloatArray
+    lowest_tail: FloatArray
+    lowest_board: FloatArray
+    course: FloatArray
+    exit_time: FloatArray
+    sideslip: FloatArray
+    last: FloatArray
+    history: FloatArray | None = None
+    asked: FloatArray | None = None
+    loads: FloatArray | None = None
+
+
+class TurnRollout(Rollout):
+    """Cars in a turn to the left; times are s since the start of the steering.
+
+    Attributes:
+        trigger: when each swing began (n), s; NaN until it does.
+        peak_roll: outwards (n), rad, since `begin_turn`, as the next ones.
+        lowest_tail, lowest_board: least height over the ground (n), m.
+
+    Args:
+        cars, plans: n of each.
+        state: that they begin with (24, n).
+        length: of a step, s.
+    """
+
+    def __init__(
+        self, cars: VehicleParams, plans: TurnPlans, state: FloatArray, length: float
+    ) -> None:
+        super().__init__(cars, state, int(np.max(plans.imu_delay)), length)
+        n = cars.count
+        self._plans = plans
+        self._phase = np.full(n, float(SwingState.HOLD))
+        self._since, self._start_roll = np.zeros((2, n))
+        self.trigger = np.full(n, np.nan)
+        pulse = plans.pulse
+        rate = plans.servo_rate
+        angle = angle_to_straighten(
+            pulse.steer_angle, pulse.hold, rate, pulse.first_angle, pulse.first_hold
+        )
+        self._straight = pulse.hold + angle / rate
+        self.begin_turn()
+
+    def begin_turn(self) -> None:
+        """Forgets what was recorded before."""
+        n = self._cars.count
+        self._begun = self.state
+        self._restless = self._straight
+        self._settled_yaw = np.full(n, np.nan)
+        self._left = np.full(n, np.nan)
+        self._around = np.zeros((2, *self.state.shape))
+        self.peak_roll = np.zeros(n)
+        self.lowest_tail = np.full(n, np.inf)
+        self.lowest_board = np.full(n, np.inf)
+
+    def tick(self, time: Any) -> None:
+        """Asks the law of the tail once."""
+        plans = self._plans
+        law = plans.law
+        roll = self.state[7]
+        _, _, yaw_rate = self._measure()
+        # A controller sees what the driver gave a tick ago.
+        steering = pulse_angle(plans.pulse, time - 1.0 / law.rate + TICK_TOLERANCE)
+        signal = np.where(law.by_steering > 0.0, steering, yaw_rate)
+        elapsed = time - self._since + EPSILON
+        over = is_over(law, roll - self._start_roll, elapsed)
+        over = np.where(plans.knots.plays > 0.0, elapsed >= plans.knots.time[-1], over)
+        phase = next_phase(
+            SwingPhase(self._phase, self._since, self._start_roll),
+            time,
+            roll,
+            is_released(LEFT, signal, law.threshold),
+            law.delay,
+            over,
+        )
+        self._phase, self._since, self._start_roll = phase
+        self.trigger = np.where(phase.state == SwingState.SWING, phase.since, self.trigger)
+        self._follow(time)
+
+    def _follow(self, time: Any) -> None:
+        """Commands what the law or the knots want in the present state."""
+        law = self._plans.law
+        knots = self._plans.knots
+        state = self._phase
+        swings = (state == SwingState.SWING) | (state == SwingState.SETTLE)
+        plays = swings & (knots.plays > 0.0)
+        roll = np.where(
+            plays,
+            np.stack(knots.command(time - self.trigger, law.rate)),
+            np.stack(roll_command(law, state, LEFT)),
+        )
+        kp = np.where(plays, knots.pitch_kp, law.hold_kp)
+        kd = np.where(plays, knots.pitch_kd, law.hold_kd)
+        self._command(np.stack([law.pitch_angle, np.zeros_like(kp), kp, kd]), roll)
+
+    def step(self, time: Any) -> tuple[FloatArray, ...]:
+        """Drives one step and returns what `HISTORY` names."""
+        cars = self._cars
+        plans = self._plans
+        ramp = plans.ramp
+        before = self.state
+        asked = asked_torque(before, self._tail)
+        angles = wheel_angle(plans.pulse, plans.servo_rate, time + self._length * WITHIN)
+        speed = ramp_speed(cars.speed, ramp.duration, ramp.time_constant, time + plans.pulse.start)
+        self._drive(np.sum(angles, axis=0) / len(WITHIN), speed / cars.rolling_radius)
+        self._record(time + self._length, before)
+        return self.state, asked, self.loads
+
+    def _record(self, time: Any, before: FloatArray) -> None:
+        """Records peaks, exit and rest at a time; `before` are the states a step before it."""
+        state = self.state
+        rates = state[RATES]
+        self.peak_roll = np.maximum(self.peak_roll, state[5])
+        tail, board = heights(state, self._cars)
+        self.lowest_tail = np.minimum(self.lowest_tail, tail)
+        self.lowest_board = np.minimum(self.lowest_board, board)
+        w_x, w_y, w_z = rates[W]
+        leaves = np.isnan(self._left) & has_left_turn(time > self._straight, w_z)
+        self._left = np.where(leaves, time, self._left)
+        self._around = np.where(leaves, np.stack([before, state]), self._around)
+        pitch_rate, roll_rate = rates[TAIL_RATE]
+        motion = {
+            "gyro_x_truth_rad_per_s": w_x,
+            "gyro_y_truth_rad_per_s": w_y,
+            "gyro_z_truth_rad_per_s": w_z,
+            "velocity_y_truth_m_per_s": rates[V][1],
+            "tail_pitch_rate_rad_per_s": pitch_rate,
+            "tail_roll_rate_rad_per_s": roll_rate,
+        }
+        calm = is_calm(motion, up_in_body(state)[2], self.loads, is_busy(self._phase))
+        self._restless = np.where(calm, self._restless, np.maximum(self._restless, time))
+        settles = np.isnan(self._settled_yaw) & has_settled(time, self._restless)
+        self._settled_yaw = np.where(settles, state[3], self._settled_yaw)
+
+    def results(self) -> dict[str, FloatArray]:
+        """Returns the fields of `Turns` but for the histories."""
+        state = self.state
+        tilt = np.arccos(np.clip(up_in_body(state)[2], -1.0, 1.0))
+        survived = ~has_flipped(self.gone, tilt, ~is_loaded(self.loads).all(axis=0))
+        yaw = np.where(np.isnan(self._settled_yaw), state[3], self._settled_yaw)
+        return self._exit() | {
+            "survived": survived,
+            "clean": survived & (self.lowest_tail > 0.0) & (self.lowest_board > 0.0),
+            "heading": yaw - self._begun[3],
+            "peak_roll": self.peak_roll,
+            "trigger": self.trigger,
+            "lowest_tail": self.lowest_tail,
+            "lowest_board": self.lowest_board,
+            "last": state,
+        }
+
+    def _exit(self) -> dict[str, FloatArray]:
+        """Returns `exit_time`, `course` and `sideslip` of `Turns`."""
+        before, after = self._around
+        earlier = self._left - self._length
+        share = exit_share(before[14], after[14], (self._straight - earlier) / self._length)
+        course, next_course, first_course = (
+            over_ground(state, self._cars.com_x)[0] for state in (before, after, self._begun)
+        )
+        exit_course = course + share * (next_course - course)
+        heading = before[3] + share * (after[3] - before[3])
+        values = {
+            "exit_time": earlier + share * self._length,
+            "course": exit_course - first_course,
+            "sideslip": heading - exit_course,
+        }
+        stays = np.isnan(self._left)
+        return {name: np.where(stays, np.nan, value) for name, value in values.items()}
+
+
+def drive_turns(
+    cars: VehicleParams,
+    plans: TurnPlans,
+    *,
+    duration: float = 2.0,
+    length: float = STEP,
+    history: bool = False,
+    begun: FloatArray | None = None,
+) -> Turns:
+    """Drives the turns of n cars, from standstill on: a held sail already drags the car round on a
+    slippery straight.
+
+    Args:
+        cars, plans: n of each.
+        duration: s from the start of the steering; 0 ends with the straight, whose `last` begins
+            other turns.
+        length: of a step, s.
+        history: keep every state, the torques that were asked of the roll motor, and the loads.
+        begun: states (24, n) when the steering begins, of cars whose tail still waits; the straight
+            is not driven.
+    """
+    law = plans.law
+    if begun is None:
+        state = np.zeros((len(STATES), cars.count))
+        state[6] = law.pitch_angle
+        state[7] = -law.hold_angle
+    else:
+        state = begun
+    begin = round(float(plans.pulse.start[0]) / length)
+    first = 0 if begun is None else begin
+    end = begin + round(duration / length)
+    rollout = TurnRollout(cars, plans, state, length)
+    kept = []
+    for part in (np.arange(first, begin), np.arange(begin, end)):
+        if part.size:
+            rollout.begin_turn()
+            ticked = tick_flags(part, float(law.rate[0]), length) | (part == first)
+            kept.append(run(rollout, ticked, (part - begin) * length, keep=history))
+    histories = map(np.concatenate, zip(*kept, strict=True))
+    return Turns(**rollout.results(), **dict(zip(HISTORY, histories, strict=False)))
+
+
+def asked_torque(state: FloatArray, tail: FloatArray) -> FloatArray:
+    """Returns the torque (n) that the roll motor is asked for before its limits, N m; `tail` as of
+    `Commands`.
+    """
+    target, speed, kp, kd = tail[1]
+    rate = state[RATES][TAIL_RATE][1]
+    torque: FloatArray = pd_torque(state[7], rate, target, speed, kp, kd)
+    return torque

@@ -1,0 +1,184 @@
+"""Verdicts on a run of the car, for logs and for rollouts of the reduced car alike.
+
+Functions of numbers or arrays, and the limits that they compare with. A log gives them its columns,
+a rollout the states of its cars, in a turn whose sign is turned so that it is positive.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from aerodima.workbench.control.swing_law import SwingState
+
+FLIP_TILT = math.radians(75.0)
+"""Beyond this tilt the car has rolled over, rad."""
+COS_FLIP_TILT = math.cos(FLIP_TILT)
+"""Cosine of `FLIP_TILT`."""
+END_TILT = math.radians(20.0)
+"""Beyond this tilt at the end of the run, with a wheel in the air, it has too, rad."""
+LOADED_FORCE = 0.1
+"""A wheel, cage, board or tail touches the ground from this force on, N; a part in the air feels
+exactly none."""
+EXIT_YAW_RATE = 0.1
+"""rad/s; a car that yaws less, its wheels straight, has left the turn. A large tail to one side
+alone gives 0.065."""
+TWO_WHEELS = 0.005
+"""Two wheels of one side that are both higher than this have tipped up, m."""
+LAST = 0.2
+"""How much of the end of a run says whether the car goes straight again, s."""
+CALM_FOR = 0.1
+"""Time for which all must have been calm, s: a third of a period of roll on the suspension."""
+CALM = {
+    "gyro_x_truth_rad_per_s": 0.15,
+    "gyro_y_truth_rad_per_s": 0.15,
+    "gyro_z_truth_rad_per_s": EXIT_YAW_RATE,
+    "velocity_y_truth_m_per_s": 0.2,
+    "tilt_truth_rad": math.radians(3.0),
+    "tail_pitch_rate_rad_per_s": 0.3,
+    "tail_roll_rate_rad_per_s": 0.3,
+}
+"""Largest magnitudes of a calm car, by columns of a log. All wheels bear load in it too, and the
+law neither swings nor is about to."""
+CALM_SPIN = math.hypot(*(limit for name, limit in CALM.items() if name.startswith("gyro")))
+"""A car that turns faster than this, rad/s, about whatever axis, is not calm."""
+_COS_CALM = math.cos(CALM["tilt_truth_rad"])
+_ROUNDING = 1e-9
+"""Rounding of a time, s."""
+
+
+def has_flipped(max_tilt_passed: Any, end_tilt: Any, wheel_lifted: Any) -> Any:
+    """Returns whether a car has rolled over, or lies at the end.
+
+    Args:
+        max_tilt_passed: whether its tilt ever was beyond `FLIP_TILT`.
+        end_tilt: angle of its z axis from the world's at the end, rad.
+        wheel_lifted: whether a wheel bears no load then.
+    """
+    return max_tilt_passed | ((end_tilt > END_TILT) & wheel_lifted)
+
+
+def is_loaded(force: Any) -> Any:
+    """Returns whether a force of the ground (N) counts as contact."""
+    return force > LOADED_FORCE
+
+
+def is_busy(controller_state: Any) -> Any:
+    """Returns whether the law swings the tail or is about to, from its `SwingState`."""
+    return (controller_state == SwingState.DELAY) | (controller_state == SwingState.SWING)
+
+
+def is_calm(motion: Mapping[str, Any], up_z: Any, loads: Iterable[Any], busy: Any) -> Any:
+    """Returns whether a car is at rest but for its driving on.
+
+    Args:
+        motion: values of `CALM` but for the tilt.
+        up_z: cosine of the tilt.
+        loads: of the wheels, N, one by one.
+        busy: see `is_busy`.
+    """
+    calm = (up_z >= _COS_CALM) & ~busy
+    for name, limit in CALM.items():
+        if name in motion:
+            calm = calm & (np.abs(motion[name]) <= limit)
+    for load in loads:
+        calm = calm & is_loaded(load)
+    return calm
+
+
+def has_settled(time: Any, restless: Any) -> Any:
+    """Returns whether a car that was restless last at `restless`, s, has settled at `time`, s."""
+    return time - restless >= CALM_FOR - _ROUNDING
+
+
+def has_left_turn(wheels_straight: Any, yaw_rate: Any) -> Any:
+    """Returns whether a car with straight wheels yaws (rad/s) so little that its turn is over."""
+    return wheels_straight & (np.abs(yaw_rate) < EXIT_YAW_RATE)
+
+
+def exit_share(yaw_rate: Any, next_yaw_rate: Any, straight: Any) -> Any:
+    """Returns the share of a step after which a car has left its turn.
+
+    Args:
+        yaw_rate, next_yaw_rate: at the ends of the step, rad/s; linear between them.
+        straight: share after which the wheels are straight.
+    """
+    side = np.where(next_yaw_rate < 0.0, -1.0, 1.0)
+    fall = side * (yaw_rate - next_yaw_rate)
+    beyond = side * yaw_rate - EXIT_YAW_RATE
+    falls = fall > 0.0
+    calm = np.where(falls, beyond / np.where(falls, fall, 1.0), 0.0)
+    return np.clip(np.maximum(calm, straight), 0.0, 1.0)
+
+
+def goes_straight(steered: Any, yaw_rate: Any) -> Any:
+    """Returns whether a car goes straight at the end, by its mean yaw rate over `LAST`, rad/s; a
+    car that is `steered` then need not.
+    """
+    return steered | (np.abs(yaw_rate) <= EXIT_YAW_RATE)
+
+
+def keeps_path(off_path: Any) -> Any:
+    """Returns whether a car that is `off_path` (m) beyond its lane keeps to it."""
+    return off_path <= 0.0
+
+
+def side_lift(lifts: Any) -> Any:
+    """Returns the larger height (m) of the lower wheel of each side.
+
+    Args:
+        lifts: heights of the wheels (4, ...), m, in the order of `signal_table.WHEELS`.
+    """
+    front_left, front_right, rear_left, rear_right = lifts
+    left = np.minimum(front_left, rear_left)
+    right = np.minimum(front_right, rear_right)
+    return np.maximum(left, right)
+
+
+def keeps_sides_down(lift: Any) -> Any:
+    """Returns whether no two wheels of one side are in the air, by their `side_lift`, m; False for
+    NaN.
+    """
+    return lift <= TWO_WHEELS
+
+
+def touches_ground(tail: Any, board: Any, steered: Any) -> Any:
+    """Returns whether a contact of tail or cage, or of the anti-ramp board, counts.
+
+    The board is there to catch a car that gathers speed after a turn: it counts while the car is
+    steered.
+    """
+    return tail | (board & steered)
+
+
+def stays_upright(lift: Any, touched: Any, flipped: Any) -> Any:
+    """Returns whether nothing but wheels carries a car, and not those of one side alone.
+
+    Args:
+        lift: see `side_lift`, m.
+        touched: see `touches_ground`.
+        flipped: see `has_flipped`.
+    """
+    return keeps_sides_down(lift) & ~touched & ~flipped
+
+
+def velocity_over_ground(
+    v_WBo_B: Any, w_WB_B: Any, roll: Any, pitch: Any, com_x: Any
+) -> tuple[Any, Any]:
+    """Returns the velocity below the centre of mass, along the heading and to its left, m/s.
+
+    Args:
+        v_WBo_B, w_WB_B: velocity of the origin of B and angular velocity, in B (3, ...), m/s and
+            rad/s.
+        roll, pitch: (...), rad.
+        com_x: of the car without tail arm, m.
+    """
+    x = v_WBo_B[0]
+    y = v_WBo_B[1] + w_WB_B[2] * com_x
+    z = v_WBo_B[2] - w_WB_B[1] * com_x
+    left = np.cos(roll) * y - np.sin(roll) * z
+    up = np.sin(roll) * y + np.cos(roll) * z
+    return np.cos(pitch) * x + np.sin(pitch) * up, left

@@ -1,1 +1,0 @@
-"""Scenarios, parameters, ensembles, swing files: what a run is made of, typed and checked."""

@@ -1,0 +1,271 @@
+"""What every law for the driver sees and gives: schedules of time, and drivers that look at the
+car.
+
+No Drake.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+
+from aerodima.workbench.control.manoeuvre import (
+    TICK_TOLERANCE,
+    DriverInput,
+    Schedule,
+    SpeedRamp,
+    make_schedule,
+    side_of,
+    speed_ramp,
+)
+from aerodima.workbench.control.paths import Path, path_of
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import UserError
+
+Source = Literal["imu", "pose"]
+"""What a driver may look at: the IMU of the station, and the pose and speed of a simulated car."""
+SLOW = 0.5
+"""Speed (m/s) below which yaw rate over speed is noise of the gyro."""
+
+
+class Seen(NamedTuple):
+    """What a driver sees at one tick; NaN where it is not known, as all of it is before the first
+    tick.
+
+    Attributes:
+        time: s.
+        position: of the ground under the rear axle in W, m.
+        heading: rad, positive to the left.
+        course: direction in which that point moves, rad, positive to the left; the heading of a car
+            that stands.
+        speed: over ground, m/s.
+        yaw_rate: rad/s, positive to the left.
+        roll_rate: rad/s, positive to the right.
+    """
+
+    time: float
+    position: tuple[float, float] = (math.nan, math.nan)
+    heading: float = math.nan
+    course: float = math.nan
+    speed: float = math.nan
+    yaw_rate: float = math.nan
+    roll_rate: float = math.nan
+
+
+class DriverLaw(Protocol):
+    """A law for steering, throttle and announced turn."""
+
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        """Returns what it looks at beside the time; the rest is NaN.
+
+        Each source costs time at every tick.
+        """
+
+    def start(self) -> np.ndarray:
+        """Returns the memory (n,) before the first tick."""
+
+    def step(self, memory: np.ndarray, seen: Seen) -> tuple[np.ndarray, DriverInput]:
+        """Returns new memory and what the driver gives at one tick; must not change its
+        arguments.
+        """
+
+
+@dataclass(frozen=True)
+class ScheduledDriver:
+    """Plays a schedule, a function of time; looks at nothing."""
+
+    schedule: Schedule
+    sources: tuple[Source, ...] = ()
+
+    def start(self) -> np.ndarray:
+        """See `DriverLaw`; without memory."""
+        return np.zeros(0)
+
+    def step(self, memory: np.ndarray, seen: Seen) -> tuple[np.ndarray, DriverInput]:
+        """See `DriverLaw`."""
+        return memory, self.schedule.at(seen.time)
+
+
+@dataclass(frozen=True)
+class FishhookDriver:
+    """Fishhook with roll-rate feedback of NHTSA (49 CFR 575, Federal Register 68, 14 October 2003,
+    p. 59250).
+
+    Steers to one side, waits until the car does not roll outwards any more, steers to the other
+    side, holds that, and goes straight. While the roll rate is not known it waits.
+
+    Args:
+        ramp: reaches the speed before `start_time`.
+        side: of the first steering, +1 left, -1 right.
+        steer_angle: to either side, rad.
+        start_time: of the first steering, s.
+        hold: how long the wheels stay at the second angle, s.
+        roll_rate: the counter-steer begins when the roll rate outwards falls below this, rad/s.
+        servo_rate: rate of the wheels, rad/s: the driver waits for them, since before they arrive
+            the car hardly rolls.
+    """
+
+    ramp: SpeedRamp
+    side: float
+    steer_angle: float
+    start_time: float
+    hold: float
+    roll_rate: float
+    servo_rate: float
+    sources: tuple[Source, ...] = ("imu",)
+
+    def start(self) -> np.ndarray:
+        """See `DriverLaw`: the time of the counter-steer (1), inf before."""
+        return np.array([math.inf])
+
+    def step(self, memory: np.ndarray, seen: Seen) -> tuple[np.ndarray, DriverInput]:
+        """See `DriverLaw`."""
+        memory, angle = self.steer(memory, seen)
+        side = self.side if math.isinf(memory[0]) else -self.side
+        return memory, DriverInput(float(angle), self.ramp.throttle(seen.time), side)
+
+    def steer(self, memory: FloatArray, seen: Seen) -> tuple[FloatArray, FloatArray]:
+        """Returns the new memory and angle, rad: of one car, or of many, whose last axis it is."""
+        now = seen.time + TICK_TOLERANCE
+        reach = self.steer_angle / self.servo_rate
+        counter = memory[0]
+        falls = (now >= self.start_time + reach) & (self.side * seen.roll_rate < self.roll_rate)
+        counter = np.where(falls, np.minimum(counter, seen.time), counter)
+        begun = np.where(now >= self.start_time, self.steer_angle, 0.0)
+        angle = np.where(seen.time < counter, begun, -self.steer_angle)
+        angle = np.where(now >= counter + 2.0 * reach + self.hold, 0.0, angle)
+        return np.stack([counter]), self.side * angle
+
+
+@dataclass(frozen=True)
+class PathDriver:
+    """Follows a path by pure pursuit (Coulter, CMU-RI-TR-92-01) with preview, reaction delay and
+    slow hands.
+
+    The driver knows its delay: it takes the place and course that the car will have when the
+    steering acts, at the present speed and yaw rate, and wants the circle from there to the point
+    of the centre line that is `preview` ahead. It steers the kinematic bicycle onto that circle,
+    and more by `correction` of the curvature that it lacks, since tyres that slip go along a wider
+    one; past the grip of the front tyres more steering does not help. Without a pose the wheels
+    stay straight.
+
+    Args:
+        path: to follow.
+        ramp: of the speed.
+        wheelbase: m.
+        limit: largest steering angle, rad.
+        preview: s.
+        correction: share of the curvature that the car lacks by which the driver steers more;
+            `lag`, time constant with which that is noticed, s. Without the lag the steering of a
+            car on rigid tyres swings from side to side.
+        delay: s, rounded to ticks.
+        steering_rate: of the hands, as an angle of the wheels, rad/s.
+        rate: ticks per second, Hz.
+    """
+
+    path: Path
+    ramp: SpeedRamp
+    wheelbase: float
+    limit: float
+    preview: float
+    correction: float
+    lag: float
+    delay: float
+    steering_rate: float
+    rate: float
+    sources: tuple[Source, ...] = ("imu", "pose")
+
+    def start(self) -> np.ndarray:
+        """See `DriverLaw`: missing curvature, 1/m; the angle given last, then those to come in
+        their order, rad.
+        """
+        return np.zeros(2 + round(self.delay * self.rate))
+
+    def step(self, memory: np.ndarray, seen: Seen) -> tuple[np.ndarray, DriverInput]:
+        """See `DriverLaw`."""
+        if math.isfinite(seen.position[0]):
+            memory, angle = self.steer(memory, seen)
+            station = float(self.path.station(*seen.position))
+        else:
+            memory, angle = self._give(memory[0], 0.0 * memory[0], memory)
+            station = -math.inf
+        return memory, DriverInput(
+            float(angle), self.ramp.throttle(seen.time), self.path.next_side(station)
+        )
+
+    def steer(self, memory: FloatArray, seen: Seen) -> tuple[FloatArray, FloatArray]:
+        """Returns the new memory and angle, rad, with a pose: of one car, or of many, whose last
+        axis it is.
+        """
+        moves = (seen.speed > SLOW) & ~np.isnan(seen.yaw_rate)
+        bent = np.where(moves, seen.yaw_rate, 0.0) / np.maximum(seen.speed, SLOW)
+        curvature = self.wanted_curvature(seen, bent)
+        missing = memory[0] + (curvature - bent - memory[0]) / (1.0 + self.lag * self.rate)
+        wanted = np.arctan(self.wheelbase * (curvature + self.correction * missing))
+        return self._give(missing, np.clip(wanted, -self.limit, self.limit), memory)
+
+    def _give(self, missing: Any, wanted: Any, memory: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns the memory and angle, rad, once an angle is wanted."""
+        queue = np.concatenate([memory[2:], np.stack([wanted])])
+        most = self.steering_rate / self.rate
+        angle = np.clip(queue[0], memory[1] - most, memory[1] + most)
+        return np.concatenate([np.stack([missing, angle]), queue[1:]]), angle
+
+    def wanted_curvature(self, seen: Seen, bent: Any) -> Any:
+        """Returns the curvature (1/m) of the circle to the preview point, for a car with a pose
+        that goes along `bent`, 1/m.
+        """
+        speed = seen.speed
+        way = speed * self.delay
+        course = seen.course + 0.5 * bent * way
+        x = seen.position[0] + way * np.cos(course)
+        y = seen.position[1] + way * np.sin(course)
+        course = seen.course + bent * way
+        x_ahead, y_ahead = self.path.centre(self.path.station(x, y) + speed * self.preview)
+        dx = x_ahead - x
+        dy = y_ahead - y
+        return (
+            2.0 * (np.cos(course) * dy - np.sin(course) * dx) / np.maximum(dx * dx + dy * dy, 1e-12)
+        )
+
+
+def make_driver(scenario: Any) -> DriverLaw:
+    """Returns the driver of `scenario.manoeuvre`: a schedule where the manoeuvre is a function of
+    time, else a law of its own.
+
+    Raises:
+        UserError: speed out of reach, times that do not fit together.
+    """
+    given = scenario.manoeuvre
+    if given.kind == "fishhook":
+        times = (given.turn_start, given.turn_hold, given.counter_roll_rate, scenario.servo.rate)
+        return FishhookDriver(speed_ramp(scenario), side_of(given), given.steer_angle, *times)
+    if given.kind == "path":
+        eyes = (given.driver_preview, given.driver_correction, given.driver_lag)
+        hands = (given.driver_delay, given.driver_rate, scenario.controller.rate)
+        wheelbase = scenario.car.wheelbase
+        return PathDriver(
+            path_of(scenario), speed_ramp(scenario), wheelbase, given.steer_angle, *eyes, *hands
+        )
+    return ScheduledDriver(make_schedule(scenario))
+
+
+def refuse_simulated_only(scenario: Any, own_driver: bool = False) -> None:
+    """Raises UserError for a manoeuvre that a real car cannot begin, or whose driver looks at what
+    it does not know.
+
+    With `own_driver` somebody else drives than the manoeuvre says.
+    """
+    manoeuvre = scenario.manoeuvre
+    if manoeuvre.rolling_start:
+        raise UserError(
+            "manoeuvre.rolling_start: true; allowed on a car: false, since it begins at rest"
+        )
+    if not own_driver and "pose" in make_driver(scenario).sources:
+        raise UserError(
+            f"manoeuvre.kind: {manoeuvre.kind}, whose driver looks at the place of the car; "
+            "allowed on a car: "
+            "turn, auto_turn, straight, slalom, rising, fishhook, or a diagram with a driver"
+        )

@@ -1,0 +1,392 @@
+"""What the driver does and when: steering, throttle and announced turn as plain functions of time
+(design section 10).
+
+No Drake here; `TurnDriver` plays a schedule into a station, and so does the no-Drake mode on the
+car. Steering angles in rad, positive to the left; throttle -1 to 1; planned turn +1 left, -1 right,
+0 none.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+from aerodima.workbench.core.elementwise import clip, maximum, minimum, where
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.quantity import NO_UNIT, check_range
+
+TICK_TOLERANCE = 1e-9
+"""s; a tick that falls on an instant of the schedule up to rounding counts as having reached it."""
+WITHDRAWN = (0.3, 0.4)
+"""From when until when the announcement of a steering step is withdrawn, s after the step; a law
+that swings late has swung by then."""
+CLOSED_LOOP = ("fishhook", "path")
+"""Kinds of manoeuvre in which the driver looks at the car: no function of time."""
+
+
+class DriverInput(NamedTuple):
+    """What the driver gives at one instant."""
+
+    steering_angle: float
+    throttle: float
+    planned_turn: float
+
+
+@runtime_checkable
+class Schedule(Protocol):
+    """A manoeuvre: driver inputs as a function of time."""
+
+    def at(self, time: float) -> DriverInput:
+        """Returns inputs at `time` s since the start."""
+
+
+@dataclass(frozen=True)
+class ThrottleLine:
+    """Steady speed of the drive as a line of throttle, and its inverse with feed-forward.
+
+    Args:
+        gain: m/s per unit throttle.
+        offset: m/s at throttle 0.
+        time_constant: s of the speed's response to the throttle; 0 where a governor holds the
+            commanded speed.
+        breakaway: throttle below which the car stands; 0 where a governor holds the commanded
+            speed.
+    """
+
+    gain: float
+    offset: float
+    time_constant: float = 0.0
+    breakaway: float = 0.0
+
+    def throttle(self, speed: float, acceleration: float = 0.0) -> float:
+        """Returns the throttle for a speed (m/s) that changes by `acceleration` (m/s2), clipped to
+        -1..1.
+        """
+        throttle = (speed + self.time_constant * acceleration - self.offset) / self.gain
+        return min(1.0, max(-1.0, throttle))
+
+    def check_speed(self, speed: float) -> None:
+        """Raises UserError if the car cannot hold this speed (m/s) forwards."""
+        top = self.gain + self.offset
+        if not (math.isfinite(speed) and 0.0 <= speed <= top + 1e-12):
+            raise UserError(
+                f"manoeuvre.speed: {speed:g} m/s; allowed: 0 to {top:g} m/s, the steady speed at "
+                "full throttle"
+            )
+        if speed > 0.0 and self.throttle(speed) < self.breakaway:
+            slowest = self.gain * self.breakaway + self.offset
+            raise UserError(
+                f"manoeuvre.speed: {speed:g} m/s; allowed without governor: 0, or from {slowest:g} "
+                f"m/s on, the steady speed at drive.breakaway_throttle {self.breakaway:g}"
+            )
+
+
+@dataclass(frozen=True)
+class SpeedRamp:
+    """Constant acceleration from standstill to `speed` (m/s) within `duration` (s; 0 is a throttle
+    step), then steady.
+
+    A drive without governor gets the throttle of speed plus time constant times acceleration, so
+    that the car follows the ramp instead of lagging behind it; from the end of the ramp its
+    throttle is frozen.
+    """
+
+    speed: float
+    duration: float
+    line: ThrottleLine
+
+    def __post_init__(self) -> None:
+        self.line.check_speed(self.speed)
+
+    def throttle(self, time: float) -> float:
+        """Returns the throttle at `time` s since the start."""
+        if self.duration <= 0.0:
+            return self.line.throttle(self.speed)
+        return self.line.throttle(
+            ramp_speed(self.speed, self.duration, self.line.time_constant, time)
+        )
+
+
+def ramp_speed(speed: Any, duration: Any, time_constant: Any, time: Any) -> Any:
+    """Returns the steady speed (m/s) that a drive is asked for on a ramp, numbers or arrays.
+
+    Args:
+        speed: at the end of the ramp, m/s.
+        duration: of the ramp, above 0 s.
+        time_constant: s; the drive is asked for what it reaches by then.
+        time: since the start, s.
+    """
+    acceleration = speed / duration
+    gathered = acceleration * time + time_constant * acceleration
+    return where(time + TICK_TOLERANCE < duration, gathered, speed)
+
+
+def pulse_angle(pulse: Any, since: Any) -> Any:
+    """Returns the steering angle (rad) that a turn commands, to its side.
+
+    Args:
+        pulse: any object with the fields `steer_angle`, `hold`, `first_angle` and `first_hold` of
+            `TurnSchedule`, numbers or arrays of cars.
+        since: time since the step of the steering began, s.
+    """
+    level = where(since < pulse.first_hold, pulse.first_angle, pulse.steer_angle)
+    return where((since >= 0.0) & (since < pulse.hold), level, 0.0)
+
+
+def wheel_angle(pulse: Any, rate: Any, since: Any) -> Any:
+    """Returns the angle (rad) to which a servo of `rate` (rad/s) has turned the wheels by then;
+    other arguments as `pulse_angle`.
+    """
+    begun = maximum(rate * minimum(since, pulse.first_hold), 0.0)
+    first = minimum(begun, pulse.first_angle)
+    moved = rate * maximum(0.0, minimum(since, pulse.hold) - pulse.first_hold)
+    angle = first + clip(pulse.steer_angle - first, -moved, moved)
+    return maximum(angle - rate * maximum(0.0, since - pulse.hold), 0.0)
+
+
+def angle_to_straighten(
+    steer_angle: Any, hold: Any, rate: Any, first_angle: Any = 0.0, first_hold: Any = 0.0
+) -> Any:
+    """Returns the largest angle (rad) from which the servo brings the wheels back after a turn.
+
+    That of the last level, or what a servo of `rate` (rad/s) has not yet taken back of a larger
+    first one.
+
+    Args:
+        steer_angle, hold, first_angle, first_hold: as for `TurnSchedule`, numbers or arrays.
+        rate: of the servo.
+    """
+    left = maximum(steer_angle, first_angle - rate * (hold - first_hold))
+    return where(first_hold > 0.0, left, steer_angle)
+
+
+def turn_start(scenario: Any) -> float:
+    """Returns the time (s) of the first steering command of a turn."""
+    manoeuvre = scenario.manoeuvre
+    if manoeuvre.kind == "auto_turn":
+        return float(manoeuvre.straight_time)
+    return float(manoeuvre.turn_start)
+
+
+def steering_time(hold: float, repeats: int = 1, gap: float = 0.0) -> float:
+    """Returns the time from the start of the first step to the end of the last, s; arguments of
+    `TurnSchedule`.
+    """
+    return repeats * hold + (repeats - 1) * gap
+
+
+@dataclass(frozen=True)
+class TurnSchedule:
+    """Straight, then a steering step of `steer_angle` for `hold`, then straight again; of two
+    levels if asked for.
+
+    The step may come several times to the same side, straight in between. The announcement is then
+    withdrawn for a moment after each step but the last, so that a law which waits for a new
+    announcement learns of the next turn.
+
+    The simulated turn of the thesis (7.1.1: 30 degrees from 2.0 to 2.5 s; the servo adds its 0.14
+    s), and with `throttle_off` the AUTO sequence of the car (7.2.1). The turn is announced from the
+    first tick to the end.
+
+    Args:
+        ramp: reaches the speed before the turn.
+        side: +1 left, -1 right.
+        steer_angle: rad, at least 0.
+        start: s, of the steering step.
+        hold: s, length of the steering step.
+        throttle_off: s, from which the throttle is 0; never by default.
+        first_angle, first_hold: another angle (rad, at least 0) at the beginning of the step, and
+            how much of it (s).
+        repeats: how many steps, at least 1.
+        gap: straight from the end of one step to the start of the next, s.
+
+    Raises:
+        UserError: the ramp ends after the start, or the first level after the step.
+    """
+
+    ramp: SpeedRamp
+    side: float
+    steer_angle: float
+    start: float
+    hold: float
+    throttle_off: float = math.inf
+    first_angle: float = 0.0
+    first_hold: float = 0.0
+    repeats: int = 1
+    gap: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_range("manoeuvre.speed_ramp", self.ramp.duration, 0.0, self.start, "s")
+        check_range("manoeuvre.first_hold", self.first_hold, 0.0, self.hold, "s")
+        check_range("manoeuvre.turns", self.repeats, 1, math.inf, NO_UNIT)
+        check_range("manoeuvre.turn_gap", self.gap, 0.0, math.inf, "s")
+
+    def at(self, time: float) -> DriverInput:
+        """Returns inputs at `time` s since the start."""
+        tick = time + TICK_TOLERANCE
+        start = self._step_start(tick)
+        steering_angle = pulse_angle(self, tick - start)
+        if steering_angle:
+            steering_angle *= self.side
+        if tick >= self.throttle_off:
+            throttle = 0.0
+        else:
+            throttle = self.ramp.throttle(time)
+        since = tick - (start + self.hold)
+        last = self._step_start(math.inf)
+        more = start + self.gap + self.hold < last + 1e-9
+        announced = self.side
+        if more and WITHDRAWN[0] <= since < WITHDRAWN[1]:
+            announced = 0.0
+        return DriverInput(steering_angle, throttle, announced)
+
+    def _step_start(self, time: float) -> float:
+        """Returns the start of the last step that has begun, s, or of the first one."""
+        done = 0
+        while done + 1 < self.repeats and time >= self.start + (done + 1) * (self.hold + self.gap):
+            done += 1
+        return self.start + done * (self.hold + self.gap)
+
+
+@dataclass(frozen=True)
+class RisingSchedule:
+    """Steering that grows by `rate` from `start` on up to `steer_angle`, and stays there.
+
+    Slowly increasing steer, as NHTSA drives it before a fishhook and SAE J266 for the understeer
+    gradient.
+
+    Args:
+        ramp: of the speed.
+        side: +1 left, -1 right; announced from the first tick.
+        steer_angle: largest, rad.
+        start: s.
+        rate: rad/s.
+    """
+
+    ramp: SpeedRamp
+    side: float
+    steer_angle: float
+    start: float
+    rate: float
+
+    def at(self, time: float) -> DriverInput:
+        """Returns inputs at `time` s since the start."""
+        angle = min(self.steer_angle, self.rate * max(0.0, time - self.start))
+        return DriverInput(self.side * angle, self.ramp.throttle(time), self.side)
+
+
+@dataclass(frozen=True)
+class StraightSchedule:
+    """Up to speed and straight on, for the throttle tests (thesis 6.2). No turn is announced."""
+
+    ramp: SpeedRamp
+
+    def at(self, time: float) -> DriverInput:
+        """Returns inputs at `time` s since the start."""
+        return DriverInput(0.0, self.ramp.throttle(time), 0.0)
+
+
+@dataclass(frozen=True)
+class SlalomSchedule:
+    """Sinusoidal steering from `start` on (thesis 6.1.3); each half wave is announced as a turn
+    when it begins.
+
+    Args:
+        ramp: of the speed; it may go on while the car steers, as in the thesis.
+        side: of the first half wave, +1 left, -1 right; announced from the first tick.
+        steer_angle: amplitude, rad.
+        start: s.
+        period: s of the full wave.
+    """
+
+    ramp: SpeedRamp
+    side: float
+    steer_angle: float
+    start: float
+    period: float
+
+    def at(self, time: float) -> DriverInput:
+        """Returns inputs at `time` s since the start."""
+        phase = max(0.0, (time - self.start) / self.period)
+        half_waves_done = math.floor(2.0 * (phase + TICK_TOLERANCE / self.period))
+        steering_angle = self.side * self.steer_angle * math.sin(2.0 * math.pi * phase)
+        return DriverInput(
+            steering_angle,
+            self.ramp.throttle(time),
+            self.side if half_waves_done % 2 == 0 else -self.side,
+        )
+
+
+def make_schedule(scenario: Any) -> Schedule:
+    """Returns the schedule of `scenario.manoeuvre` with the throttle line of `scenario.drive` (any
+    object with these attributes).
+
+    Raises:
+        UserError: speed out of reach, times that do not fit together, a manoeuvre that is no
+            function of time.
+    """
+    manoeuvre = scenario.manoeuvre
+    if manoeuvre.kind in CLOSED_LOOP:
+        raise UserError(
+            f"manoeuvre.kind: {manoeuvre.kind}, whose driver looks at the car; allowed as a "
+            "function of time: turn, auto_turn, straight, slalom, rising"
+        )
+    side = side_of(manoeuvre)
+    ramp = speed_ramp(scenario)
+    angle = manoeuvre.steer_angle
+    if manoeuvre.kind == "turn":
+        first = {"first_angle": manoeuvre.first_angle, "first_hold": manoeuvre.first_hold}
+        several = {"repeats": manoeuvre.turns, "gap": manoeuvre.turn_gap}
+        return TurnSchedule(
+            ramp, side, angle, manoeuvre.turn_start, manoeuvre.turn_hold, **first, **several
+        )
+    if manoeuvre.kind == "auto_turn":
+        start = turn_start(scenario)
+        throttle_off = start + manoeuvre.turn_hold + manoeuvre.wait_after_turn
+        check_range("manoeuvre.log_end", manoeuvre.log_end, throttle_off, math.inf, "s")
+        # The car's sequence sets its throttle and waits (thesis 7.2.1).
+        if not scenario.drive.governor:
+            ramp = SpeedRamp(manoeuvre.speed, 0.0, ramp.line)
+        return TurnSchedule(ramp, side, angle, start, manoeuvre.turn_hold, throttle_off)
+    if manoeuvre.kind == "straight":
+        return StraightSchedule(ramp)
+    if manoeuvre.kind == "rising":
+        return RisingSchedule(ramp, side, angle, manoeuvre.turn_start, manoeuvre.steer_rate)
+    return SlalomSchedule(ramp, side, angle, manoeuvre.turn_start, manoeuvre.slalom_period)
+
+
+def side_of(manoeuvre: Any) -> float:
+    """Returns the side of its (first) turn: +1 left, -1 right."""
+    return 1.0 if manoeuvre.direction == "left" else -1.0
+
+
+def speed_ramp(scenario: Any) -> SpeedRamp:
+    """Returns how `scenario` comes to its speed; a rolling start has the throttle of that speed
+    from time 0.
+
+    Raises:
+        UserError: speed out of reach.
+    """
+    manoeuvre = scenario.manoeuvre
+    duration = 0.0 if manoeuvre.rolling_start else manoeuvre.speed_ramp
+    return SpeedRamp(manoeuvre.speed, duration, throttle_line(scenario))
+
+
+def throttle_line(scenario: Any) -> ThrottleLine:
+    """Returns the throttle of a speed, of `scenario.drive`."""
+    drive = scenario.drive
+    lag = 0.0
+    breakaway = 0.0
+    if not drive.governor:
+        lag = drive.time_constant
+        breakaway = drive.breakaway_throttle
+    return ThrottleLine(drive.throttle_gain, drive.throttle_offset, lag, breakaway)
+
+
+def run_time(scenario: Any) -> float:
+    """Returns the length of the run of `scenario.manoeuvre`, s: `log_end` of AUTO sequences, or
+    `duration`.
+    """
+    manoeuvre = scenario.manoeuvre
+    if manoeuvre.kind == "auto_turn":
+        return float(manoeuvre.log_end)
+    return float(manoeuvre.duration)

@@ -1,0 +1,264 @@
+"""Paths that a driver follows: centre line, lane edges, and how far a car is outside of its lane.
+
+No Drake.
+
+Plane geometry in the world frame W, lengths in m, headings in rad, positive to the left. A path
+begins along x at y = 0, where the car begins. Every function takes numbers or arrays of one shape.
+"""
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from aerodima.workbench.control.manoeuvre import side_of
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.quantity import check_range
+
+SCALE = 0.1
+"""Length of the model over that of the full-size car."""
+LENGTHS = (12.0, 13.5, 11.0, 12.5, 12.0)
+"""Lengths of the five sections of ISO 3888-2, m at full size: lane, change, lane, change, lane."""
+OFFSET = 1.0
+"""Between the lanes of ISO 3888-2 across, edge to edge, m at full size."""
+WIDTHS = ((1.1, 0.25, 0.0), (1.0, 1.0, 0.0), (1.3, 0.25, 3.0))
+"""Widths of its three lanes at full size: share of the vehicle's width, m on top of it, least m."""
+ENTRY = 1.2
+"""Straight lane before and after a corner, m: as the first lane of ISO 3888-2 at 1:10."""
+OUTLINE = 41
+"""Points along each edge of a car's footprint; 7 mm apart."""
+
+
+class Lane(NamedTuple):
+    """A straight lane between cones, m: `start` to `end` along x, `right` to `left` along y."""
+
+    start: float
+    end: float
+    right: float
+    left: float
+
+    @property
+    def centre(self) -> float:
+        """Returns its y, m."""
+        return 0.5 * (self.right + self.left)
+
+
+class Path(Protocol):
+    """A lane to follow. Stations are lengths along it, m."""
+
+    @property
+    def end(self) -> float:
+        """Returns the station at which the last lane ends; the centre line goes straight on."""
+
+    def station(self, x: Any, y: Any) -> Any:
+        """Returns the station of the centre line beside a point."""
+
+    def centre(self, station: Any) -> tuple[Any, Any]:
+        """Returns the place (x, y) of the centre line."""
+
+    def outside(self, x: Any, y: Any) -> Any:
+        """Returns how far a point is beyond the nearer edge of the lane, negative inside, -inf
+        where there are no cones.
+        """
+
+    def next_side(self, station: float) -> float:
+        """Returns the side of the next lateral shift or corner, or of the present one, or of the
+        last: +1 left, -1 right.
+        """
+
+
+@dataclass(frozen=True)
+class LaneChange:
+    """Severe lane change of ISO 3888-2:2011 (obstacle avoidance) at 1:10; there are no cones
+    between the lanes.
+
+    The centre line joins the middles of the lanes by half a wave of a cosine over the whole change.
+    Stations are x.
+
+    Args:
+        vehicle_width: over the tyres, m.
+        begin: x of the first cones.
+        side: to which the first change goes, +1 left, -1 right.
+    """
+
+    vehicle_width: float
+    begin: float
+    side: float
+
+    @property
+    def lanes(self) -> tuple[Lane, Lane, Lane]:
+        """Returns the three lanes if the first change goes to the left; mirrored otherwise."""
+        ends = [self.begin + SCALE * sum(LENGTHS[:count]) for count in range(len(LENGTHS) + 1)]
+        first, middle, last = (
+            np.maximum(share * self.vehicle_width + SCALE * more, SCALE * least)
+            for share, more, least in WIDTHS
+        )
+        edge = 0.5 * first
+        beyond = edge + SCALE * OFFSET
+        return (
+            Lane(ends[0], ends[1], -edge, edge),
+            Lane(ends[2], ends[3], beyond, beyond + middle),
+            Lane(ends[4], ends[5], edge - last, edge),
+        )
+
+    @property
+    def end(self) -> float:
+        """See `Path`."""
+        return self.lanes[-1].end
+
+    def station(self, x: Any, y: Any) -> Any:
+        """See `Path`."""
+        del y
+        return x
+
+    def centre(self, station: Any) -> tuple[Any, Any]:
+        """See `Path`."""
+        y = 0.0
+        lanes = self.lanes
+        for before, after in itertools.pairwise(lanes):
+            share = np.clip((station - before.end) / (after.start - before.end), 0.0, 1.0)
+            y = y + (after.centre - before.centre) * 0.5 * (1.0 - np.cos(math.pi * share))
+        return station, self.side * y
+
+    def outside(self, x: Any, y: Any) -> Any:
+        """See `Path`."""
+        y = self.side * y
+        beyond: Any = -np.inf
+        for lane in self.lanes:
+            beside = (x >= lane.start) & (x <= lane.end)
+            beyond = np.where(beside, np.maximum(y - lane.left, lane.right - y), beyond)
+        return beyond
+
+    def next_side(self, station: float) -> float:
+        """See `Path`; the second change is the next one from the middle lane on."""
+        return self.side if station < self.lanes[1].start else -self.side
+
+
+@dataclass(frozen=True)
+class Corner:
+    """A right-angled corner of constant width between two straight lanes.
+
+    Args:
+        radius: of the centre line, m.
+        width: of the lane, m.
+        begin: x of the first cones, `ENTRY` before the bend.
+        side: +1 left, -1 right.
+
+    Raises:
+        UserError: the inner edge of the bend has no radius left.
+    """
+
+    radius: float
+    width: float
+    begin: float
+    side: float
+
+    def __post_init__(self) -> None:
+        check_range(
+            "manoeuvre.corner_radius", self.radius, 0.5 * self.width, math.inf, "m", above_low=True
+        )
+
+    @property
+    def bend(self) -> float:
+        """Returns the station at which the bend begins."""
+        return self.begin + ENTRY
+
+    @property
+    def end(self) -> float:
+        """See `Path`."""
+        return self.bend + 0.5 * math.pi * self.radius + ENTRY
+
+    def station(self, x: Any, y: Any) -> Any:
+        """See `Path`."""
+        along = x - self.bend
+        left = self.radius - self.side * y
+        angle = np.arctan(np.maximum(along, 0.0) / np.maximum(left, 1e-9))
+        straight = np.minimum(along, 0.0) + np.where(along > 0.0, np.maximum(-left, 0.0), 0.0)
+        return self.bend + self.radius * angle + straight
+
+    def centre(self, station: Any) -> tuple[Any, Any]:
+        """See `Path`."""
+        length = 0.5 * math.pi * self.radius
+        bent = np.clip(station - self.bend, 0.0, length)
+        angle = bent / self.radius
+        after = np.maximum(station - self.bend - length, 0.0)
+        x = np.minimum(station, self.bend) + self.radius * np.sin(angle)
+        return x, self.side * (self.radius * (1.0 - np.cos(angle)) + after)
+
+    def outside(self, x: Any, y: Any) -> Any:
+        """See `Path`; before the first and beyond the last cones there are none."""
+        station = self.station(x, y)
+        x_centre, y_centre = self.centre(station)
+        beyond = np.sqrt((x - x_centre) ** 2 + (y - y_centre) ** 2) - 0.5 * self.width
+        return np.where((station >= self.begin) & (station <= self.end), beyond, -np.inf)
+
+    def next_side(self, station: float) -> float:
+        """See `Path`."""
+        del station
+        return self.side
+
+
+def path_of(scenario: Any) -> Path:
+    """Returns the path of `scenario.manoeuvre`; its first cones stand where the car is at
+    `turn_start` (design section 10).
+    """
+    manoeuvre = scenario.manoeuvre
+    car = scenario.car
+    side = side_of(manoeuvre)
+    ramped = 0.0 if manoeuvre.rolling_start else 0.5 * manoeuvre.speed_ramp
+    begin = manoeuvre.speed * (manoeuvre.turn_start - ramped)
+    if manoeuvre.path == "corner":
+        return Corner(manoeuvre.corner_radius, manoeuvre.corner_width, begin, side)
+    return LaneChange(car.track + car.tyre_width, begin, side)
+
+
+def off_path(
+    path: Path, x: Any, y: Any, heading: Any, half_width: float, wheelbase: float
+) -> FloatArray:
+    """Returns how far the car is outside of its lane, m; negative inside, -inf where no part of it
+    is beside cones.
+
+    The car's footprint is a rectangle from the rear to the front axle. Points along its whole
+    outline count, not the corners alone: a car that leaves a lane at an angle meets the last cone
+    with its side.
+
+    Args:
+        path: that it follows.
+        x, y: of the ground under the middle of the rear axle, shape (n,), m.
+        heading: shape (n,), rad.
+        half_width: (track + tyre width) / 2, m.
+        wheelbase: m.
+
+    Returns:
+        Shape (n,).
+
+    Raises:
+        UserError: a place or heading is not finite, or their shapes differ.
+    """
+    given = {"x": x, "y": y, "heading": heading}
+    x, y, heading = (np.asarray(values, dtype=float) for values in given.values())
+    for name, values in zip(given, (x, y, heading), strict=True):
+        if values.shape != x.shape or not np.isfinite(values).all():
+            raise UserError(
+                f"off_path: {name}: shape {values.shape}; allowed: finite numbers, shape "
+                f"{x.shape} as x"
+            )
+    return beyond_lane(path, x, y, heading, half_width, wheelbase, OUTLINE)
+
+
+def beyond_lane(
+    path: Path, x: Any, y: Any, heading: Any, half_width: Any, wheelbase: float, points: int
+) -> FloatArray:
+    """Returns what `off_path` does, unchecked, with so many points along each edge."""
+    share = np.linspace(0.0, 1.0, points)
+    one = np.ones(points)
+    ahead = wheelbase * np.concatenate([share, share, 0.0 * one, one])[:, None]
+    across = half_width * np.concatenate([one, -one, 2.0 * share - 1.0, 2.0 * share - 1.0])[:, None]
+    cosine = np.cos(heading)
+    sine = np.sin(heading)
+    outline = x + cosine * ahead - sine * across, y + sine * ahead + cosine * across
+    farthest: FloatArray = np.maximum.reduce(path.outside(*outline))
+    return farthest

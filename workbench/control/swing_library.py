@@ -1,0 +1,131 @@
+"""Swings by name: what a scenario plays, the car it is for, the turn it claims to survive."""
+
+from pathlib import Path
+from typing import Any
+
+from aerodima.workbench.core.errors import ScenarioError, SwingFileError
+from aerodima.workbench.core.yaml_files import find_file
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.swing_file import (
+    SwingFile,
+    car_mismatches,
+    read_swing,
+)
+
+NO_SWING = "none"
+"""Name of a swing file where there is none."""
+SWING = "swing"
+"""Key of a swing in the metadata of a log and in a bundle."""
+DEFAULT_TURN = "turn_swing"
+"""Scenario of a swing whose file names none."""
+_PLAYED = "tail.mode=swing"
+"""Setting of a scenario whose tail plays a swing file."""
+_CLAIMS = {
+    "survived_speed_m_per_s": ("manoeuvre.speed", "{:g} m/s"),
+    "survived_friction": ("car.tyre_friction", "friction {:g}"),
+}
+"""What a file claims to survive: name under `provenance.found`, the key of a scenario that it is,
+and its words."""
+
+
+def find_swing(name_or_path: str | Path) -> SwingFile:
+    """Reads a swing by path, or by name from `models/swings`.
+
+    Raises:
+        SwingFileError: missing or malformed.
+    """
+    return read_swing(find_file(name_or_path, "swings", "swing", SwingFileError))
+
+
+def swing_of_scenario(scenario: Any) -> SwingFile | None:
+    """Returns the swing that `scenario.controller.swing_file` names; None for the thesis' law, or
+    when no tail swings.
+    """
+    name = scenario.controller.swing_file
+    mode = scenario.tail.mode
+    law = scenario.controller.law
+    if name == NO_SWING or (mode, law) != ("swing", "swing"):
+        return None
+    return find_swing(name)
+
+
+def swing_facts(scenario: Any) -> dict[str, Any]:
+    """Returns the whole swing that a scenario names, for `extra` of a run log, which must suffice
+    to repeat the run.
+    """
+    swing = swing_of_scenario(scenario)
+    if swing is None:
+        return {}
+    return {SWING: swing.model_dump(mode="json", by_alias=True, exclude_none=True)}
+
+
+def refuse_other_car(
+    scenario: Any, swing: SwingFile | None = None, *, way_out: str = ", or --other-car"
+) -> None:
+    """Raises SwingFileError, naming every parameter that differs, when a swing is for another car
+    than the scenario's.
+
+    Args:
+        scenario: the car.
+        swing: by default the one that the scenario plays; without any nothing is refused.
+        way_out: what is allowed beside the same car, where something is.
+    """
+    swing = swing or swing_of_scenario(scenario)
+    if swing is None:
+        return
+    differences = car_mismatches(swing, scenario.resolved())
+    if differences:
+        raise SwingFileError(
+            f"swing {swing.name}: made for another car: {'; '.join(differences)}; allowed: the "
+            f"same car{way_out}"
+        )
+
+
+def turn_of_swing(swing: SwingFile, scenario: str | None = None) -> tuple[str, tuple[str, ...]]:
+    """Returns the scenario and overrides with which a swing is driven: the car, turn and speed of
+    its file, at the grip it claims.
+
+    Args:
+        swing: the file; `turn_swing` where it names no scenario.
+        scenario: asked for instead; nothing but that the tail swings is then set.
+
+    Raises:
+        SwingFileError: the scenario that the file names cannot be loaded.
+    """
+    if scenario is not None:
+        return scenario, (_PLAYED,)
+    made = swing.provenance
+    claimed = (
+        f"{key}={float(made.found[fact])!r}"
+        for fact, (key, _) in _CLAIMS.items()
+        if fact in made.found
+    )
+    name = made.scenario or DEFAULT_TURN
+    settings = (*made.settings, *claimed, _PLAYED)
+    try:
+        load_scenario(name, settings)
+    except ScenarioError as error:
+        raise SwingFileError(
+            f"swing {swing.name}: its own turn: {error}; allowed: another scenario beside it"
+        ) from None
+    return name, settings
+
+
+def turn_words(swing: SwingFile, scenario: Any) -> str:
+    """Returns the speed and friction of a turn in words, beside those with which the file of its
+    swing claims to survive.
+    """
+    here = {
+        "manoeuvre.speed": scenario.manoeuvre.speed,
+        "car.tyre_friction": scenario.car.tyre_friction,
+    }
+    found = swing.provenance.found
+    claims = {key: float(found[fact]) for fact, (key, _) in _CLAIMS.items() if fact in found}
+    claim = f"{_claim_words(here)}; its file claims "
+    if not claims:
+        return f"{claim}nothing"
+    return claim + ("that" if here | claims == here else _claim_words(claims))
+
+
+def _claim_words(values: dict[str, float]) -> str:
+    return ", ".join(words.format(values[key]) for key, words in _CLAIMS.values() if key in values)

@@ -1,0 +1,142 @@
+"""What every control law for the tail sees, from the station's signals on, and what it gives.
+
+No Drake.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from aerodima.workbench.scenario.signal_table import IMU, STATUS, TAIL_STATE
+
+UNKNOWN_IMU = (math.nan,) * 9
+"""Nine values of an IMU that is not known."""
+NO_COMMAND = np.zeros(5)
+"""Gains of zero: the motors are free."""
+NO_COMMAND.flags.writeable = False
+EPSILON = 1e-9
+"""s; a tick that falls on a limit up to rounding counts as having reached it."""
+AGE_LIMIT = 0.1
+"""s; beyond this a signal counts as silent."""
+GYRO_Z = IMU.index("gyro_z")
+ROLL_ANGLE = TAIL_STATE.index("roll_angle")
+PITCH_ANGLE = TAIL_STATE.index("pitch_angle")
+ROLL_RATE = TAIL_STATE.index("roll_rate")
+PITCH_RATE = TAIL_STATE.index("pitch_rate")
+SPEED_FAULT = STATUS.index("speed_fault")
+ROLL_AGE = STATUS.index("tail_roll_age")
+PITCH_AGE = STATUS.index("tail_pitch_age")
+IMU_AGE = STATUS.index("imu_age")
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What a law sees at one tick. NaN means "not known".
+
+    Args:
+        time: s.
+        yaw_rate: rad/s, positive to the left.
+        roll_angle: tail roll, rad, positive to the right.
+        pitch_angle: tail pitch, rad.
+        planned_turn: +1 left, -1 right, from the start of the run on; 0 when no turn is announced.
+        imu_valid: the yaw rate is fresh and without fault.
+        roll_rate: of the tail, rad/s.
+        pitch_rate: of the tail, rad/s.
+        imu: (9), as `signal_table.IMU`.
+        speed: of the car, m/s.
+        steering_angle: commanded, rad, positive to the left.
+    """
+
+    time: float
+    yaw_rate: float
+    roll_angle: float
+    pitch_angle: float
+    planned_turn: float
+    imu_valid: bool
+    roll_rate: float = math.nan
+    pitch_rate: float = math.nan
+    imu: tuple[float, ...] = UNKNOWN_IMU
+    speed: float = math.nan
+    steering_angle: float = math.nan
+
+
+class TailLaw(Protocol):
+    """A control law for the tail."""
+
+    @property
+    def rate(self) -> float:
+        """Returns the controller rate, Hz."""
+
+    @property
+    def memory_size(self) -> int:
+        """Returns the number of floats that the law carries from tick to tick."""
+
+    def start(self) -> np.ndarray:
+        """Returns the memory (memory_size,) before the first tick."""
+
+    def step(
+        self, memory: np.ndarray, observation: Observation
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+        """Returns new memory, pitch command (5), roll command (5) and state number of one tick.
+
+        Must not change its arguments.
+
+        The state number is what the log holds as `controller_state`; reports read it as
+        `swing_law.SwingState`.
+        """
+
+
+def sign(value: float) -> float:
+    """Returns -1, 0 or +1; 0 for NaN."""
+    return float(value > 0.0) - float(value < 0.0)
+
+
+def observe(
+    time: float,
+    tail_state: np.ndarray,
+    imu: np.ndarray,
+    status: np.ndarray,
+    planned_turn: float,
+    speed: np.ndarray | None,
+    age_limit: float = AGE_LIMIT,
+    *,
+    steering_angle: float = math.nan,
+) -> Observation:
+    """Returns what a law is given at `time` s; a signal that is older than `age_limit` s or has a
+    fault code is unknown.
+
+    A GPS is late by nature: its speed counts until its fault code is set. `speed` is None where
+    there is none. `steering_angle` is the driver's command, rad.
+    """
+    # Floats are quicker to read.
+    tail = tail_state.tolist()
+    motion = tuple(imu.tolist())
+    health = status.tolist()
+    roll_known = _fresh(health, ROLL_AGE, age_limit)
+    pitch_known = _fresh(health, PITCH_AGE, age_limit)
+    imu_valid = _fresh(health, IMU_AGE, age_limit)
+    speed_known = speed is not None and health[SPEED_FAULT] == 0.0
+    known: Any = speed
+    return Observation(
+        time=time,
+        yaw_rate=motion[GYRO_Z],
+        roll_angle=tail[ROLL_ANGLE] if roll_known else math.nan,
+        pitch_angle=tail[PITCH_ANGLE] if pitch_known else math.nan,
+        planned_turn=planned_turn,
+        imu_valid=imu_valid,
+        roll_rate=tail[ROLL_RATE] if roll_known else math.nan,
+        pitch_rate=tail[PITCH_RATE] if pitch_known else math.nan,
+        imu=motion if imu_valid else UNKNOWN_IMU,
+        speed=float(known[0]) if speed_known else math.nan,
+        steering_angle=steering_angle,
+    )
+
+
+def _fresh(status: Sequence[float], age_index: int, age_limit: float) -> bool:
+    """Returns whether a signal is fresh, False for NaN too; the fault code stands right behind the
+    age.
+    """
+    return status[age_index] <= age_limit and status[age_index + 1] == 0.0

@@ -1,4 +1,0 @@
-"""Controllers and drivers: what stands outside the station, between its ports.
-
-Importing this loads no Drake.
-"""

@@ -1,0 +1,97 @@
+"""Errors about a key of a file: where it is, what is wrong, and the nearest key that is right."""
+
+import difflib
+import re
+from collections.abc import Collection
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from aerodima.workbench.core.quantity import NO_UNIT, unit_of
+
+Place = tuple[str | int, ...]
+
+
+def nearest(name: str, known: Collection[str]) -> str:
+    """Suggest the closest known name for an unknown one, or list all of them."""
+    close = difflib.get_close_matches(name, known, n=1)
+    if close:
+        return f"did you mean {close[0]!r}?"
+    return "must be one of: " + ", ".join(sorted(known))
+
+
+def lines_of(report: ValidationError, model: type[BaseModel]) -> list[str]:
+    """Describe what is wrong with the data that a model refused, a line each."""
+    items: list[Any] = list(report.errors())
+    # A list whose entries are wrong is not called too short as well.
+    outer = {item["loc"][:depth] for item in items for depth in range(len(item["loc"]))}
+    return [
+        _line(item, model)
+        for item in items
+        if item["type"] != "too_short" or item["loc"] not in outer
+    ]
+
+
+def keys_of(model: type[BaseModel]) -> list[str]:
+    """List the keys of a section as they are written in the file."""
+    return [field.alias or name for name, field in model.model_fields.items()]
+
+
+def _line(item: Any, model: type[BaseModel]) -> str:
+    """Write one of pydantic's errors as `key: value is not allowed; what is`."""
+    place = item["loc"]
+    kind = item["type"]
+    key = ".".join(map(str, place))
+    if kind == "missing":
+        return f"{key}: missing"
+    if kind == "value_error":
+        text = str(item["ctx"]["error"])
+        if not key:
+            return text
+        return key + ("." if re.match(r"[\w.]+: ", text) else ": ") + text
+    owners = _models_at(model, place[:-1])
+    if kind == "extra_forbidden":
+        return f"{key}: unknown key; {_nearest_key(place, owners)}"
+    allowed = item["msg"][0].lower() + item["msg"][1:]
+    if kind.startswith("union_tag"):
+        return f"{key}: {allowed}"
+    text = f"{key}: {item['input']!r} is not allowed; {allowed}"
+    for owner in owners:
+        if place[-1] in owner.model_fields and unit_of(owner, place[-1]) != NO_UNIT:
+            return f"{text} ({unit_of(owner, place[-1])})"
+    return text
+
+
+def _nearest_key(place: Place, owners: list[type[BaseModel]]) -> str:
+    name = str(place[-1])
+    if len(place) == 1:
+        for section, field in owners[0].model_fields.items():
+            if any(name in keys_of(model) for model in _models_in(field.annotation)):
+                return f"did you mean {section}.{name}?"
+    return nearest(name, [key for owner in owners for key in keys_of(owner)])
+
+
+def _models_at(model: type[BaseModel], place: Place) -> list[type[BaseModel]]:
+    """Find the models that may hold the keys at a place: several where the file chooses and the
+    place does not say.
+    """
+    models = [model]
+    for part in place:
+        tagged = [owner for owner in models if part == owner.__name__ or part in _tags(owner)]
+        inner = []
+        for owner in models:
+            for name, field in owner.model_fields.items():
+                if part in (name, field.alias):
+                    inner += _models_in(field.annotation)
+        models = tagged or inner or models  # an index, or the key of a mapping, stays where it is
+    return models
+
+
+def _tags(model: type[BaseModel]) -> list[Any]:
+    return [tag for field in model.model_fields.values() for tag in get_args(field.annotation)]
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in get_args(annotation) for model in _models_in(part)]

@@ -1,0 +1,48 @@
+"""The fields of a vector port, by name."""
+
+from collections import namedtuple
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class PortFields:
+    """The fields of one vector port, in order.
+
+    Args:
+        name: CamelCase name of the views made from it.
+        fields: one name per element of the port's vector.
+    """
+
+    name: str
+    fields: tuple[str, ...]
+    _tuple: Any = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_tuple", namedtuple(self.name, self.fields))
+
+    @property
+    def size(self) -> int:
+        """Count the elements of the port's vector."""
+        return len(self.fields)
+
+    def index(self, name: str) -> int:
+        """Find the index of a field in the vector; ValueError lists the known names."""
+        if name not in self.fields:
+            raise ValueError(f"{self.name} has no field '{name}'; it has {', '.join(self.fields)}")
+        return self.fields.index(name)
+
+    def read(self, values: Sequence[float] | np.ndarray) -> Any:
+        """Read a vector (size,) as a named tuple of plain floats; ValueError for another length."""
+        if len(values) != len(self.fields):
+            raise ValueError(f"{self.name} has {len(self.fields)} elements, got {len(values)}")
+        return self._tuple(
+            *(values.tolist() if isinstance(values, np.ndarray) else map(float, values))
+        )
+
+    def write(self, **values: float) -> np.ndarray:
+        """Write a vector (size,) from one keyword per field; TypeError names a missing one."""
+        return np.array(self._tuple(**values), dtype=float)

@@ -1,0 +1,154 @@
+"""Ports of systems: their values, state that they show, and connections; systems that convert to
+AutoDiffXd.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.common.value import Value
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce_
+from pydrake.systems.framework import (
+    Context,
+    DiagramBuilder,
+    DiscreteValues,
+    InputPort,
+    LeafSystem,
+    OutputPort,
+    System,
+)
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    MatrixGain,
+    Selector,
+    SelectorParams,
+)
+
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.system_lifetime import weak_callback
+
+SystemT = TypeVar("SystemT", bound=System)
+PortSlice = OutputPort | tuple[OutputPort, Sequence[int]]
+"""What a port is made of: another port, or elements of one."""
+
+
+def declare_spatial_forces(
+    system: Any, calc: Callable[[Any, Any], None], inputs: set[Any], T: Any = float
+) -> None:
+    """Declares the output port `spatial_forces`, a list[ExternallyAppliedSpatialForce].
+
+    Args:
+        system: whose method `calc` is.
+        calc: called with a context and the value to be set.
+        inputs: tickets of what the value depends on.
+        T: scalar type.
+    """
+    make = Value[list[ExternallyAppliedSpatialForce_[T]]]
+    system.DeclareAbstractOutputPort("spatial_forces", make, weak_callback(calc), inputs)
+
+
+def vector_of(port: InputPort | OutputPort, context: Context) -> FloatArray:
+    """Value (n,) of a vector port; of an input port an array that is not to be changed."""
+    value: Any = port.Eval(context)
+    vector: FloatArray = value
+    return vector
+
+
+class DiscreteVector:
+    """Declares a group of discrete state in a system, and reads and writes it.
+
+    Args:
+        system: the system under construction.
+        initial: values (n,) of a default context.
+        output: name of an output port (n) that shows the group; it costs no Python when it is
+            evaluated.
+    """
+
+    def __init__(
+        self, system: LeafSystem, initial: Sequence[float] | np.ndarray, output: str | None = None
+    ) -> None:
+        values: Any = np.array(initial, dtype=float)
+        index = system.DeclareDiscreteState(values)
+        if output is not None:
+            system.DeclareStateOutputPort(output, index)
+        self.ticket = system.discrete_state_ticket(index)
+        self._index = int(index)
+
+    def read(self, context: Context) -> np.ndarray:
+        """Values (n,); a view that is not to be changed."""
+        values: Any = context.get_discrete_state(self._index).value()
+        return values
+
+    def write(self, discrete_state: DiscreteValues, values: Sequence[float] | np.ndarray) -> None:
+        """Sets the values (n,) within a discrete update."""
+        new: Any = values
+        discrete_state.set_value(self._index, new)
+
+
+def add_and_connect(
+    builder: DiagramBuilder, system: SystemT, name: str = "", /, **inputs: OutputPort
+) -> SystemT:
+    """Adds a system, under this name if one is given, and connects its input ports by their names;
+    returns the system.
+    """
+    if name:
+        system.set_name(name)
+    builder.AddSystem(system)
+    for port, source in inputs.items():
+        builder.Connect(source, system.GetInputPort(port))
+    return system
+
+
+def multiply(
+    builder: DiagramBuilder, name: str, source: OutputPort, matrix: np.ndarray
+) -> OutputPort:
+    """Adds one system of that name; returns its port (m): a matrix (m, n) times a port (n)."""
+    return add_and_connect(builder, MatrixGain(matrix), name, u0=source).get_output_port()
+
+
+def add_selector(
+    builder: DiagramBuilder, name: str, outputs: Mapping[str, Sequence[PortSlice]]
+) -> System:
+    """Adds one `Selector` whose named output ports are made of elements of other ports.
+
+    Its work is done in C++. An output depends on the ports of its own elements only.
+
+    Args:
+        builder: in which the other ports are.
+        name: of the system.
+        outputs: of each output port, by its name, what it is made of, one after the other.
+    """
+    sources: list[OutputPort] = []
+    ports = []
+    for port, parts in outputs.items():
+        selections = []
+        for part in parts:
+            source, indices = part if isinstance(part, tuple) else (part, range(part.size()))
+            if source not in sources:
+                sources.append(source)
+            index = sources.index(source)
+            selections += [
+                SelectorParams.OutputSelection(input_port_index=index, input_offset=offset)
+                for offset in indices
+            ]
+        ports.append(SelectorParams.OutputPortParams(name=port, selections=selections))
+    inputs = [SelectorParams.InputPortParams(size=source.size()) for source in sources]
+    system = builder.AddNamedSystem(name, Selector(SelectorParams(inputs=inputs, outputs=ports)))
+    for index, source in enumerate(sources):
+        builder.Connect(source, system.get_input_port(index))
+    return system
+
+
+def concatenate(builder: DiagramBuilder, name: str, parts: Sequence[PortSlice]) -> OutputPort:
+    """Adds one system of that name; returns its vector port with these one after the other."""
+    return add_selector(builder, name, {name: parts}).get_output_port()
+
+
+def constant(builder: DiagramBuilder, name: str, value: ArrayLike) -> OutputPort:
+    """Adds one system of that name; returns its vector port, which never changes."""
+    return builder.AddNamedSystem(
+        name, ConstantVectorSource(np.array(value, dtype=float))
+    ).get_output_port()

@@ -1,0 +1,122 @@
+"""Numbers with a unit and a range: fields of the sections of a file."""
+
+import math
+from ast import literal_eval
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from aerodima.workbench.core.errors import ScenarioError, UserError
+
+NO_UNIT = "1"
+"""Unit of a dimensionless number, a name, a flag or a count."""
+STANDARD_GRAVITY = 9.80665
+"""Acceleration that a sensor calls 1 g, m/s2 (CGPM 1901)."""
+RATE_TOLERANCE = 1e-9
+"""Relative rounding of a rate of exactly 1/step, or of a delay of whole periods."""
+
+
+def quantity(unit: str, description: str, interval: str = "", **options: Any) -> Any:
+    """Declare a field of `QuantityModel`.
+
+    Args:
+        unit: SI unit as written in the YAML files, `1` when dimensionless.
+        description: what the number is, in one line.
+        interval: values allowed, in that unit, such as `(0, 30]`: above 0 and at most 30.
+        options: of pydantic's `Field`; a one-sided limit such as `gt`, `min_length`, `default`.
+    """
+    if interval:
+        options |= limits_of(interval)
+    described: Any = {"unit": unit}
+    return Field(description=description, json_schema_extra=described, **options)
+
+
+def limits_of(interval: str) -> dict[str, float]:
+    """Read an interval such as `(0, 30]` as pydantic's limits: `{"gt": 0, "le": 30}`."""
+    low, high = interval[1:-1].split(", ")
+    lower = {"(": "gt", "[": "ge"}[interval[0]]
+    upper = {")": "lt", "]": "le"}[interval[-1]]
+    return {lower: literal_eval(low), upper: literal_eval(high)}
+
+
+class QuantityModel(BaseModel):
+    """Frozen section of a scenario; unknown keys, NaN and foreign units are refused.
+
+    A value is a plain number in the unit of the field or a text that repeats that unit, such as
+    `3.33 m/s`. Another unit is an error and not converted: a scenario has one reading.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_units(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        return {key: cls._read_value(key, value) for key, value in data.items()}
+
+    @classmethod
+    def _read_value(cls, key: str, value: Any) -> Any:
+        field = cls.model_fields.get(key)
+        if field is None or field.annotation not in (float, int) or not isinstance(value, str):
+            return value
+        number, _, unit = value.strip().partition(" ")
+        if unit.strip() not in ("", unit_of(cls, key)):
+            raise ValueError(f"{key}: unit {unit.strip()!r} must be {unit_of(cls, key)!r}")
+        try:
+            return field.annotation(number)
+        except ValueError:
+            return value
+
+
+def unit_of(model: type[BaseModel], key: str) -> str:
+    """Look up the unit that `quantity` declared for a field; `1` for fields without one."""
+    extra = model.model_fields[key].json_schema_extra
+    if isinstance(extra, dict):
+        return str(extra.get("unit", NO_UNIT))
+    return NO_UNIT
+
+
+def check_range(
+    name: str,
+    value: float,
+    low: float,
+    high: float,
+    unit: str,
+    *,
+    above_low: bool = False,
+    error: type[UserError] = UserError,
+) -> None:
+    """Raise `error` unless `value` is finite and within [low, high].
+
+    Args:
+        name: where the value comes from, e.g. "controller.swing_speed".
+        value: in the unit of the limits.
+        low: smallest value allowed.
+        high: largest value allowed; may be infinite.
+        unit: printed after the value.
+        above_low: refuse `low` itself.
+        error: class of the error raised.
+    """
+    if math.isfinite(value) and low <= value <= high and not (above_low and value == low):
+        return
+    shown = "" if unit == NO_UNIT else f" {unit}"
+    relation = ">" if above_low else ">="
+    raise error(f"{name}: {value:g}{shown} must be {relation} {low:g} and <= {high:g}")
+
+
+def check_rate(rate: float, step: float | None, name: str) -> None:
+    """Raise ScenarioError unless 0 < rate <= 1/step: a plant that moves every `step` shows nothing
+    new earlier.
+
+    Args:
+        rate: Hz.
+        step: of the plant, s; None where no plant steps.
+        name: where the rate comes from, e.g. "imu.rate".
+    """
+    if not (math.isfinite(rate) and rate > 0.0):
+        raise ScenarioError(f"{name}: {rate:g} Hz must be above 0")
+    if step is not None and rate * step > 1.0 + RATE_TOLERANCE:
+        raise ScenarioError(
+            f"{name}: {rate:g} Hz must be at most 1/step, {1.0 / step:g} Hz with step {step:g} s"
+        )

@@ -1,0 +1,86 @@
+"""Paths of the files of `models/` in a checkout, an editable install and a wheel.
+
+In a wheel they are inside the package (`workbench/_models`); in a checkout and an editable install
+they are the folder `models` beside the packages.
+"""
+
+from __future__ import annotations
+
+import csv
+from difflib import get_close_matches
+from functools import cache
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
+
+from aerodima.workbench.core.errors import ModelError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_PACKAGE = Path(__file__).resolve().parent.parent
+_SHIPPED = _PACKAGE / "_models"
+_CHECKOUT = _PACKAGE.parent / "models"
+_MAX_SUGGESTIONS = 3
+"""Names that are suggested for an unknown one."""
+
+
+@cache
+def models_dir() -> Path:
+    """Find the folder with `package.xml`, models, parameters and scenarios.
+
+    Raises:
+        ModelError: neither a wheel's nor a checkout's folder is there.
+    """
+    for folder in (_SHIPPED, _CHECKOUT):
+        if folder.is_dir():
+            return folder
+    raise ModelError(f"the model files are missing: neither {_SHIPPED} nor {_CHECKOUT} is a folder")
+
+
+def model_path(relative: str | PurePosixPath) -> Path:
+    """Find a file or folder of `models/`.
+
+    Args:
+        relative: path below `models/` with forward slashes, such as `parameters/car.yaml`.
+
+    Raises:
+        ModelError: there is no such file (the message names the nearest that exist), or the path
+            leaves `models/`.
+    """
+    root = models_dir()
+    wanted = PurePosixPath(relative)
+    if wanted.is_absolute() or ".." in wanted.parts:
+        raise ModelError(f"model file {str(wanted)!r}: must be a path inside models/")
+    path = root / wanted
+    if path.exists():
+        return path
+    raise ModelError(
+        f"model file {str(wanted)!r} does not exist in {root}; {_nearest(root, wanted)}"
+    )
+
+
+def published_rows(name: str) -> list[dict[str, str]]:
+    """Read the rows of `models/published/NAME.csv`, every cell as printed there."""
+    with model_path(f"published/{name}.csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+@cache
+def published_table(name: str) -> pd.DataFrame:
+    """Read `models/published/NAME.csv` with numbers as such; do not change it in place."""
+    import pandas as pd
+
+    return pd.read_csv(model_path(f"published/{name}.csv"))
+
+
+def _nearest(root: Path, wanted: PurePosixPath) -> str:
+    names = sorted(
+        found.relative_to(root).as_posix() for found in root.rglob("*") if found.is_file()
+    )
+    close = get_close_matches(str(wanted), names, n=_MAX_SUGGESTIONS)
+    if close:
+        return f"nearest: {', '.join(close)}"
+    beside = [name for name in names if PurePosixPath(name).parent == wanted.parent]
+    if beside:
+        return f"{wanted.parent}/ has: {', '.join(beside)}"
+    return f"there is no folder {wanted.parent}/"

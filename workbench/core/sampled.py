@@ -1,0 +1,254 @@
+"""Base of all sensors: they sample at a rate, and show a sample a delay after it was taken."""
+
+import hashlib
+import math
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem, State
+
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.event_order import EventPriority, period_of
+from aerodima.workbench.core.port_wiring import DiscreteVector, vector_of
+from aerodima.workbench.core.quantity import RATE_TOLERANCE, check_rate
+from aerodima.workbench.core.system_lifetime import weak_callback
+
+TURN = 2.0 * math.pi
+"""One revolution, rad."""
+BLOCK = 64
+"""Samples drawn at once; part of the definition of the stream."""
+
+
+class SampledSensor(LeafSystem):
+    """A sensor that samples periodically and reports late; subclasses say what one sample is.
+
+    Sample k is taken at k / rate and appears on the output at k / rate + delay, where it stays
+    until the next one: whole periods of the delay are a queue in discrete state, the rest is the
+    phase of the event that shows the sample, so the delay is exact and nothing is interpolated.
+    Before the run the robot is taken to have stood as it does at the initial time: the output then
+    holds the first sample, and its age is the delay.
+
+    Before a discrete plant, sampling and appearing come first of all that happens at an instant,
+    and the plant's step last (`aerodima.workbench.core.port_wiring`): the sensor sees the plant
+    as it is at that instant, not one step later, and a controller that acts at that instant already
+    sees a sample without delay. Elsewhere sampling is an unrestricted update, which Drake runs
+    before the discrete updates of the same instant. An instant between two steps of a discrete
+    plant shows the plant as it will be after the step that has begun.
+
+    Output ports:
+        <outputs>: the newest sample that has appeared, cut into ports; cost nothing between
+        samples.
+        sample_time (1): when it was taken, s.
+        age (1): time since then, s; changes with time.
+
+    Args:
+        name: of the system, e.g. "imu"; settings are named by it in messages.
+        outputs: name and size of the output ports, in the order of the numbers of a sample.
+        rate: Hz.
+        delay: s.
+        step: of the plant or its integrator, s; None where there is none to compare the rate with.
+        discrete: whether it is the step of a discrete plant.
+
+    Raises:
+        UserError: the rate is not positive or above 1/step, or the delay is negative or not finite.
+    """
+
+    def __init__(
+        self,
+        *,
+        name: str,
+        outputs: dict[str, int],
+        rate: float,
+        delay: float,
+        step: float | None,
+        discrete: bool = False,
+    ) -> None:
+        super().__init__()
+        check_rate(rate, step, f"{name}.rate")
+        if not (math.isfinite(delay) and delay >= 0.0):
+            raise UserError(f"{name}.delay: {delay:g} s must be >= 0 s")
+        self.set_name(name)
+        self._rate = rate
+        self._delay = delay
+        whole = math.floor(delay * rate + RATE_TOLERANCE)
+        lag = max(0.0, delay - whole / rate)
+        self._shows_at_once = lag * rate <= RATE_TOLERANCE
+        self._outputs = []
+        size = 0
+        for port, width in outputs.items():
+            vector = DiscreteVector(self, np.zeros(width), output=port)
+            self._outputs.append((vector, slice(size, size + width)))
+            size += width
+        self._sample_time = DiscreteVector(self, [0.0], output="sample_time")
+        self._queue_length = whole + 1
+        self._row_size = size + 1
+        self._queue = DiscreteVector(self, np.zeros(self._queue_length * self._row_size))
+        self.DeclareVectorOutputPort(
+            "age", 1, weak_callback(self._calc_age), {self.time_ticket(), self._sample_time.ticket}
+        )
+        self.DeclareInitializationUnrestrictedUpdateEvent(self._initialise)
+        period = period_of(rate, EventPriority.SENSOR) if discrete else 1.0 / rate
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._sample)
+        if not self._shows_at_once:
+            self.DeclarePeriodicDiscreteUpdateEvent(period, lag * rate * period, self._show)
+
+    @property
+    def rate(self) -> float:
+        """Samples per second, Hz."""
+        return self._rate
+
+    @property
+    def delay(self) -> float:
+        """Time from taking a sample to its appearance, s."""
+        return self._delay
+
+    def measure(self, context: Context, index: int) -> np.ndarray:
+        """Take sample `index` (size,) of the inputs now, with noise and resolution."""
+        raise NotImplementedError
+
+    def _row(self, context: Context) -> np.ndarray:
+        """Make a row of the queue: the sample, then the time at which it was taken."""
+        time = context.get_time()
+        row = np.empty(self._row_size)
+        row[:-1] = self.measure(context, max(0, round(time * self._rate)))
+        row[-1] = time
+        return row
+
+    def _initialise(self, context: Context, state: State) -> None:
+        discrete_state = state.get_mutable_discrete_state()
+        row = self._row(context)
+        rows = np.tile(row, (self._queue_length, 1))
+        rows[:, -1] -= np.arange(self._queue_length, 0, -1) / self._rate
+        self._queue.write(discrete_state, rows.ravel())
+        row[-1] -= self._delay
+        self._set_outputs(row, discrete_state)
+
+    def _sample(self, context: Context, state: State) -> None:
+        self.take(context, state.get_mutable_discrete_state())
+
+    def take(self, context: Context, discrete_state: DiscreteValues) -> np.ndarray:
+        """Take a sample and return it as the new row of the queue."""
+        row = self._row(context)
+        queue = row
+        if self._queue_length > 1:
+            queue = np.concatenate((self._queue.read(context)[self._row_size :], row))
+        if self._shows_at_once:
+            self._set_outputs(queue[: self._row_size], discrete_state)
+        if not self._shows_at_once or self._queue_length > 1:  # else nobody reads the queue
+            self._queue.write(discrete_state, queue)
+        return row
+
+    def _show(self, context: Context, discrete_state: DiscreteValues) -> None:
+        self._set_outputs(self._queue.read(context)[: self._row_size], discrete_state)
+
+    def _set_outputs(self, row: np.ndarray, discrete_state: DiscreteValues) -> None:
+        for group, columns in self._outputs:
+            group.write(discrete_state, row[columns])
+        self._sample_time.write(discrete_state, row[-1:])
+
+    def _calc_age(self, context: Context, output: BasicVector) -> None:
+        output[0] = context.get_time() - self._sample_time.read(context)[0]
+
+
+class AngleEncoder(SampledSensor):
+    """Encoder of one joint: its angle in steps, and the rate from the difference of two readings.
+
+    Subclasses say what is read. The rate is the difference between the reading and the one a window
+    earlier, by the shorter way round: it is right up to half a turn per window, resolves one step
+    per window, lags by half the window.
+
+    Input ports:
+        joint_angle (1): rad.
+    Output ports:
+        angle (1): rad.
+        rate (1): rad/s, mean over the window; 0 until it is filled.
+        sample_time (1), age (1): s, see `SampledSensor`.
+
+    Args:
+        name, rate, delay, step, discrete: as for `SampledSensor`.
+        window: of the rate, s; rounded to whole samples, at least one.
+
+    Raises:
+        UserError: rate or delay not allowed.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        rate: float,
+        delay: float,
+        window: float,
+        step: float | None,
+        discrete: bool = False,
+    ) -> None:
+        outputs = {"angle": 1, "rate": 1}
+        super().__init__(
+            name=name, outputs=outputs, rate=rate, delay=delay, step=step, discrete=discrete
+        )
+        self._angle = self.DeclareVectorInputPort("joint_angle", 1)
+        samples = max(1, round(window * rate))
+        self._window = samples / rate
+        self._past = DiscreteVector(self, np.full(samples, math.nan))
+
+    def reading(self, angle: float, index: int) -> float:
+        """Read an angle (rad) as sample `index` of the encoder."""
+        raise NotImplementedError
+
+    def measure(self, context: Context, index: int) -> np.ndarray:
+        """Take one sample (2,): angle rad, rate rad/s."""
+        angle = self.reading(float(vector_of(self._angle, context)[0]), index)
+        earlier = self._past.read(context)[0]
+        rate = 0.0
+        if not math.isnan(earlier):
+            rate = math.remainder(angle - earlier, TURN) / self._window
+        return np.array([angle, rate])
+
+    def take(self, context: Context, discrete_state: DiscreteValues) -> np.ndarray:
+        """Take a sample; keeps the angle for the rate of later samples."""
+        row = super().take(context, discrete_state)
+        past = self._past.read(context)
+        self._past.write(discrete_state, np.concatenate((past[1:], row[:1])))
+        return row
+
+
+class CounterNoise:
+    """Standard normal numbers addressed by sample index, so that a repeated run gets the same noise
+    bit for bit.
+
+    A counter-based generator (Philox) is keyed by seed and name and positioned by the index: there
+    is no hidden state to reset, sensors do not disturb each other's streams, and the order of the
+    calls does not matter.
+
+    Args:
+        seed: of the run, 0 to 2**64 - 1.
+        name: of the sensor; another name gives an independent stream.
+        width: numbers per sample.
+    """
+
+    def __init__(self, seed: int, name: str, width: int) -> None:
+        self._key = [seed, int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "little")]
+        self._width = width
+        self._block_index = -1
+        self._block = np.empty((0, width))
+
+    def at(self, index: int) -> np.ndarray:
+        """Draw the numbers (width,) of sample `index` >= 0."""
+        block_index, row = divmod(index, BLOCK)
+        if block_index != self._block_index:
+            self._block = self._generator(block_index + 1).standard_normal((BLOCK, self._width))
+            self._block_index = block_index
+        return self._block[row]
+
+    def first(self, count: int) -> np.ndarray:
+        """Draw the numbers (count, width) of the first samples: `at` 0 ... count - 1."""
+        blocks = [
+            self._generator(1 + block).standard_normal((BLOCK, self._width))
+            for block in range(-(-count // BLOCK))
+        ]
+        return np.concatenate([np.empty((0, self._width)), *blocks])[:count]
+
+    def constant(self) -> np.ndarray:
+        """Draw numbers (width,) of the whole run, such as a bias; independent of all samples."""
+        return self._generator(0).standard_normal(self._width)
+
+    def _generator(self, stream: int) -> np.random.Generator:
+        return np.random.Generator(np.random.Philox(key=self._key, counter=[0, 0, stream, 0]))

@@ -1,0 +1,106 @@
+"""YAML files: found by name, read, and checked against a model; errors name the place."""
+
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from aerodima.workbench.core.errors import ScenarioError, UserError
+from aerodima.workbench.core.key_errors import lines_of, nearest
+from aerodima.workbench.core.resources import models_dir
+
+ModelT = TypeVar("ModelT", bound=BaseModel)
+
+
+class StrictModel(BaseModel):
+    """Frozen part of a file; unknown keys and NaN are refused."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True
+    )
+
+
+class UniqueKeyLoader(yaml.CSafeLoader):
+    """Safe loader that refuses a key named twice, of which plain YAML silently takes the last."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """Read one mapping; raises yaml.constructor.ConstructorError for a duplicate key."""
+        keys = [key.value for key, _ in node.value]
+        for key in keys:
+            if keys.count(key) > 1:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"duplicate key: {key}", node.start_mark
+                )
+        return super().construct_mapping(node, deep)
+
+
+def shipped_names(folder: str) -> list[str]:
+    """List the names of the YAML files in a folder of `models/`."""
+    return sorted(path.stem for path in (models_dir() / folder).glob("*.yaml"))
+
+
+def find_file(
+    name_or_path: str | Path, folder: str, kind: str, error: type[UserError] = ScenarioError
+) -> Path:
+    """Return the path itself, or the file of that name in a folder of `models/`.
+
+    Raises:
+        UserError (of the class `error`): a bare name that is not there; names the nearest.
+    """
+    path = Path(name_or_path)
+    if path.suffix or path.name != str(name_or_path) or path.exists():
+        return path
+    names = shipped_names(folder)
+    if path.name not in names:
+        raise error(
+            f"{kind} {path.name!r}: models/{folder} has none of this name; "
+            f"{nearest(path.name, names)}"
+        )
+    return models_dir() / folder / f"{path.name}.yaml"
+
+
+def read_yaml(path: Path, error: type[UserError] = ScenarioError) -> dict[str, Any]:
+    """Read a YAML mapping; an empty file is an empty one.
+
+    Raises:
+        UserError (of the class `error`): a missing file, bad syntax, a key named twice or another
+            kind of content.
+    """
+    try:
+        data = yaml.load(path.read_text(encoding="utf-8"), Loader=UniqueKeyLoader)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as cause:
+        raise error(f"{path}: cannot be read as YAML: {cause}") from None
+    if data is None:
+        return {}
+    return require_mapping(data, str(path), error)
+
+
+def require_mapping(data: Any, where: str, error: type[UserError]) -> dict[str, Any]:
+    """Return the data if they are a mapping, else raise `error`."""
+    if not isinstance(data, dict):
+        raise error(f"{where}: expected a mapping, not a {type(data).__name__}")
+    return data
+
+
+def checked(
+    model: type[ModelT],
+    data: Any,
+    where: str,
+    error: type[UserError] = ScenarioError,
+    *,
+    schema: str | None = None,
+) -> ModelT:
+    """Make a model of plain data; `schema` is what they must carry, if they must carry one.
+
+    Raises:
+        UserError (of the class `error`): unknown or missing key, value not allowed, another schema;
+            names the place after `where`, the value and what is allowed.
+    """
+    version = require_mapping(data, where, error).get("schema")
+    if schema is not None and version != schema:
+        raise error(f"{where}: schema: {version!r} must be {schema!r}")
+    try:
+        return model.model_validate(data)
+    except ValidationError as report:
+        raise error("; ".join(f"{where}: {line}" for line in lines_of(report, model))) from None

@@ -1,0 +1,1 @@
+"""The wind-tunnel rigs: plant, pendulum model, station, sensors, controllers and runs."""

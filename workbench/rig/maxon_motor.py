@@ -1,0 +1,52 @@
+"""The Maxon motor of the cheetah rig, driven by current."""
+
+import numpy as np
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    LeafSystem,
+)
+
+from aerodima.workbench.core.port_wiring import vector_of
+from aerodima.workbench.core.system_lifetime import weak_callback
+from aerodima.workbench.scenario.rig_scenario import MaxonParameters
+
+
+class MaxonMotor(LeafSystem):
+    """Current to torque on the bar: torque = -k_t N current, since a positive current pushes the
+    tail upstream.
+
+    The current loop is taken as ideal inside the limit of the amplifier. The reflected rotor
+    inertia is part of the plant (cheetah_rig.sdf). A NaN in the command gives no current.
+
+    Input ports:
+        current_command (1): A.
+    Output ports:
+        torque (1): N m along the joint axis; positive swings downstream.
+        current (1): A, after the limit.
+    """
+
+    def __init__(self, settings: MaxonParameters):
+        super().__init__()
+        self._settings = settings
+        self._command = self.DeclareVectorInputPort("current_command", 1)
+        ticket = {self._command.ticket()}
+        self.DeclareVectorOutputPort("torque", 1, weak_callback(self._calc_torque), ticket)
+        self.DeclareVectorOutputPort("current", 1, weak_callback(self._calc_current), ticket)
+
+    def current(self, command: float) -> float:
+        """Current that flows at a command, A."""
+        limit = self._settings.current_limit
+        if command == command:
+            return min(max(command, -limit), limit)
+        return 0.0
+
+    def _calc_torque(self, context: Context, output: BasicVector) -> None:
+        command = vector_of(self._command, context)
+        output.SetFromVector(
+            np.array([-self._settings.torque_constant * self.current(float(command[0]))])
+        )
+
+    def _calc_current(self, context: Context, output: BasicVector) -> None:
+        command = vector_of(self._command, context)
+        output.SetFromVector(np.array([self.current(float(command[0]))]))

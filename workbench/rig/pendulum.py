@@ -1,0 +1,411 @@
+"""A rig as a pendulum with one degree of freedom: its motion and its statics in plain floats, for
+fits, which ask for them hundreds of times.
+
+inertia x acceleration = weight + air + friction + motor, about the motor axis, positive downstream.
+Force law and jet are those of `aerodima.workbench.aero`. `rig_plant` states the same physics as a
+Drake plant, with all reactions of a moving rig; a test holds the two together to 1e-9.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.aero.section_laws import LineMotion, SectionLaw
+from aerodima.workbench.aero.sections import Jet, SectionLayout
+from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS, smooth_friction
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import FitError
+from aerodima.workbench.core.sdf_model import Inertial
+from aerodima.workbench.rig.rig_layout import (
+    bar_layout,
+    pivot_position,
+    rig_jet,
+    rig_law,
+    tail_layout,
+)
+from aerodima.workbench.rig.rig_model import (
+    bar_properties,
+    cheetah_tail_properties,
+    robot_tail_properties,
+)
+from aerodima.workbench.scenario.rig_scenario import RigScenario
+
+Torque = Callable[[float, float], float]
+"""Angle (rad) and rate (rad/s) to torque about the motor axis, N m."""
+Motion = Callable[[float, float, float], float]
+"""Angle (rad), rate (rad/s) and torque of the motor (N m) to acceleration, rad/s2."""
+UPRIGHT_MARGIN = math.radians(0.5)
+"""A tail that hangs straight within this has its lift to the root, on whichever side of 0 an
+encoder reads it, rad."""
+_UNIT_DRAG = PolarLaw(1.0, 0.0)
+"""Drag alone, with a coefficient of 1."""
+_UNIT_LIFT = PolarLaw(0.0, 1.0, lift_blend=0.0)
+"""Lift alone, with a coefficient of 1."""
+
+
+@dataclass(frozen=True)
+class PendulumBody:
+    """A rigid body on the pendulum.
+
+    Attributes:
+        mass: kg.
+        along, across: of its centre of mass from the pivot, down the hanging bar and downstream of
+            it, m.
+        inertia: about its centre of mass, kg m2.
+    """
+
+    mass: float
+    along: float
+    across: float
+    inertia: float
+
+    @classmethod
+    def on_bar(cls, properties: Inertial, root: float = 0.0, tilt: float = 0.0) -> PendulumBody:
+        """Makes the body whose origin is `root` (m) down the bar, its axis tilted (rad) from it."""
+        beyond = -properties.com[2]
+        along = root + beyond * math.cos(tilt)
+        across = beyond * math.sin(tilt)
+        return cls(properties.mass, along, across, properties.moments[0])
+
+
+@dataclass(frozen=True)
+class AeroStrip:
+    """Sections on a straight body of the pendulum.
+
+    Attributes:
+        law: force of the air on a section.
+        layout: sections along the body.
+        root: distance of its origin down the bar from the pivot, m.
+        tilt: its axis from the bar's, positive downstream, rad.
+    """
+
+    law: SectionLaw
+    layout: SectionLayout
+    root: float = 0.0
+    tilt: float = 0.0
+
+
+@dataclass(frozen=True)
+class PendulumModel:
+    """Everything that does not change in a swing.
+
+    Attributes:
+        mass: of all that swings, kg.
+        inertia: about the motor axis without added mass, rotor included, kg m2.
+        weight_sine, weight_cosine: weight torque = sine x sin(angle) + cosine x cos(angle), N m.
+        part_distances: of the parts that carry the added mass from the pivot, m; empty for the bare
+            bar.
+        strips: bar and tail in the wind; empty for the bare bar.
+        jet: of the tunnel.
+        wind_speed: in its downstream direction, m/s.
+        density: of the air, kg/m3.
+        pivot: p_WP (3), m.
+    """
+
+    mass: float
+    inertia: float
+    weight_sine: float
+    weight_cosine: float
+    part_distances: tuple[float, ...]
+    strips: tuple[AeroStrip, ...]
+    jet: Jet
+    wind_speed: float
+    density: float
+    pivot: tuple[float, float, float]
+
+    @classmethod
+    def from_scenario(
+        cls, scenario: RigScenario, law: SectionLaw | None = None, sections: int | None = None
+    ) -> PendulumModel:
+        """Makes the pendulum of a rig.
+
+        Args:
+            scenario: of the rig.
+            law: of the tail; that of the scenario by default.
+            sections: of the tail; `aero.sections` by default.
+        """
+        bodies = _bodies(scenario)
+        strips = _strips(scenario, law, sections)
+        motor = scenario.robot_motor
+        rotor = scenario.maxon.reflected_inertia
+        if scenario.is_robot:
+            rotor = motor.rotor_inertia * motor.gear_ratio**2
+        inertia = along = across = 0.0
+        for body in bodies:
+            inertia += body.inertia + body.mass * (body.along**2 + body.across**2)
+            along += body.mass * body.along
+            across += body.mass * body.across
+        gravity = scenario.environment.gravity
+        part_distances: list[float] = []
+        if strips:
+            root = strips[-1].root * math.cos(strips[-1].tilt)
+            parts = tail_layout(scenario, ADDED_MASS_PARTS)
+            part_distances += [root + distance for distance in parts.distances]
+        x, y, z = pivot_position(scenario.mount).tolist()
+        return cls(
+            mass=sum(body.mass for body in bodies),
+            inertia=inertia + rotor,
+            weight_sine=-gravity * along,
+            weight_cosine=-gravity * across,
+            part_distances=tuple(part_distances),
+            strips=strips,
+            jet=rig_jet(scenario),
+            wind_speed=scenario.experiment.wind_speed,
+            density=scenario.environment.air_density,
+            pivot=(x, y, z),
+        )
+
+    @property
+    def added_arms(self) -> float:
+        """Inertia per kilogram of added mass on each part, m2."""
+        return sum(distance**2 for distance in self.part_distances)
+
+    @property
+    def min_added_mass(self) -> float:
+        """Added mass per part that takes away all inertia, kg; what there is lies above it."""
+        return -self.inertia / self.added_arms
+
+    def total_inertia(self, mass_per_part: float) -> float:
+        """Inertia with added mass, kg m2.
+
+        Raises:
+            FitError: it is not above zero; names the least mass that is possible.
+        """
+        total = self.inertia + mass_per_part * self.added_arms
+        if total <= 0.0:
+            raise FitError(
+                f"an added mass of {mass_per_part:.4g} kg per part takes away more inertia than "
+                "there is (M + M_added "
+                f"is not positive definite); it must be above {self.min_added_mass:.4g} kg"
+            )
+        return total
+
+    def weight_torque(self, angle: float) -> float:
+        """Torque of the weight about the motor axis at an angle (rad), N m."""
+        return self.weight_sine * math.sin(angle) + self.weight_cosine * math.cos(angle)
+
+
+def _bodies(scenario: RigScenario) -> list[PendulumBody]:
+    """Bodies that swing: the robot's tail, or the bar with the tail of the experiment."""
+    if scenario.is_robot:
+        return [PendulumBody.on_bar(robot_tail_properties(scenario.robot_tail))]
+    bodies = [PendulumBody.on_bar(bar_properties(scenario.bar))]
+    if scenario.has_cheetah_tail:
+        tail = scenario.cheetah_tail
+        root = scenario.bar.tail_distance + tail.gap
+        tilt = scenario.tunnel.misalignment
+        bodies.append(PendulumBody.on_bar(cheetah_tail_properties(tail), root, tilt))
+    return bodies
+
+
+def _strips(
+    scenario: RigScenario, law: SectionLaw | None, sections: int | None
+) -> tuple[AeroStrip, ...]:
+    """Strips that the wind meets, the tail last; none on the bare bar."""
+    if scenario.experiment.kind == "bar_swing":
+        return ()
+    if law is None:
+        law, _ = rig_law(scenario)
+    layout = tail_layout(scenario, sections)
+    if scenario.is_robot:
+        return (AeroStrip(law, layout),)
+    bar = scenario.bar
+    root = bar.tail_distance + scenario.cheetah_tail.gap
+    tail = AeroStrip(law, layout, root, scenario.tunnel.misalignment)
+    return AeroStrip(PolarLaw(bar.drag_coefficient), bar_layout(scenario)), tail
+
+
+def section_airflow(
+    pendulum: PendulumModel, strip: AeroStrip, angle: float, rate: float
+) -> tuple[tuple[float, float], LineMotion, Sequence[float], Sequence[float]]:
+    """Computes how the air meets the sections of a strip at an angle (rad) and a rate (rad/s).
+
+    Returns:
+        Root of the strip from the pivot (y, z), m; motion of the strip against the air; distances
+        (m) and areas (m2) of its sections in the jet, areas 0 without exposure.
+    """
+    bar_sine = math.sin(angle)
+    bar_cosine = math.cos(angle)
+    sine = math.sin(angle + strip.tilt)
+    cosine = math.cos(angle + strip.tilt)
+    root = strip.root
+    y = -root * bar_sine
+    z = -root * bar_cosine
+    wind_x, wind_y, _ = pendulum.jet.downstream_W
+    wind_speed = pendulum.wind_speed
+    u_x = wind_speed * wind_x
+    u_y = wind_speed * wind_y + rate * root * bar_cosine
+    u_z = -rate * root * bar_sine
+    change = (0.0, rate * cosine, -rate * sine)
+    axis = (0.0, -sine, -cosine)
+    normal = (0.0, cosine, -sine)
+    line = LineMotion((u_x, u_y, u_z), change, axis, normal)
+    pivot_x, pivot_y, pivot_z = pendulum.pivot
+    p_WRo = (pivot_x, pivot_y + y, pivot_z + z)
+    distances, areas = pendulum.jet.exposed_sections(strip.layout, p_WRo, axis)
+    return (y, z), line, distances, areas
+
+
+def strip_load(
+    pendulum: PendulumModel, strip: AeroStrip, angle: float, rate: float
+) -> tuple[float, ...]:
+    """Force of the air on a strip (3), N, and its moment about the pivot (3), N m, in W axes."""
+    (y, z), line, distances, areas = section_airflow(pendulum, strip, angle, rate)
+    if areas[0] == 0.0:
+        return (0.0,) * 6
+    f_x, f_y, f_z, m_x, m_y, m_z = strip.law.line_force(line, distances, areas, pendulum.density)
+    return f_x, f_y, f_z, m_x + y * f_z - z * f_y, m_y + z * f_x, m_z - y * f_x
+
+
+def air_torque(scenario: RigScenario, law: SectionLaw | None = None) -> Torque | None:
+    """Torque of the air on tail and bar; None for the bare bar.
+
+    Args:
+        law: of the tail; that of the scenario by default.
+    """
+    pendulum = PendulumModel.from_scenario(scenario, law)
+    strips = pendulum.strips
+    if not strips:
+        return None
+    density = pendulum.density
+
+    def torque(angle: float, rate: float) -> float:
+        # `strip_load` without what a swing does not feel, since a fit evaluates it most.
+        total = 0.0
+        for strip in strips:
+            (y, z), line, distances, areas = section_airflow(pendulum, strip, angle, rate)
+            if areas[0] != 0.0:
+                _, f_y, f_z, m_x, _, _ = strip.law.line_force(line, distances, areas, density)
+                total = total + m_x + y * f_z - z * f_y
+        return -total
+
+    return torque
+
+
+def friction_torque(coulomb: float, viscous: float, tanh_gain: float) -> Torque:
+    """`smooth_friction` as a torque of the motion."""
+    friction = smooth_friction(coulomb, viscous, tanh_gain)
+    return lambda angle, rate: friction(rate)
+
+
+def known_friction(scenario: RigScenario) -> Torque:
+    """The friction that the scenario states for its bar, or its robot's tail."""
+    known = scenario.joint_friction
+    return friction_torque(known.coulomb, known.viscous, known.tanh_gain)
+
+
+def equation_of_motion(
+    pendulum: PendulumModel, torques: Sequence[Torque], added_mass: float = 0.0
+) -> Motion:
+    """Acceleration under weight, some torques and the motor.
+
+    Args:
+        torques: of air, friction and a motor that reacts to the state.
+        added_mass: of each part, kg.
+
+    Raises:
+        FitError: the inertia is not above zero.
+    """
+    inverse = 1.0 / pendulum.total_inertia(added_mass)
+    sine = pendulum.weight_sine
+    cosine = pendulum.weight_cosine
+
+    def acceleration(angle: float, rate: float, motor: float) -> float:
+        total = sine * math.sin(angle) + cosine * math.cos(angle) + motor
+        for torque in torques:
+            total += torque(angle, rate)
+        return total * inverse
+
+    return acceleration
+
+
+@dataclass(frozen=True)
+class StaticBalance:
+    """A held rig with a cheetah tail: what the support bears of its weight and of the wind.
+
+    Attributes:
+        scenario: masses, places, air.
+        pendulum: with three strips of one section each, since a steady wind is the same all along:
+            the bar, and the tail with a unit of drag and with a unit of lift.
+    """
+
+    scenario: RigScenario
+    pendulum: PendulumModel
+
+    @classmethod
+    def from_scenario(cls, scenario: RigScenario) -> StaticBalance:
+        """Makes the balance of a scenario; FitError without a cheetah tail."""
+        if not scenario.has_cheetah_tail:
+            raise FitError(
+                f"static fit: experiment {scenario.experiment.kind!r} has no cheetah tail on the "
+                "rig"
+            )
+        pendulum = PendulumModel.from_scenario(scenario, _UNIT_DRAG, sections=1)
+        bar, drag = pendulum.strips
+        lift = replace(drag, law=_UNIT_LIFT)
+        return cls(scenario, replace(pendulum, strips=(bar, drag, lift)))
+
+    @property
+    def torque_constant(self) -> float:
+        """Torque constant of the motor at the bar, N m/A."""
+        return self.scenario.maxon.torque_constant
+
+    def hanging(self, angle: float) -> tuple[FloatArray, float]:
+        """Reactions (6: N, N m) and the torque about the motor axis (positive downstream, N m) of
+        the weight alone.
+        """
+        torque = self.pendulum.weight_torque(angle)
+        x, y, _ = self.pendulum.pivot
+        mount = self.scenario.mount
+        gravity = self.scenario.environment.gravity
+        swinging = gravity * self.pendulum.mass
+        standing = gravity * mount.mass
+        about_x = standing * mount.com_y + swinging * y + torque
+        about_y = -standing * mount.com_x - swinging * x
+        return np.array([0.0, 0.0, standing + swinging, about_x, about_y, 0.0]), torque
+
+    def wind_effect(self, angle: float, wind_speed: float, psi: float) -> FloatArray:
+        """Computes what the wind adds: rows bar, unit C_D and unit C_L of the tail; columns
+        reactions (6) and axis torque.
+
+        Args:
+            angle: rad; a tail that hangs within half a degree of straight down has its lift to the
+                root.
+            wind_speed: m/s.
+            psi: direction of the wind, rad.
+        """
+        jet = rig_jet(self.scenario, psi)
+        pendulum = replace(self.pendulum, jet=jet, wind_speed=wind_speed)
+        x, y, z = pendulum.pivot
+        rows = []
+        for strip in pendulum.strips:
+            f_x, f_y, f_z, m_x, m_y, m_z = strip_load(pendulum, strip, angle, 0.0)
+            about_x = m_x + y * f_z - z * f_y
+            about_y = m_y + z * f_x - x * f_z
+            about_z = m_z + x * f_y - y * f_x
+            rows.append([-f_x, -f_y, -f_z, -about_x, -about_y, -about_z, -m_x])
+        effect = np.array(rows)
+        misalignment = self.scenario.tunnel.misalignment
+        if -UPRIGHT_MARGIN < angle < 0.0 <= misalignment and angle + misalignment < 0.0:
+            effect[2] *= -1.0
+        return effect
+
+    def exposed_length(self, angle: float) -> float:
+        """Measures how much of the tail is in the jet that blows straight to -y, m."""
+        pendulum = replace(self.pendulum, jet=rig_jet(self.scenario, 0.0))
+        tail = pendulum.strips[-1]
+        _, _, _, areas = section_airflow(pendulum, tail, angle, 0.0)
+        return areas[0] / tail.layout.chord
+
+    def holding_current(
+        self, angle: float, wind_speed: float, cd: float, cl: float, psi: float
+    ) -> float:
+        """The current that holds the tail still, A."""
+        torques = self.wind_effect(angle, wind_speed, psi)[:, 6]
+        wind = float(np.array([1.0, cd, cl]) @ torques)
+        return (self.pendulum.weight_torque(angle) + wind) / self.torque_constant

@@ -1,0 +1,124 @@
+"""The rigs' SDF models (models/rig) with the numbers of a scenario, and where their parts are.
+
+Link frames: `mount` at W, the force sensor's point; `bar` (or the robot's `tail`) on the motor
+axis; the cheetah `tail` at its root. Everything hangs along -z at angle zero. Signs: design
+section 4.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from aerodima.workbench.car.tail_plant import ROD_RADIUS
+from aerodima.workbench.core.resources import model_path
+from aerodima.workbench.core.sdf_model import Inertial, SdfModel
+from aerodima.workbench.rig.rig_layout import pivot_position
+from aerodima.workbench.scenario.rig_scenario import (
+    BarParameters,
+    CheetahTailParameters,
+    MountParameters,
+    RigScenario,
+)
+from aerodima.workbench.scenario.tail_parameters import TailParameters
+
+CHEETAH_RIG_SDF = "rig/cheetah_rig.sdf"
+ROBOT_RIG_SDF = "rig/robot_rig.sdf"
+DIGITS = 12
+"""Digits of the numbers in these models, which a comparison of motions to 1e-9 needs."""
+
+
+def mount_properties(mount: MountParameters) -> Inertial:
+    """The mounting structure, in W."""
+    moments = (mount.inertia_xx, mount.inertia_yy, mount.inertia_zz)
+    products = (mount.inertia_xy, mount.inertia_xz, mount.inertia_yz)
+    return Inertial(mount.mass, (mount.com_x, mount.com_y, mount.com_z), moments, products)
+
+
+def bar_properties(bar: BarParameters) -> Inertial:
+    """The bar, from the pivot."""
+    moments = (bar.inertia_xx, bar.inertia_yy, bar.inertia_zz)
+    return Inertial(bar.mass, (0.0, 0.0, -bar.com_distance), moments)
+
+
+def cheetah_tail_properties(tail: CheetahTailParameters) -> Inertial:
+    """A cheetah tail, from its root, with m L^2 / 12 about its centre of mass.
+
+    The inertia of Table 4.2 cannot be about that point (ERRATA E10). About its own axis that of an
+    elliptic cylinder, which no experiment on the rig feels.
+    """
+    across = tail.mass * tail.length**2 / 12
+    along = tail.mass * (tail.major_axis**2 + tail.minor_axis**2) / 16
+    return Inertial(tail.mass, (0.0, 0.0, -tail.com_distance), (across, across, along))
+
+
+def robot_tail_properties(tail: TailParameters) -> Inertial:
+    """The robot's rod and sail as one body, from the motor axis; the same rod and plate as on the
+    car, hanging.
+    """
+    sail = tail.mass * tail.sail_mass_fraction
+    rod = tail.mass - sail
+    rod_centre = tail.length / 2
+    sail_centre = tail.length - tail.sail_length / 2
+    centre = (rod * rod_centre + sail * sail_centre) / tail.mass
+    rod_across = rod * (tail.length**2 / 12 + (rod_centre - centre) ** 2)
+    spread = rod_across + sail * (sail_centre - centre) ** 2
+    along = sail * tail.sail_length**2 / 12
+    across = sail * tail.sail_width**2 / 12
+    rod_along = 0.5 * rod * ROD_RADIUS**2
+    moments = (spread + along, spread + along + across, rod_along + across)
+    return Inertial(tail.mass, (0.0, 0.0, -centre), moments)
+
+
+def cheetah_rig_sdf(scenario: RigScenario) -> SdfModel:
+    """Mount and bar, with the tail of the experiment if it has one."""
+    model = SdfModel(model_path(CHEETAH_RIG_SDF), DIGITS)
+    _set_link(model, "mount", mount_properties(scenario.mount), (0.0, 0.0, 0.0))
+    pivot = pivot_position(scenario.mount)
+    bar = scenario.bar
+    maxon = scenario.maxon
+    _set_link(model, "bar", bar_properties(bar), pivot)
+    size = f"{bar.width:.9g} {bar.width:.9g} {bar.tail_distance:.9g}"
+    model.set_shape("bar", "bar", (0, 0, -bar.tail_distance / 2), size=size)
+    model.set_rotor("swing", maxon.reflected_inertia / maxon.gear_ratio**2, maxon.gear_ratio)
+    model.set_joint("swing", effort=maxon.torque_constant * maxon.current_limit)
+    if not scenario.has_cheetah_tail:
+        model.remove_link("tail", "tail_mount")
+        return model
+    tail = scenario.cheetah_tail
+    root = pivot + np.array([0.0, 0.0, -bar.tail_distance - tail.gap])
+    _set_link(
+        model, "tail", cheetah_tail_properties(tail), root, roll=0.0 - scenario.tunnel.misalignment
+    )
+    facing = tail.major_axis / 2
+    side = tail.minor_axis / 2
+    if scenario.experiment.axis == "minor":
+        facing, side = side, facing
+    radii = f"{facing:.9g} {side:.9g} {tail.length / 2:.9g}"
+    model.set_shape("tail", "tail", (0, 0, -tail.length / 2), radii=radii)
+    return model
+
+
+def robot_rig_sdf(scenario: RigScenario) -> SdfModel:
+    """Mount and the robot's tail on its AK70-10."""
+    model = SdfModel(model_path(ROBOT_RIG_SDF), DIGITS)
+    tail = scenario.robot_tail
+    motor = scenario.robot_motor
+    _set_link(model, "mount", mount_properties(scenario.mount), (0.0, 0.0, 0.0))
+    _set_link(model, "tail", robot_tail_properties(tail), pivot_position(scenario.mount))
+    model.set_shape("tail", "rod", (0, 0, -tail.length / 2), length=f"{tail.length:.9g}")
+    scale = f"{tail.sail_width:.9g} {tail.sail_width:.9g} {tail.sail_length:.9g}"
+    model.set_shape("tail", "sail", (0, 0, -tail.length + tail.sail_length / 2), scale=scale)
+    model.set_rotor("swing", motor.rotor_inertia, motor.gear_ratio)
+    model.set_joint("swing", effort=motor.torque_limit)
+    return model
+
+
+def _set_link(
+    model: SdfModel,
+    link: str,
+    inertial: Inertial,
+    position: Sequence[float] | np.ndarray,
+    roll: float = 0.0,
+) -> None:
+    model.set_link_position(link, [*position], roll)
+    model.set_inertial(link, inertial)

@@ -1,0 +1,148 @@
+"""Sensors of the rig: the six-axis force sensor under it, the current of its motor, and its
+encoder.
+
+Reading = wrench - offset + bias + drift t + noise, clipped at the range. The offset is what the
+sensor was zeroed at (Table 4.4): add it to a reading. Table 4.8 is an accuracy, so it makes a bias
+per log; the noise of a sample is a hundredth of it (design section 11). Bias and drift are drawn
+once per log from its seed.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.systems.framework import Context
+
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.port_wiring import vector_of
+from aerodima.workbench.core.sampled import AngleEncoder, CounterNoise, SampledSensor
+from aerodima.workbench.scenario.rig_scenario import ForceSensorParameters, RigEncoderParameters
+
+AXES = 6
+"""F_x, F_y, F_z (N), T_x, T_y, T_z (N m), in this order everywhere."""
+
+
+@dataclass(frozen=True)
+class SensorErrors:
+    """The errors of one log.
+
+    Attributes:
+        offset: what the sensor was zeroed at (n), N and N m.
+        bias: constant part (n), N and N m.
+        drift: change per second (n), N/s and N m/s.
+        noise: standard deviation of a sample (n), N and N m.
+        limits: of the range, to either side (n), N and N m.
+        stream: noise of the samples, n numbers each.
+    """
+
+    offset: np.ndarray
+    bias: np.ndarray
+    drift: np.ndarray
+    noise: np.ndarray
+    limits: np.ndarray
+    stream: CounterNoise
+
+    def readings(
+        self, values: np.ndarray, time: FloatArray | float, noise: np.ndarray
+    ) -> np.ndarray:
+        """Readings (..., n) of true values at times (..., 1), s; numbers (..., n) of the stream."""
+        shifted = values - self.offset + self.bias + self.drift * time
+        return np.clip(shifted + self.noise * noise, -self.limits, self.limits)
+
+    def first_readings(self, values: np.ndarray, count: int, rate: float) -> np.ndarray:
+        """The first readings of a log at once (count, n): the same numbers as a `RigSensor` gives
+        one by one.
+
+        Args:
+            values: true ones (n), or one row per sample (count, n).
+            count: samples, taken at k / rate.
+            rate: Hz.
+        """
+        return self.readings(values, np.arange(count)[:, None] / rate, self.stream.first(count))
+
+
+def force_errors(
+    settings: ForceSensorParameters, offsets: Sequence[float], seed: int
+) -> SensorErrors:
+    """The errors that a seed gives a log of the force sensor."""
+    accuracy = np.array(settings.accuracies)
+    bias = CounterNoise(seed, "force_sensor_bias", AXES).constant()
+    drift = CounterNoise(seed, "force_sensor_drift", AXES).constant()
+    return SensorErrors(
+        offset=np.asarray(offsets, dtype=float),
+        bias=accuracy * bias,
+        drift=accuracy * settings.drift_fraction * drift,
+        noise=accuracy * settings.noise_fraction,
+        limits=np.array(settings.ranges),
+        stream=CounterNoise(seed, "force_sensor", AXES),
+    )
+
+
+def current_errors(noise: float, seed: int) -> SensorErrors:
+    """Errors of the logged current: white noise alone, A."""
+    none = np.zeros(1)
+    stream = CounterNoise(seed, "maxon_current", 1)
+    return SensorErrors(none, none, none, np.array([noise]), np.array([math.inf]), stream)
+
+
+class RigSensor(SampledSensor):
+    """The force sensor, or that of the motor's current, as a system.
+
+    Input ports:
+        value (n): true one; of the force sensor the wrench of the support on the rig at W, W axes.
+    Output ports:
+        reading (n): of the force sensor force N, torque N m; of the current A.
+        sample_time (1), age (1): s, see `SampledSensor`.
+
+    Args:
+        name: of the system.
+        rate: Hz.
+        errors: of the log.
+        step: of the integrator, s; None where nothing steps.
+
+    Raises:
+        UserError: the rate is above 1/step.
+    """
+
+    def __init__(
+        self, name: str, rate: float, errors: SensorErrors, step: float | None = None
+    ) -> None:
+        size = len(errors.noise)
+        super().__init__(name=name, outputs={"reading": size}, rate=rate, delay=0.0, step=step)
+        self._errors = errors
+        self._value = self.DeclareVectorInputPort("value", size)
+
+    def measure(self, context: Context, index: int) -> np.ndarray:
+        """Takes one sample (n,)."""
+        value = vector_of(self._value, context)
+        noise = self._errors.stream.at(index)
+        return self._errors.readings(value, index / self.rate, noise)
+
+
+def quantise(angle: float, count: float) -> float:
+    """The angle of the nearest count; zero is a count."""
+    return round(angle / count) * count
+
+
+class RigEncoder(AngleEncoder):
+    """Angle by counts.
+
+    Args:
+        settings: rate Hz, window of the rate s.
+        count: angle of one count, rad.
+        step: of the integrator, s; None where nothing steps.
+
+    Raises:
+        UserError: the rate is above 1/step.
+    """
+
+    def __init__(
+        self, settings: RigEncoderParameters, count: float, step: float | None = None
+    ) -> None:
+        super().__init__("encoder", settings.rate, 0.0, settings.rate_window, step)
+        self._count = count
+
+    def reading(self, angle: float, index: int) -> float:
+        """See `AngleEncoder.reading`."""
+        return quantise(angle, self._count)

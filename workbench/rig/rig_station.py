@@ -1,0 +1,151 @@
+"""The rig behind its ports: simulated plant with motor and sensors, or the interface to the real
+rig.
+
+Both export the same ports (design section 9). The robot-tail rig has its AK70-10 on the bus and can
+be swapped for hardware; the cheetah rig takes a current and exists in simulation only. The
+simulated station adds ports whose names end in `_truth`.
+"""
+
+from collections.abc import Callable
+
+from pydrake.geometry import Meshcat, MeshcatVisualizer
+from pydrake.systems.framework import (
+    Diagram,
+    DiagramBuilder,
+    OutputPort,
+    System,
+)
+
+from aerodima.workbench.car.ak70 import MitMotor
+from aerodima.workbench.car.car_sensors import MotorEncoder, MotorReply
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.port_contract import add_status, export_interface, export_outputs
+from aerodima.workbench.core.port_wiring import PortSlice, add_and_connect, concatenate
+from aerodima.workbench.rig.maxon_motor import MaxonMotor
+from aerodima.workbench.rig.rig_plant import add_rig_plant
+from aerodima.workbench.rig.rig_sensors import (
+    RigEncoder,
+    RigSensor,
+    current_errors,
+    force_errors,
+)
+from aerodima.workbench.scenario.rig_scenario import RigScenario
+from aerodima.workbench.scenario.signal_table import (
+    RIG_OUTPUTS,
+    RIG_STATUS,
+    ROBOT_RIG_INPUTS,
+)
+
+RigInterfaceFactory = Callable[[RigScenario], System]
+"""Makes the system that talks to the real rig, with exactly the ports of `ROBOT_RIG_INPUTS` and
+`RIG_OUTPUTS`."""
+
+
+def make_rig_station(
+    scenario: RigScenario,
+    interface: RigInterfaceFactory | None = None,
+    meshcat: Meshcat | None = None,
+) -> Diagram:
+    """The station of a rig scenario as a diagram.
+
+    Ports: in `tail_command` (5) of the robot-tail rig or `current_command` (1) of the cheetah rig;
+    out `rig_state` (2), `motor_current` (1), `force_torque` (6), `status` (7), and in simulation
+    `state_truth` (2), `wrench_truth` (6), `motor_torque_truth` (1), and with a tail
+    `tail_sections_truth` (4 per section).
+
+    Args:
+        scenario: what to simulate, or what to drive.
+        interface: None simulates; a factory (from `hardware`) talks to the robot-tail rig.
+        meshcat: shows the simulated rig live.
+
+    Raises:
+        ModelError: a model does not load with the numbers of the scenario.
+        UserError: the interface has other ports than the station must have, or is for a rig that
+            has no hardware.
+    """
+    if interface is not None:
+        return _interface_station(scenario, interface)
+    builder = DiagramBuilder()
+    rig = add_rig_plant(builder, scenario, scene_graph=meshcat is not None)
+    state = rig.plant.get_state_output_port()
+    drive = _add_ak70 if scenario.is_robot else _add_maxon
+    motor, rig_state, motor_age = drive(builder, scenario, state)
+    torque = motor.GetOutputPort("torque")
+    builder.Connect(torque, rig.torques.get_input_port(0))
+
+    step = scenario.simulation.step
+    rate = scenario.robot.command_rate if scenario.is_robot else scenario.encoder.rate
+    noise = 0.0 if scenario.is_robot else scenario.maxon.current_noise
+    current = RigSensor("motor_current", rate, current_errors(noise, scenario.seed), step)
+    add_and_connect(builder, current, value=motor.GetOutputPort("current"))
+    sensor = scenario.force_sensor
+    errors = force_errors(sensor, scenario.sensor_offsets, scenario.seed)
+    force = RigSensor("force_sensor", sensor.rate, errors, step)
+    add_and_connect(builder, force, value=rig.wrench)
+    ages = {"motor_age": motor_age, "force_age": force.GetOutputPort("age")}
+    healthy = ("motor_fault", "force_fault", "operator_age", "operator_fault")
+
+    ports = {
+        "rig_state": rig_state,
+        "motor_current": current.GetOutputPort("reading"),
+        "force_torque": force.GetOutputPort("reading"),
+        "status": add_status(builder, RIG_STATUS, ages, healthy),
+        "state_truth": state,
+        "wrench_truth": rig.wrench,
+        "motor_torque_truth": torque,
+    }
+    if rig.tail_force is not None:
+        ports["tail_sections_truth"] = rig.tail_force.GetOutputPort("sections")
+    export_outputs(builder, ports)
+    if meshcat is not None:
+        assert rig.scene_graph is not None
+        MeshcatVisualizer.AddToBuilder(builder, rig.scene_graph, meshcat)
+    return _named_station(builder)
+
+
+def _interface_station(scenario: RigScenario, interface: RigInterfaceFactory) -> Diagram:
+    """The station that talks to the real rig."""
+    if not scenario.is_robot:
+        raise UserError(
+            f"experiment.kind: {scenario.experiment.kind!r} has no hardware interface; allowed "
+            "with one: 'robot_swing'"
+        )
+    builder = DiagramBuilder()
+    export_interface(builder, interface(scenario), ROBOT_RIG_INPUTS, RIG_OUTPUTS)
+    return _named_station(builder)
+
+
+def _named_station(builder: DiagramBuilder) -> Diagram:
+    station = builder.Build()
+    station.set_name("rig_station")
+    return station
+
+
+Drive = tuple[System, OutputPort, OutputPort]
+"""Motor with the ports `torque` and `current`; reported angle and rate (2); age of that sample (1),
+s."""
+
+
+def _add_maxon(builder: DiagramBuilder, scenario: RigScenario, state: OutputPort) -> Drive:
+    """Adds the Maxon and the encoder on its rotor."""
+    maxon = builder.AddNamedSystem("maxon", MaxonMotor(scenario.maxon))
+    builder.ExportInput(maxon.GetInputPort("current_command"), "current_command")
+    angle = concatenate(builder, "joint_angle", [(state, [0])])
+    encoder = RigEncoder(scenario.encoder, scenario.count_angle, scenario.simulation.step)
+    add_and_connect(builder, encoder, joint_angle=angle)
+    parts = [encoder.GetOutputPort(name) for name in ("angle", "rate")]
+    return maxon, concatenate(builder, "rig_state", parts), encoder.GetOutputPort("age")
+
+
+def _add_ak70(builder: DiagramBuilder, scenario: RigScenario, state: OutputPort) -> Drive:
+    """Adds the AK70-10, whose replies report its angle and rate."""
+    settings = scenario.robot_motor
+    motor = MitMotor(settings, scenario.robot.torque_constant)
+    add_and_connect(builder, motor, "ak70", joint_state=state)
+    builder.ExportInput(motor.GetInputPort("tail_command"), "tail_command")
+    reply = MotorReply(settings.position_range, settings.speed_range)
+    replies = MotorEncoder(scenario.robot.command_rate, reply, step=scenario.simulation.step)
+    both_joints = concatenate(builder, "joint_twice", [(state, [0, 0, 1, 1])])
+    add_and_connect(builder, replies, joints=both_joints)
+    parts: list[PortSlice] = [(replies.GetOutputPort(name), [0]) for name in ("angles", "rates")]
+    return motor, concatenate(builder, "rig_state", parts), replies.GetOutputPort("age")

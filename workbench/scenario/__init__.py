@@ -1,0 +1,1 @@
+"""Parameters, scenarios, ensembles, swing files and the table of signals."""

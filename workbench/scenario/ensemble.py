@@ -1,0 +1,198 @@
+"""Ensembles: the cars that are left possible after a calibration, each weighted by its probability.
+
+A file of `models/calibration` (schema `aerodima/ensemble/1`) holds the members as parameters that
+differ from `models/parameters`, the best of them, and how they were made. A study that runs over an
+ensemble states what the published data leave open, not only what one plausible car does.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, Self
+
+import numpy as np
+from pydantic import ConfigDict, Field, model_validator
+from pydantic.dataclasses import dataclass as pydantic_dataclass
+
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import EnsembleError, ScenarioError
+from aerodima.workbench.core.key_errors import nearest
+from aerodima.workbench.core.yaml_files import StrictModel, checked, find_file, read_yaml
+from aerodima.workbench.scenario.scenario import SECTIONS, Scenario, load_scenario
+
+ENSEMBLE_SCHEMA = "aerodima/ensemble/1"
+
+Value = float | int | bool | str
+
+BUILT = "built"
+"""`tail.name` of the tail of the parameter files."""
+_MOUNT = ("tail.mount_x", "tail.mount_height")
+"""Keys of the tail that belong to the car, whatever tail stands on it."""
+
+
+@pydantic_dataclass(frozen=True, config=ConfigDict(extra="forbid", allow_inf_nan=False))
+class Member:
+    """One car of an ensemble.
+
+    Attributes:
+        name: within its ensemble.
+        weight: share of the probability; a file's weights are divided by their sum.
+        values: `section.key` -> value, in the unit of the parameter.
+    """
+
+    name: Annotated[str, Field(min_length=1, max_length=80)]
+    weight: Annotated[float, Field(gt=0)]
+    values: dict[str, Value]
+
+    @model_validator(mode="after")
+    def _keys_exist(self) -> Self:
+        """Refuse unknown keys; whether values go together is checked when a scenario is made."""
+        for key in self.values:
+            section, _, name = key.partition(".")
+            where = f"member {self.name!r}: {key}"
+            if section not in SECTIONS:
+                near = nearest(section, SECTIONS)
+                raise ValueError(f"{where}: {section!r} is no section; {near}")
+            known = SECTIONS[section].model_fields
+            if name not in known:
+                raise ValueError(f"{where}: unknown key; {nearest(name, known)}")
+        return self
+
+    def settings_on(self, scenario: str | Path) -> tuple[str, ...]:
+        """List overrides for a scenario of that name or path, such as `car.com_height=0.25`.
+
+        Another tail than the built one keeps its own size and mass.
+        """
+        is_built = load_scenario(scenario).tail.name == BUILT
+        return tuple(
+            f"{key}={value}"
+            for key, value in self.values.items()
+            if is_built or not key.startswith("tail.") or key in _MOUNT
+        )
+
+
+class Split(NamedTuple):
+    """Cars that laws are chosen on, cars that they are judged on, and cars held out for a
+    benchmark; none in two parts.
+    """
+
+    training: tuple[Member, ...]
+    test: tuple[Member, ...]
+    holdout: tuple[Member, ...]
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """Weighted members and where they come from.
+
+    Attributes:
+        name: of the ensemble.
+        members: in the order of the file.
+        best: the member that the parameter files hold, rounded; its tail only if the members are
+            held to one.
+        provenance: how the file was made (method, seed, targets, versions), as plain data.
+        path: the file.
+    """
+
+    name: str
+    members: tuple[Member, ...]
+    best: Member
+    provenance: dict[str, Any]
+    path: Path
+
+    @property
+    def weights(self) -> FloatArray:
+        """Collect the weights of the members (n); they sum to 1."""
+        return np.array([member.weight for member in self.members])
+
+    @property
+    def effective_size(self) -> float:
+        """Compute the effective sample size 1 / sum(w^2)."""
+        return float(1.0 / np.sum(self.weights**2))
+
+    def resample(self, number: int) -> tuple[Member, ...]:
+        """Draw `number` members by weight that stand for all: systematic resampling in the order of
+        the file.
+
+        A member that is drawn k times has the weight k / number. All members are returned, with
+        their own weights, if there are no more than `number`.
+        """
+        if number < 1:
+            raise EnsembleError(
+                f"{number} members of {self.path}: must be 1 to {len(self.members)}"
+            )
+        if number >= len(self.members):
+            return self.members
+        middles = (np.arange(number) + 0.5) / number
+        indices = np.searchsorted(np.cumsum(self.weights), middles)
+        indices = np.minimum(indices, len(self.members) - 1)
+        draws = Counter(indices.tolist())
+        return tuple(
+            replace(self.members[index], weight=count / number) for index, count in draws.items()
+        )
+
+    def split(self, seed: int) -> Split:
+        """Split the members but the best, which is the nominal car, into three parts.
+
+        They are drawn by weight without replacement and assigned round-robin: the first cars of a
+        part, however many, stand for the ensemble with equal weights.
+        """
+        others = [member for member in self.members if member.name != self.best.name]
+        weights = np.array([member.weight for member in others])
+        # The order of arrival of exponential times with these rates is that of draws by weight
+        # without replacement.
+        times = np.random.default_rng(seed).exponential(size=weights.size) / weights
+        cars = tuple(others[index] for index in np.argsort(times))
+        return Split(cars[0::3], cars[1::3], cars[2::3])
+
+    def scenario(
+        self, member: Member, scenario: str | Path, settings: Sequence[str] = ()
+    ) -> Scenario:
+        """Load a scenario with the car of a member; `settings` override the member.
+
+        Raises:
+            EnsembleError: the member's values do not go together; names file, member, value and
+                what is allowed.
+        """
+        try:
+            return load_scenario(scenario, [*member.settings_on(scenario), *settings])
+        except ScenarioError as error:
+            raise EnsembleError(f"{self.path}: member {member.name!r}: {error}") from None
+
+
+def load_ensemble(name_or_path: str | Path = "car") -> Ensemble:
+    """Load an ensemble by path, or by name from `models/calibration`.
+
+    Raises:
+        EnsembleError: missing, of another schema, unknown parameter, value out of range, weights
+            that are no weights; names the file, the member, the value and what is allowed.
+    """
+    path = find_file(name_or_path, "calibration", "ensemble", EnsembleError)
+    data = read_yaml(path, EnsembleError)
+    content = checked(_EnsembleFile, data, str(path), EnsembleError, schema=ENSEMBLE_SCHEMA)
+    total = math.fsum(member.weight for member in content.members)
+    members = {m.name: replace(m, weight=m.weight / total) for m in content.members}
+    if content.best not in members:
+        raise EnsembleError(
+            f"{path}: best: {content.best!r} is no member; {nearest(content.best, members)}"
+        )
+    best = members[content.best]
+    return Ensemble(content.name, tuple(members.values()), best, content.provenance, path)
+
+
+class _EnsembleFile(StrictModel):
+    schema_: str = Field(alias="schema")
+    name: str = Field(min_length=1, max_length=80)
+    provenance: dict[str, Any]
+    best: str
+    members: tuple[Member, ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _names_differ(self) -> Self:
+        names = [member.name for member in self.members]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"members: duplicate name {name!r}")
+        return self

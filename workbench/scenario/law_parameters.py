@@ -1,0 +1,73 @@
+"""The tail laws of a scenario."""
+
+from typing import Literal
+
+from aerodima.workbench.core.quantity import QuantityModel, quantity
+
+
+class ControllerParameters(QuantityModel):
+    """Tail controller of thesis Table 6.4, read with ERRATA E28 (design section 8); the same
+    numbers for both sides.
+    """
+
+    rate: float = quantity("Hz", "controller rate", "(0, 10000]")
+    hold_angle: float = quantity(
+        "rad", "tail roll at rest, towards the inside of the turn", "(0, 3.1416]"
+    )
+    hold_kp: float = quantity("N m/rad", "position gain of the hold", "[0, 500]")
+    hold_kd: float = quantity("N m s/rad", "velocity gain of the hold", "[0, 5]")
+    swing_speed: float = quantity("rad/s", "commanded roll rate of the swing", "(0, 50]")
+    swing_kp: float = quantity("N m/rad", "position gain of the swing", "[0, 500]")
+    swing_kd: float = quantity("N m s/rad", "velocity gain of the swing", "[0, 5]")
+    settle_kp: float = quantity("N m/rad", "position gain at the end of the swing", "[0, 500]")
+    settle_kd: float = quantity("N m s/rad", "velocity gain at the end of the swing", "[0, 5]")
+    trigger: Literal["yaw_rate", "lateral_acceleration", "steering"] = quantity(
+        "1", "what starts the swing"
+    )
+    trigger_yaw_rate: float = quantity(
+        "rad/s", "yaw rate into the planned turn that starts the swing", "(0, 100]"
+    )
+    trigger_lateral_acceleration: float = quantity(
+        "m/s2", "of the IMU into the turn that starts it", "(0, 100]"
+    )
+    trigger_steering_angle: float = quantity(
+        "rad", "steering command into the turn that does", "(0, 1.2]"
+    )
+    delay: float = quantity("s", "wait between trigger and swing", "[0, 10]")
+    travel: float = quantity(
+        "rad", "roll travel after which position control takes over", "(0, 6.3]"
+    )
+    recock_speed: float = quantity(
+        "rad/s", "roll rate of the slow return before the next turn", "(0, 50]"
+    )
+    pitch_angle: float = quantity(
+        "rad", "tail pitch that is held all the time", "[-3.1416, 3.1416]"
+    )
+    swing_file: str = quantity(
+        "1", "swing that is played: none (the law above), a name in models/swings, or a path"
+    )
+    law: Literal["swing", "feedback"] = quantity(
+        "1", "the thesis' law or swing_file, or that of section feedback"
+    )
+
+
+class FeedbackParameters(QuantityModel):
+    """Tail law that follows the state of the car (`control.feedback_law`, design section 8)."""
+
+    lean_gain: float = quantity("rad", "roll of the tail at the limit of the floor", "[-10, 10]")
+    roll_gain: float = quantity("1", "roll of the tail per roll of the car", "[-100, 100]")
+    roll_rate_gain: float = quantity("s", "roll of the tail per roll rate of the car", "[-10, 10]")
+    yaw_rate_gain: float = quantity(
+        "s", "roll of the tail per yaw rate beyond that of the steering", "[-10, 10]"
+    )
+    grip: float = quantity(
+        "m/s2", "lateral acceleration at which the prediction saturates", "(0, 30]"
+    )
+    most_roll: float = quantity("rad", "largest roll of the tail to either side", "(0, 3.1416]")
+    out_speed: float = quantity(
+        "rad/s", "roll rate of the reference towards a larger lean", "(0, 50]"
+    )
+    return_speed: float = quantity("rad/s", "roll rate of the reference otherwise", "(0, 50]")
+    kp: float = quantity("N m/rad", "position gain of the roll motor", "[0, 500]")
+    kd: float = quantity("N m s/rad", "velocity gain of the roll motor", "[0, 5]")
+    pitch_angle: float = quantity("rad", "pitch at which the tail is held", "[-1.5708, 1.5708]")

@@ -1,0 +1,408 @@
+"""Scenario of a wind-tunnel rig: every number of mount, motors, sensors and air, and of the
+experiment.
+
+A scenario file holds only what differs from `models/parameters/rig`; `load_rig_scenario` resolves
+it. The robot's tail, its motor and friction, gravity and air are the same as on the car. Frame W:
+origin at the force sensor's measuring point, z up, x along the motor axis, the wind blows towards
+-y (design section 4).
+"""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+from pydantic import Field, model_validator
+
+from aerodima.workbench.core.quantity import QuantityModel, quantity
+from aerodima.workbench.scenario.manoeuvre_parameters import EnvironmentParameters
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.scenario_file import ScenarioFile
+from aerodima.workbench.scenario.tail_parameters import (
+    FrictionParameters,
+    TailMotorParameters,
+    TailParameters,
+)
+
+WRENCH_AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
+"""Order of forces and torques."""
+_COM = quantity("m", "centre of mass in W", ge=-1, le=1)
+_PIVOT = quantity("m", "pivot from the mount's centre of mass", ge=-1, le=1)
+_MOMENT = quantity("kg m2", "about the centre of mass, W axes", gt=0, le=10)
+_PRODUCT = quantity("kg m2", "element of the inertia matrix", ge=-10, le=10)
+_FORCE_OFFSET = quantity("N", "to add to a reading", ge=-1000, le=1000)
+_TORQUE_OFFSET = quantity("N m", "to add to a reading", ge=-100, le=100)
+_FORCE_BIAS = quantity("N", "standard deviation of the constant bias of a log", ge=0, le=1000)
+_TORQUE_BIAS = quantity("N m", "standard deviation of the constant bias of a log", ge=0, le=100)
+
+
+class MountParameters(QuantityModel):
+    """Mounting structure between force sensor and motor axis (thesis Tables 4.5 and 4.6)."""
+
+    mass: float = quantity("kg", "mounting structure with the motor", gt=0, le=50)
+    com_x: float = _COM
+    com_y: float = _COM
+    com_z: float = _COM
+    inertia_xx: float = _MOMENT
+    inertia_yy: float = _MOMENT
+    inertia_zz: float = _MOMENT
+    inertia_xy: float = _PRODUCT
+    inertia_xz: float = _PRODUCT
+    inertia_yz: float = _PRODUCT
+    pivot_x: float = _PIVOT
+    pivot_y: float = _PIVOT
+    pivot_z: float = _PIVOT
+    angle_limit: float = quantity("rad", "range of the angle to either side", gt=0, le=3.1416)
+
+
+class BarParameters(QuantityModel):
+    """Steel bar on the motor axis, carrying the tail (thesis Tables 4.5 and 4.6, section 4.6)."""
+
+    mass: float = quantity("kg", "bar", gt=0, le=10)
+    com_distance: float = quantity("m", "centre of mass below the pivot", gt=0, le=2)
+    tail_distance: float = quantity(
+        "m", "end of the bar, where the tail is mounted, below the pivot", gt=0, le=2
+    )
+    inertia_xx: float = quantity("kg m2", "about the centre of mass", gt=0, le=1)
+    inertia_yy: float = quantity("kg m2", "about the centre of mass", gt=0, le=1)
+    inertia_zz: float = quantity("kg m2", "about the centre of mass, along the bar", gt=0, le=1)
+    width: float = quantity("m", "width across the wind", gt=0, le=1)
+    drag_coefficient: float = quantity("1", "C_D of the part in the jet", ge=0, le=10)
+
+
+class CheetahTailParameters(QuantityModel):
+    """A cheetah tail (thesis Table 4.2) and the readings that the force sensor was zeroed at with
+    it (Table 4.4).
+    """
+
+    length: float = quantity("m", "root to tip", gt=0, le=3)
+    major_axis: float = quantity(
+        "m", "mean major width; reference width of both orientations (ERRATA E2)", gt=0, le=1
+    )
+    minor_axis: float = quantity("m", "mean minor width", gt=0, le=1)
+    mass: float = quantity("kg", "tail", gt=0, le=5)
+    com_distance: float = quantity("m", "centre of mass beyond the root", gt=0, le=3)
+    gap: float = quantity("m", "root beyond the end of the bar", ge=0, le=0.5)
+    fx_offset: float = _FORCE_OFFSET
+    fy_offset: float = _FORCE_OFFSET
+    fz_offset: float = _FORCE_OFFSET
+    tx_offset: float = _TORQUE_OFFSET
+    ty_offset: float = _TORQUE_OFFSET
+    tz_offset: float = _TORQUE_OFFSET
+
+    @property
+    def offsets(self) -> tuple[float, ...]:
+        """F_x, F_y, F_z (N), T_x, T_y, T_z (N m) to add to a reading."""
+        return tuple(getattr(self, f"{axis}_offset") for axis in WRENCH_AXES)
+
+
+class MaxonParameters(QuantityModel):
+    """Maxon DCX35L with its gearbox, driven by current (design section 6)."""
+
+    torque_constant: float = quantity(
+        "N m/A", "torque at the gearbox output per ampere, k_t N", gt=0, le=10
+    )
+    gear_ratio: float = quantity("1", "rotor turns per output turn", ge=1, le=1000)
+    reflected_inertia: float = quantity(
+        "kg m2", "N^2 I_rotor, about the motor axis only", ge=0, le=1
+    )
+    current_limit: float = quantity("A", "largest current to either side", gt=0, le=200)
+    current_noise: float = quantity(
+        "A", "standard deviation of a logged current sample", ge=0, le=10
+    )
+
+
+class RigEncoderParameters(QuantityModel):
+    """Incremental encoder on the rotor (thesis section 4.7)."""
+
+    pulses: int = quantity("1", "pulses per rotor turn", ge=1, le=100000)
+    quadrature: int = quantity("1", "counts per pulse", ge=1, le=4)
+    rate: float = quantity("Hz", "samples per second", gt=0, le=100000)
+    rate_window: float = quantity(
+        "s", "time over which counts are subtracted for the rate", gt=0, le=1
+    )
+
+
+class TunnelParameters(QuantityModel):
+    """The jet, and how the rig stands in it (design section 5, ERRATA E21)."""
+
+    jet_edge_depth: float = quantity("m", "upper edge of the jet below the pivot, h0", ge=-2, le=2)
+    jet_slope: float = quantity("1", "rise of that edge per metre downstream", ge=-1, le=1)
+    psi3: float = quantity("rad", "wind direction from -y, turned about z", ge=-0.5, le=0.5)
+    misalignment: float = quantity(
+        "rad", "tail axis from the bar's, positive downstream", ge=-0.5, le=0.5
+    )
+
+
+class ForceSensorParameters(QuantityModel):
+    """Axia80-M20 under the rig (thesis section 4.3, Table 4.8; errors: design section 11)."""
+
+    rate: float = quantity("Hz", "samples per second", gt=0, le=100000)
+    fx_accuracy: float = _FORCE_BIAS
+    fy_accuracy: float = _FORCE_BIAS
+    fz_accuracy: float = _FORCE_BIAS
+    tx_accuracy: float = _TORQUE_BIAS
+    ty_accuracy: float = _TORQUE_BIAS
+    tz_accuracy: float = _TORQUE_BIAS
+    noise_fraction: float = quantity(
+        "1", "standard deviation of a sample's noise over that accuracy", ge=0, le=10
+    )
+    drift_fraction: float = quantity(
+        "1/s", "standard deviation of a log's drift over that accuracy", ge=0, le=1
+    )
+    force_range_xy: float = quantity("N", "largest F_x and F_y reading", gt=0, le=1e5)
+    force_range_z: float = quantity("N", "largest F_z reading", gt=0, le=1e5)
+    torque_range: float = quantity("N m", "largest torque reading", gt=0, le=1e4)
+
+    @property
+    def accuracies(self) -> tuple[float, ...]:
+        """Accuracies of F_x, F_y, F_z (N), T_x, T_y, T_z (N m)."""
+        return tuple(getattr(self, f"{axis}_accuracy") for axis in WRENCH_AXES)
+
+    @property
+    def ranges(self) -> tuple[float, ...]:
+        """Ranges of F_x, F_y, F_z (N), T_x, T_y, T_z (N m), to either side."""
+        return (
+            self.force_range_xy,
+            self.force_range_xy,
+            self.force_range_z,
+            *(self.torque_range,) * 3,
+        )
+
+
+def _deviation(unit: str, of: str, max_value: float) -> Any:
+    """Field of a standard deviation in a unit; 0 is exact."""
+    return quantity(unit, of, ge=0, le=max_value)
+
+
+class RigUncertaintyParameters(QuantityModel):
+    """Standard deviations of the rig's constants and of its instruments' errors: what every
+    interval of a fit holds.
+
+    A key of zero says that the constant is exact. `wind_speed` and `encoder_gain` are parts of
+    their value.
+    """
+
+    mount_mass: float = _deviation("kg", "of mount.mass", 1)
+    mount_com_x: float = _deviation("m", "of mount.com_x, the pivot staying where it is", 0.1)
+    mount_com_y: float = _deviation("m", "of mount.com_y, the pivot staying where it is", 0.1)
+    pivot_x: float = _deviation("m", "of the pivot from the sensor's measuring point", 0.1)
+    pivot_y: float = _deviation("m", "of the pivot from the sensor's measuring point", 0.1)
+    pivot_z: float = _deviation(
+        "m", "of the height of the pivot over the sensor's measuring point", 0.1
+    )
+    bar_mass: float = _deviation("kg", "of bar.mass", 1)
+    bar_com: float = _deviation("m", "of bar.com_distance", 0.1)
+    bar_inertia: float = _deviation("kg m2", "of bar.inertia_xx", 0.1)
+    bar_width: float = _deviation("m", "of bar.width", 0.1)
+    bar_drag: float = _deviation("1", "of bar.drag_coefficient", 2)
+    tail_mass: float = _deviation("kg", "of the tail's mass", 1)
+    tail_com: float = _deviation("m", "of the tail's com_distance", 0.2)
+    tail_gap: float = _deviation("m", "of the tail's gap", 0.1)
+    tail_length: float = _deviation("m", "of the tail's length", 0.1)
+    tail_width: float = _deviation("m", "of the tail's reference width", 0.1)
+    rotor_inertia: float = _deviation("kg m2", "of maxon.reflected_inertia", 0.1)
+    torque_constant: float = _deviation("N m/A", "of maxon.torque_constant", 1)
+    jet_edge_depth: float = _deviation("m", "of tunnel.jet_edge_depth", 0.2)
+    wind_speed: float = _deviation("1", "of the wind speed, a part of it", 0.2)
+    air_density: float = _deviation("kg/m3", "of environment.air_density", 0.5)
+    coulomb: float = _deviation("N m", "of friction.coulomb, where it is not fitted", 1)
+    viscous: float = _deviation("N m s/rad", "of friction.viscous, where it is not fitted", 1)
+    encoder_zero: float = _deviation("rad", "angle of a reading of zero", 0.5)
+    encoder_gain: float = _deviation("1", "of the encoder's scale, a part of it", 0.2)
+    current_bias: float = _deviation("A", "of a logged current", 10)
+    current_delay: float = _deviation("s", "by which a logged current comes late", 0.1)
+    force_gain: float = _deviation("1", "of the force sensor's scale, a part of it", 0.2)
+
+
+class RigAeroParameters(QuantityModel):
+    """Coefficients of the tail under test (design section 5)."""
+
+    source: Literal["published", "constant"] = quantity(
+        "1", "tables in models/coefficients, or the constants here"
+    )
+    drag: float = quantity("1", "C_D with source constant", ge=0, le=10)
+    lift: float = quantity("1", "C_L with source constant, towards the root", ge=-10, le=10)
+    normal_force: float = quantity("1", "C_N of the robot tail with source constant", ge=0, le=10)
+    lift_blend: float = quantity(
+        "rad", "angle of attack within which the lift changes sides; 0 jumps", ge=0, le=0.7
+    )
+    sections: int = quantity("1", "equal sections of the exposed length", ge=1, le=200)
+    added_mass: float = quantity(
+        "kg", "added mass of each of five parts of the whole tail", ge=-1, le=10
+    )
+
+
+class ExperimentParameters(QuantityModel):
+    """Experiment on the rig (thesis sections 4.4, 4.7 and 6.3)."""
+
+    kind: Literal["static", "swing", "bar_swing", "robot_swing"] = quantity(
+        "1", "experiment, as in the log's metadata"
+    )
+    tail: int = quantity("1", "cheetah tail", ge=1, le=3)
+    axis: Literal["major", "minor"] = quantity(
+        "1", "orientation of the tail: which width faces the wind"
+    )
+    wind_speed: float = quantity("m/s", "wind, towards -y", ge=0, le=40)
+    angle: float = quantity(
+        "rad", "angle that is held, or from which a swing starts", ge=-1.75, le=1.75
+    )
+    target: float = quantity("rad", "angle to which a swing goes", ge=-1.75, le=1.75)
+    wind_off: float = quantity(
+        "s", "static hold: rest without wind at the start of the log", ge=0, le=60
+    )
+    rest: float = quantity("s", "how long the start angle is held before a swing", ge=0, le=60)
+    duration: float = quantity("s", "length of the log", gt=0, le=600)
+    actuated: bool = quantity("1", "swings: true drives the motor to the target, false lets go")
+    kp: float = quantity(
+        "A/rad", "position gain of the current controller in a swing", ge=0, le=1000
+    )
+    kd: float = quantity(
+        "A s/rad", "velocity gain of the current controller in a swing", ge=0, le=1000
+    )
+
+
+class RobotRigParameters(QuantityModel):
+    """The robot's tail on the rig (thesis section 6.3): the AK70-10 in place of Maxon and bar."""
+
+    kp: float = quantity("N m/rad", "position gain of the AK70-10", ge=0, le=500)
+    kd: float = quantity("N m s/rad", "velocity gain of the AK70-10", ge=0, le=5)
+    command_rate: float = quantity(
+        "Hz", "commands to the motor and replies per second", gt=0, le=10000
+    )
+    torque_constant: float = quantity("N m/A", "torque at the output per ampere", gt=0, le=10)
+
+
+class RigSimulationParameters(QuantityModel):
+    """Numerics of the continuous plant."""
+
+    step: float = quantity("s", "fixed step of the integrator", gt=0, le=0.01)
+    log_rate: float = quantity("Hz", "rows per second in the log, at most 1/step", gt=0, le=20000)
+
+
+class RigScenario(ScenarioFile):
+    """Resolved rig scenario, frozen. SI units and radians."""
+
+    folder = "scenarios/rig"
+    example = "experiment.wind_speed=20"
+    rates = ("force_sensor.rate", "encoder.rate", "robot.command_rate", "simulation.log_rate")
+    parameter_folder = "parameters/rig"
+    shared_with_car: ClassVar = {
+        "robot_tail": "tail",
+        "robot_motor": "tail_motor",
+        "robot_friction": "friction",
+        "environment": "environment",
+    }
+
+    renamed: ClassVar = {"tunnel": {"kilter": "misalignment"}}
+    retired: ClassVar = {"robot_tail": Scenario.retired["tail"]}
+
+    schema_: Literal["aerodima/rig-scenario/1"] = Field("aerodima/rig-scenario/1", alias="schema")
+    name: str = Field(
+        "rig", description="what the experiment is called in reports", min_length=1, max_length=80
+    )
+    experiment: ExperimentParameters
+    mount: MountParameters
+    bar: BarParameters
+    tail_1: CheetahTailParameters
+    tail_2: CheetahTailParameters
+    tail_3: CheetahTailParameters
+    maxon: MaxonParameters
+    encoder: RigEncoderParameters
+    friction: FrictionParameters
+    tunnel: TunnelParameters
+    force_sensor: ForceSensorParameters
+    uncertainty: RigUncertaintyParameters
+    aero: RigAeroParameters
+    robot: RobotRigParameters
+    robot_tail: TailParameters
+    robot_motor: TailMotorParameters
+    robot_friction: FrictionParameters
+    environment: EnvironmentParameters
+    simulation: RigSimulationParameters
+
+    @model_validator(mode="after")
+    def _experiment_is_possible(self) -> "RigScenario":
+        done = self.experiment
+        limit = self.mount.angle_limit
+        misalignment = self.tunnel.misalignment
+        is_static = done.kind == "static"
+        is_bar = done.kind == "bar_swing"
+        within = f"within mount.angle_limit, +-{limit:g} rad ({math.degrees(limit):.0f} degrees)"
+        shorter = f"< duration {done.duration:g} s"
+        still = f"0 s in a {done.kind} (a swing rests in the wind: experiment.rest)"
+        require = self._require
+        require(abs(done.angle) <= limit + 1e-9, "experiment.angle", within)
+        require(abs(done.target) <= limit + 1e-9, "experiment.target", within)
+        windless = not is_bar or done.wind_speed == 0.0
+        require(windless, "experiment.wind_speed", "0 m/s in a bar_swing")
+        require(
+            self.aero.added_mass == 0.0 or misalignment == 0.0,
+            "aero.added_mass",
+            f"0 kg with tunnel.misalignment {misalignment:g} rad",
+        )
+        require(is_static or done.rest < done.duration, "experiment.rest", shorter)
+        require(not is_static or done.wind_off < done.duration, "experiment.wind_off", shorter)
+        require(is_static or done.wind_off == 0.0, "experiment.wind_off", still)
+        tail = self.robot_tail
+        if tail.has_own_geometry:
+            raise ValueError(f"robot_tail.geometry: {tail.geometry!r}; allowed: none, on a rig")
+        if tail.sail_shape != "built":
+            raise ValueError(
+                f"robot_tail.sail_shape: {tail.sail_shape!r}; allowed: built, on a rig"
+            )
+        return self
+
+    @property
+    def has_cheetah_tail(self) -> bool:
+        """Tells whether a cheetah tail is mounted: not on the bare bar, not on the robot's rig."""
+        return self.experiment.kind in ("static", "swing")
+
+    @property
+    def is_robot(self) -> bool:
+        """Tells whether the robot's tail and motor are on the rig."""
+        return self.experiment.kind == "robot_swing"
+
+    @property
+    def cheetah_tail(self) -> CheetahTailParameters:
+        """The tail of the experiment."""
+        tails = (self.tail_1, self.tail_2, self.tail_3)
+        return tails[self.experiment.tail - 1]
+
+    @property
+    def joint_friction(self) -> FrictionParameters:
+        """Friction of the swinging joint: of the bar's, or of the robot's motor."""
+        return self.robot_friction if self.is_robot else self.friction
+
+    @property
+    def sensor_offsets(self) -> tuple[float, ...]:
+        """Readings that the force sensor was zeroed at (6), N and N m: add them to a reading.
+
+        Zeros on the bare bar and with the robot's tail, for which none are published.
+        """
+        return self.cheetah_tail.offsets if self.has_cheetah_tail else (0.0,) * 6
+
+    @property
+    def count_angle(self) -> float:
+        """Angle of one count of the encoder at the output, rad: 2 pi / (512 x 4 x 26) = 1.180e-4
+        (ERRATA E19).
+        """
+        encoder = self.encoder
+        return 2.0 * math.pi / (encoder.pulses * encoder.quadrature * self.maxon.gear_ratio)
+
+    @property
+    def tail_name(self) -> str:
+        """Name of the tail in a log's metadata: `1`, `2`, `3`, `none` or `robot`."""
+        if self.is_robot:
+            return "robot"
+        if self.has_cheetah_tail:
+            return str(self.experiment.tail)
+        return "none"
+
+
+rig_scenario_from_dict = RigScenario.from_dict
+
+
+def load_rig_scenario(name_or_path: str | Path, settings: Sequence[str] = ()) -> RigScenario:
+    """Loads a scenario of a rig; arguments and errors are those of `ScenarioFile.load`."""
+    return RigScenario.load(name_or_path, settings)

@@ -1,1 +1,0 @@
-"""Sensor models: what the robot would measure, with rate, delay, noise and resolution."""

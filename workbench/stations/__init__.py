@@ -1,1 +1,0 @@
-"""Car and rig behind their ports, simulated or real, with what they record of the truth."""

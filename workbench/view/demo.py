@@ -1,0 +1,353 @@
+"""The demo: a manoeuvre of four cars in step and the thesis' own turn: logs, table, replays and
+page in one folder.
+"""
+
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from aerodima.workbench.batch.dask_cluster import check_workers
+from aerodima.workbench.batch.dask_engine import run_batch
+from aerodima.workbench.batch.row_store import (
+    WORKER_RECORD,
+    ProgressBar,
+    ProgressLine,
+    RowStore,
+    no_progress,
+    print_resume_hint,
+)
+from aerodima.workbench.core.atomic_write import make_folder
+from aerodima.workbench.core.errors import LogError, UserError
+from aerodima.workbench.logs.journal import journal_path
+from aerodima.workbench.logs.schema import Json, read_run_log, software_versions
+from aerodima.workbench.metrics.published_values import flip_bracket
+from aerodima.workbench.metrics.run_summary import MODE_WORDS, RunSummary, published_for, summarise
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.view.captions import outcome_in_words
+from aerodima.workbench.view.entry_chapter import entry_chapter, load_shown_entry
+from aerodima.workbench.view.replay_page import write_replay_html
+from aerodima.workbench.view.report_page import (
+    Folded,
+    Link,
+    Page,
+    Part,
+    Preformatted,
+    Section,
+    Table,
+    metric_name,
+    metric_unit,
+    percent,
+    write_files,
+)
+
+DEMO_SCHEMA = "aerodima/demo/3"
+PAGE = "index.html"
+SUMMARY = "summary.csv"
+MARK = "demo.json"
+"""This file says of which scenarios a folder's logs are, and whether the demo is finished."""
+FINISHED = "finished"
+"""Key in that file."""
+
+
+Turns = tuple[tuple[str, float], ...]
+"""Tail mode and commanded speed, m/s, of several turns."""
+
+
+@dataclass(frozen=True)
+class DemoPlan:
+    """Which turns are run and which of them are shown in full.
+
+    Args:
+        turns: tail mode, of `none`, `held`, `swing`, `designed` (scenarios `turn_<mode>`), and
+            commanded speed, m/s.
+        shown: turns with a replay.
+        seed: of every run.
+        opening: whether the page begins with the four cars of `models/entry/shown.yaml`, four runs
+            more.
+    """
+
+    turns: Turns = (
+        ("none", 12 / 3.6), ("none", 13 / 3.6), ("swing", 16 / 3.6), ("swing", 17 / 3.6),
+    )  # fmt: skip
+    shown: Turns = (("none", 13 / 3.6), ("swing", 16 / 3.6))
+    seed: int = 1
+    opening: bool = True
+
+
+@dataclass(frozen=True)
+class DemoRun:
+    """One run of a demo: its name, scenario and files.
+
+    Attributes:
+        name: tail mode and speed in m/s.
+        scenario: resolved.
+        log: Parquet file.
+        replay: HTML file; None for a run that has none of its own.
+        opening: the candidate that it shows at the beginning of the page; empty for a run of the
+            published turn.
+    """
+
+    name: str
+    scenario: Json
+    log: Path
+    replay: Path | None = None
+    opening: str = ""
+
+    @property
+    def files(self) -> list[Path]:
+        """Lists everything that is made of the run."""
+        return [path for path in (self.log, self.replay) if path]
+
+
+def make_demo(
+    out: Path,
+    plan: DemoPlan | None = None,
+    *,
+    workers: int = 2,
+    force: bool = False,
+    progress: ProgressLine = no_progress,
+) -> Path:
+    """Runs the demo and writes its page; returns the path of the page.
+
+    A demo that was interrupted goes on where it stopped when it is asked for again: finished logs
+    of the same scenario and versions are kept.
+
+    Args:
+        out: folder; made when it is not there.
+        plan: what to run; the four cars, and the thesis' turn on both sides of its two flips, by
+            default.
+        workers: processes.
+        force: make a finished demo again, or write among other files.
+        progress: receives lines of progress.
+
+    Raises:
+        UserError: workers out of range; the folder holds a finished demo, another one's logs or
+            foreign files, or cannot be written. Nothing is overwritten without `force`.
+    """
+    plan = plan or DemoPlan()
+    check_workers(workers)
+    runs = demo_runs(out, plan)
+    bar = ProgressBar(progress, len(runs))
+
+    def done(_place: int, summary: RunSummary) -> None:
+        bar.advance(f"{summary.name}: {summary.metrics.outcome.result}")
+
+    def kept() -> str:
+        logs = [run.log for run in runs if run.log.exists()]
+        return f"{len(logs)} of {len(runs)} logs"
+
+    with _claimed(out, runs, force) as store, print_resume_hint(progress, kept):
+        progress(f"{len(runs)} runs in {min(workers, len(runs))} process(es), results in {out}")
+        summaries = run_batch(
+            do_run, runs, workers, done, progress=progress, record=out / WORKER_RECORD
+        )
+        progress("writing table and page ...")
+        _write_page(out, runs, summaries)
+        store.add(FINISHED, {})
+    return out / PAGE
+
+
+def demo_runs(out: Path, plan: DemoPlan) -> list[DemoRun]:
+    """Makes the runs of a plan, with their files below `out`."""
+    runs = []
+    for mode, speed in plan.turns:
+        settings = [f"manoeuvre.speed={speed!r}", f"seed={plan.seed}"]
+        name = f"{mode}_{speed:.2f}"
+        scenario = load_scenario(f"turn_{mode}", settings).resolved()
+        replay = None
+        if (mode, speed) in plan.shown:
+            replay = out / f"replay_{name}.html"
+        runs.append(DemoRun(name, scenario, out / "logs" / f"turn_{name}.parquet", replay))
+    runs.sort(key=lambda run: run.replay is None)  # the longest pieces of work first
+    if plan.opening:
+        return [*_opening_runs(out, plan.seed), *runs]
+    return runs
+
+
+def _opening_runs(out: Path, seed: int) -> list[DemoRun]:
+    """Makes the runs at the beginning of the page."""
+    runs = []
+    shown = load_shown_entry()
+    for candidate in shown.candidates:
+        name = candidate.name
+        stem = re.sub(r"[^a-z0-9]+", "_", name)
+        scenario = shown.run(candidate).resolved() | {"seed": seed}
+        log = out / "logs" / f"{stem}.parquet"
+        runs.append(DemoRun(f"{shown.manoeuvre}, {name}", scenario, log, opening=name))
+    return runs
+
+
+def do_run(run: DemoRun) -> RunSummary:
+    """Makes log and replay of a run as far as they are missing, and measures the run."""
+    if run.log.exists():
+        try:
+            log = read_run_log(run.log)
+        except LogError as error:
+            raise UserError(f"{error}; --force makes it again") from None
+        if (log.scenario, log.versions) != (run.scenario, software_versions()):
+            raise UserError(
+                f"{run.log}: is of another scenario, seed or version; choose another folder, or "
+                "--force"
+            )
+    else:
+        from aerodima.workbench.batch.simulation import simulate
+        from aerodima.workbench.scenario.scenario import scenario_from_dict
+
+        journal_path(run.log).unlink(missing_ok=True)  # of a demo that was killed
+        log = simulate(scenario_from_dict(run.scenario), run.log)
+    if run.replay is not None and not run.replay.exists():
+        write_replay_html(log, run.replay)
+    return summarise(log, run.name)
+
+
+def _claimed(out: Path, runs: Sequence[DemoRun], force: bool) -> RowStore:
+    """Makes the folder this demo's, or says why it must not be."""
+    if out.exists() and not out.is_dir():
+        raise UserError(f"{out}: is a file, a folder is needed")
+    scenarios = {run.name: run.scenario for run in runs}
+    identity = {"schema": DEMO_SCHEMA, "versions": software_versions(), "scenarios": scenarios}
+    store = RowStore(out / MARK, identity, force=force, alone=True)
+    if FINISHED in store.rows:
+        store.close()
+        raise UserError(
+            f"{out}: holds a finished demo already; choose another folder, or --force to make it "
+            "again"
+        )
+    make_folder(out / "logs", UserError)
+    if force:
+        files = [path for run in runs for path in run.files]
+        for path in (out / PAGE, out / SUMMARY, *files):
+            path.unlink(missing_ok=True)
+    return store
+
+
+def _write_page(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSummary]) -> None:
+    first = {run.opening: read_run_log(run.log) for run in runs if run.opening}
+    thesis = {run.name: run for run in runs if not run.opening}
+    modes = list(MODE_WORDS)
+    ordered = [summary for summary in summaries if summary.name in thesis]
+    ordered.sort(key=lambda run: (modes.index(run.tail_mode), run.commanded_speed))
+    numbers = pd.DataFrame([{"run": s.name, **s.as_row(), **s.impulses_row()} for s in ordered])
+    sections = [thesis_turn_chapter(ordered), provenance(thesis, SUMMARY)]
+    title = "The car turns, with and without its tail"
+    lead = ""
+    if first:
+        title = "One manoeuvre, four cars"
+        lead = "Same car, floor, speed and manoeuvre; the tail is a larger one than was built."
+        sections = [*entry_chapter(load_shown_entry(), first), *sections]
+    write_files(out, {SUMMARY: numbers, PAGE: Page(title, lead, sections)})
+
+
+def thesis_turn_chapter(summaries: Sequence[RunSummary]) -> Section:
+    """Compares brackets of the flip, outcomes and metrics of the full-lock turn with the thesis."""
+    definitions = (
+        "Flipped: the body tilts beyond 75 degrees, or ends beyond 20 degrees with a wheel in the "
+        "air. Clean: it survived, and neither cage nor tail touched the ground, nor the anti-ramp "
+        "board from the start of the turn on."
+    )
+    brackets = _bracket_table(summaries)
+    outcomes = _outcome_table(summaries)
+    parts: list[Part] = [brackets, outcomes, definitions, _metric_table(summaries)]
+    return Section("The thesis' own turn, at full steering lock", parts)
+
+
+def _bracket_table(summaries: Sequence[RunSummary]) -> Table:
+    """Compares the speeds between which a car flips with the published ones."""
+    rows = []
+    for mode, published in (("none", flip_bracket("tailless")), ("swing", flip_bracket("tailed"))):
+        runs = [run for run in summaries if run.tail_mode == mode]
+        survived = [f"{run.commanded_speed:.2f}" for run in runs if run.survived]
+        flipped = [f"{run.commanded_speed:.2f}" for run in runs if not run.survived]
+        bracket = (max(survived, default="–"), min(flipped, default="–"))
+        limits = (f"{published.survived:.2f}", f"{published.flipped:.2f}")
+        if runs:
+            rows.append((MODE_WORDS[mode], *bracket, *limits))
+    header = (
+        "tail",
+        "survived up to [m/s]",
+        "flipped from [m/s]",
+        "published: survived",
+        "published: flipped",
+    )
+    return Table(header, rows)
+
+
+def _outcome_table(summaries: Sequence[RunSummary]) -> Table:
+    """Lists how each run ended; those that flipped stand out."""
+    header = (
+        "speed [m/s]",
+        "tail",
+        "outcome",
+        "peak roll [deg]",
+        "mean yaw rate [rad/s]",
+        "heading change [deg]",
+        "tail energy [J]",
+    )
+    rows = []
+    for summary in summaries:
+        metrics = summary.metrics
+        peak_roll = heading_change = tail_energy = "–"
+        if summary.survived:
+            peak_roll = f"{math.degrees(metrics.peak_roll_rad):.1f}"
+            heading_change = f"{math.degrees(metrics.heading_change_rad):.1f}"
+        if summary.tail_mode != "none" and metrics.tail_energy_j is not None:
+            tail_energy = f"{metrics.tail_energy_j:.1f}"
+        speed = f"{summary.commanded_speed:.2f}"
+        outcome = outcome_in_words(metrics.outcome)
+        yaw_rate = f"{metrics.raw.average_yaw_rate_rad_per_s:.2f}"
+        tail = MODE_WORDS[summary.tail_mode]
+        rows.append((speed, tail, outcome, peak_roll, yaw_rate, heading_change, tail_energy))
+    return Table(header, rows, [index for index, s in enumerate(summaries) if not s.survived])
+
+
+def _metric_table(summaries: Sequence[RunSummary]) -> Folded:
+    """Compares metrics of runs that the thesis made too: raw beside its simulation, filtered beside
+    its car.
+    """
+    rows = []
+    for run in summaries:
+        for platform, row in published_for(run).items():
+            metrics = asdict(run.metrics.like(platform))
+            for name, published in asdict(row.metrics).items():
+                words = (metric_name(name), metric_unit(name))
+                ours = metrics[name]
+                numbers = (f"{ours:.2f}", f"{published:.2f}", percent(ours / published - 1.0))
+                rows.append((run.name, row.source, platform, *words, *numbers))
+    header = "run, published in, platform, metric, unit, this run, published, difference"
+    return Folded("Metrics beside the published ones", [Table(header.split(", "), rows)])
+
+
+def provenance(runs: Mapping[str, DemoRun], summary: str) -> Section:
+    """Lists versions, seeds, files beside the page and the scenario of the first run: what the page
+    was made of.
+
+    Args:
+        runs: name -> run, of at least one.
+        summary: file of the table of the runs.
+    """
+    logs = [read_run_log(run.log) for run in runs.values()]
+    versions = {item for log in logs for item in log.versions.items()}
+    seeds = sorted({log.seed for log in logs})
+    step = logs[0].number("simulation", "step")
+    facts = [
+        *sorted(versions),
+        ("seed", ", ".join(map(str, seeds))),
+        ("step of the plant", f"{step:g} s"),
+    ]
+    files = []
+    for name, run in runs.items():
+        replay = Link(run.replay.name, "replay") if run.replay else ""
+        files.append((name, Link(f"logs/{run.log.name}", "log"), replay))
+    scenario = Preformatted(json.dumps(logs[0].scenario, indent=2, sort_keys=True))
+    parts: list[Part] = [
+        ("Numbers of every run:", Link(summary)),
+        Table(("run", "log", "replay"), files),
+        Table(("what", "value"), facts),
+        Folded(f"Resolved scenario of {next(iter(runs))}", [scenario]),
+    ]
+    return Section("Replays, logs and provenance", parts)

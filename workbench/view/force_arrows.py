@@ -1,0 +1,170 @@
+"""Forces as arrows: where they act, how long they are, and how Meshcat draws one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba
+from pydrake.math import RigidTransform, RotationMatrix
+
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.scenario.signal_table import WHEELS
+from aerodima.workbench.view.viewer import WORLD
+
+Colour = tuple[float, float, float]
+"""Red, green and blue from 0 to 1."""
+WHEEL_COLOUR = (0.10, 0.55, 0.25)
+"""Red, green, blue from 0 to 1: force of the ground on a wheel."""
+AIR_COLOUR = (0.85, 0.25, 0.10)
+"""Red, green, blue from 0 to 1: force of the air on a tail."""
+WHEEL_SCALE = 0.02
+"""Length of the arrow of a wheel, m per N: a wheel at rest carries about 15 N."""
+SHOWN_LENGTH = 0.015
+"""Arrows shorter than this (m) are left out."""
+_SHAFT_RADIUS = 0.007
+"""Radius of the shaft of an arrow, m."""
+_HEAD_RADIUS = 0.018
+"""Radius of the head of an arrow, m."""
+_HEAD_LENGTH = 0.05
+"""Length of the head of an arrow, m."""
+
+
+@dataclass(frozen=True)
+class ForceArrow:
+    """One force over the run.
+
+    Attributes:
+        name: of the force.
+        colour: red, green, blue from 0 to 1.
+        points: where it acts in W, m, shape (n, 3).
+        lengths: the arrow, force times scale, W axes, m, shape (n, 3).
+    """
+
+    name: str
+    colour: Colour
+    points: FloatArray
+    lengths: FloatArray
+
+    @property
+    def shown(self) -> NDArray[np.bool_]:
+        """Says whether the arrow is long enough to be drawn, shape (n,)."""
+        return np.linalg.norm(self.lengths, axis=1) > SHOWN_LENGTH
+
+
+def wheel_arrows(run_log: RunLog) -> list[ForceArrow]:
+    """Makes an arrow per wheel whose contact is in the log, a row per row of the log."""
+    arrows = []
+    for wheel in WHEELS:
+        if f"wheel_contact_{wheel}_x_truth_m" in run_log.table:
+            lengths = WHEEL_SCALE * run_log.vector(f"wheel_force_{wheel}", "truth_n")
+            points = run_log.vector(f"wheel_contact_{wheel}", "truth_m")
+            arrows.append(ForceArrow(f"ground_on_{wheel}", WHEEL_COLOUR, points, lengths))
+    return arrows
+
+
+def air_arrow(
+    tail: str,
+    scale: float,
+    force: FloatArray,
+    moment: FloatArray,
+    root: FloatArray,
+    tip: FloatArray,
+) -> ForceArrow:
+    """Makes the arrow of the air on a tail, a row per row of the log.
+
+    Args:
+        tail: its name.
+        scale: length of the arrow, m per N.
+        force, moment, root, tip: see `point_on_axis`.
+    """
+    points = point_on_axis(force, moment, root, tip)
+    return ForceArrow(f"air_on_{tail}", AIR_COLOUR, points, scale * force)
+
+
+def point_on_axis(
+    force: FloatArray, moment: FloatArray, root: FloatArray, tip: FloatArray
+) -> FloatArray:
+    """Finds the point of the tail's axis that is nearest to the line of action of a force.
+
+    The line of action is q + s F with q = F x M / F.F, where M is the moment about the world
+    origin. A point r + t u of the axis is nearest to it where (r + t u - q) is perpendicular to
+    both lines. Without a force, or where it acts along the axis, it is the middle of the tail;
+    beyond the ends it is the end.
+
+    Args:
+        force: F in W, N, shape (n, 3).
+        moment: M about Wo, W axes, N m, shape (n, 3).
+        root, tip: ends of the tail in W, m, shape (n, 3).
+    """
+    axis = tip - root
+    square = _dot(force, force)
+    safe = np.where(square > 0.0, square, 1.0)
+    q = np.cross(force, moment) / safe
+    across = axis - force * _dot(force, axis) / safe
+    weight = _dot(across, axis)
+    usable = (square > 0.0) & (weight > 1e-9 * _dot(axis, axis))
+    fraction = _dot(across, q - root) / np.where(usable, weight, 1.0)
+    return root + np.where(usable, np.clip(fraction, 0.0, 1.0), 0.5) * axis
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Computes the dot products of the rows of two arrays (n, 3), shape (n, 1)."""
+    return np.einsum("ij,ij->i", a, b)[:, None]
+
+
+@dataclass(frozen=True)
+class DrawnArrow:
+    """An arrow in Meshcat: a shaft that is stretched and a head, made once and then moved.
+
+    Attributes:
+        path: of the arrow in Meshcat.
+    """
+
+    path: str
+
+    @classmethod
+    def make(cls, meshcat: Meshcat, name: str, colour: Colour) -> DrawnArrow:
+        """Adds the arrow of a force to the world that moves under the camera."""
+        arrow = cls(f"{WORLD}/forces/{name}")
+        shaft = Cylinder(_SHAFT_RADIUS, 1.0)
+        head = MeshcatCone(_HEAD_LENGTH, _HEAD_RADIUS, _HEAD_RADIUS)
+        meshcat.SetObject(f"{arrow.path}/shaft", shaft, Rgba(*colour))
+        meshcat.SetObject(f"{arrow.path}/head", head, Rgba(*colour))
+        return arrow
+
+    def move(self, scene: Any, point: FloatArray, length: FloatArray, *frame: int) -> None:
+        """Puts the arrow where it belongs.
+
+        Args:
+            scene: Meshcat, or an animation.
+            point: foot in W, m, shape (3,).
+            length: from foot to point of the arrow, W axes, m, shape (3,); not zero.
+            frame: number of the frame of an animation.
+        """
+        whole = float(np.linalg.norm(length))
+        shaft = max(whole - _HEAD_LENGTH, 1e-3)
+        middle = np.array([0.0, 0.0, shaft / 2])
+        tip = np.array([0.0, 0.0, shaft + _HEAD_LENGTH])
+        # The cone has its point at the origin and opens along z.
+        turned = RotationMatrix.MakeXRotation(np.pi)
+        X_WA = RigidTransform(shortest_turn(length / whole), point)
+        scene.SetTransform(*frame, self.path, X_WA)
+        scene.SetTransform(*frame, f"{self.path}/shaft", RigidTransform(middle))
+        scene.SetTransform(*frame, f"{self.path}/head", RigidTransform(turned, tip))
+        scene.SetProperty(*frame, f"{self.path}/shaft", "scale", [1.0, 1.0, shaft])
+
+
+def shortest_turn(direction: FloatArray) -> RotationMatrix:
+    """Finds the rotation that turns z to a unit vector (3,) about the axis across both; half a turn
+    about x for -z.
+    """
+    w = 1.0 + float(direction[2])
+    if w < 1e-9:
+        return RotationMatrix.MakeXRotation(np.pi)
+    wxyz = np.array([w, -direction[1], direction[0], 0.0]) / np.sqrt(2.0 * w)
+    return RotationMatrix(Quaternion(wxyz))

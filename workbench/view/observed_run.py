@@ -1,0 +1,242 @@
+"""A user's diagram, watched: following camera, arrows of the air, and a run log of its plant."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RigidBody
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType
+
+from aerodima.workbench.aero.section_watch import SectionWatch
+from aerodima.workbench.car.car_diagram import plant_facts, truth_signals
+from aerodima.workbench.car.roll_estimator import RollEstimator
+from aerodima.workbench.control.controller_systems import TailController, TurnDriver
+from aerodima.workbench.core.atomic_write import refuse_existing
+from aerodima.workbench.core.errors import LogError, UserError
+from aerodima.workbench.logs.recorder import (
+    LogSink,
+    RunRecorder,
+    Signals,
+    open_log,
+    output_ports,
+    recorded_columns,
+    signals_of,
+)
+from aerodima.workbench.logs.schema import (
+    METADATA_KEY,
+    PLANT_RUN,
+    Facts,
+    Json,
+    RunLog,
+    decode_metadata,
+    encode_metadata,
+    run_metadata,
+)
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.signal_table import CAR_PORTS, sensor_columns
+from aerodima.workbench.view.logged_run import AIR_SCALE, AIR_SCALE_KEY
+from aerodima.workbench.view.watched_plant import WatchedPlant
+
+
+class ObservedRun:
+    """The log of a diagram while it is simulated; a context manager, see `observe`.
+
+    Args:
+        path: of the log; None keeps it in memory.
+        force: replace an existing log.
+    """
+
+    def __init__(self, path: Path | None, force: bool) -> None:
+        if path is not None:
+            refuse_existing(path, force, LogError)
+        self._path = path
+        self._force = force
+        self._columns: list[str] = []
+        self._metadata: Json = {}
+        self._watches: dict[str, SectionWatch] = {}
+        self._sink: LogSink | None = None
+        self._over = False
+
+    @property
+    def log(self) -> RunLog:
+        """Returns the run log after the `with` block; UserError before its end."""
+        if self._sink is None or not self._over:
+            raise UserError(
+                "observe: the log is there after the `with` block in which the diagram is simulated"
+            )
+        return self._sink.run_log()
+
+    def append(self, row: np.ndarray) -> None:
+        """Takes a row of the recorder; UserError outside the `with` block."""
+        if self._sink is None or self._over:
+            raise UserError(
+                "observe: simulate the diagram inside the block `with observe(...) as run:`"
+            )
+        self._sink.append(row)
+
+    def __enter__(self) -> Self:
+        self._sink = open_log(self._path, self._columns, self._metadata, self._force)
+        self._over = False
+        self._sink.__enter__()
+        return self
+
+    def __exit__(self, kind: object, *details: object) -> None:
+        assert self._sink is not None
+        self._sink.add_facts(
+            {f"{name}_sections": watch.facts() for name, watch in self._watches.items()}
+        )
+        self._sink.__exit__(kind, *details)
+        self._over = kind is None
+        for name, watch in self._watches.items():
+            if watch.felt_no_air:
+                warnings.warn(
+                    f"{name}: air passed its sections at up to {watch.fastest:.2g} m/s and made no "
+                    "force; is normal_B of their layout across the flow?",
+                    UserWarning,
+                    stacklevel=2,
+                )
+
+    def watch(self, builder: DiagramBuilder, tail: Any, rate: float) -> None:
+        """Counts how long the sections of a `TailForce` are outside their coefficients' range."""
+        ports = (tail.GetOutputPort("sections"), tail.GetOutputPort("validity"))
+        watch = SectionWatch.add_to_builder(builder, f"{tail.get_name()}_watch", *ports, rate)
+        self._watches[tail.get_name()] = watch
+
+    def record(
+        self,
+        builder: DiagramBuilder,
+        signals: Signals,
+        rate: float,
+        step: float,
+        metadata: Json,
+    ) -> None:
+        """Adds the recorder of these ports; LogError when two columns have one name."""
+        # What cannot be read is not written.
+        encoded = encode_metadata(metadata)
+        decode_metadata({METADATA_KEY: encoded}, "observe")
+        self._columns = recorded_columns(signals)
+        self._metadata = metadata
+        twice = sorted({name for name in self._columns if self._columns.count(name) > 1})
+        if twice:
+            raise LogError(
+                f"observe: column(s) named twice: {', '.join(twice)}; give the ports other names"
+            )
+        RunRecorder.add_to_builder(builder, self, signals, rate, step)
+
+
+def observe(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant | Diagram,
+    meshcat: Meshcat | None = None,
+    log: str | Path | None = None,
+    *,
+    base: RigidBody | str | None = None,
+    rate: float = 100.0,
+    name: str = "",
+    settings: Scenario | Facts | None = None,
+    signals: Mapping[str, OutputPort] | None = None,
+    air_scale: float = AIR_SCALE,
+    force: bool = False,
+) -> ObservedRun:
+    """Watches a user's diagram: call it last, before `builder.Build()`, and simulate within its
+    `with` block.
+
+    Meshcat gets the plant, if nothing shows it yet, a camera that follows it, and the force of
+    every `TailForce` on it as an arrow. The log has the state of the plant, the motion of its
+    centre of mass and its base, the poses of its bodies with their shapes, per `TailForce` wrench
+    and sections, the wind, and `signals`; `plant_metrics`, `aerodima log metrics`, `replay` and
+    `log compare` read it, with the outcome where it is defined (`plant_outcome`). A car's station
+    with driver, tail controller and roll estimator in the same builder gives the log of a car if
+    `settings` is its scenario.
+
+    Args:
+        builder: that owns the plant.
+        plant: finalised; or a simulated station, whose port `plant_state_truth` is read.
+        meshcat: shows the run while it goes on; of a station, give it to `make_car_station` too.
+        log: Parquet file, refused when it exists, unless `force`; None keeps the log in memory.
+        base: its tilt, heading and speed count, z axis up; by default the only floating base.
+        rate: rows per second, Hz.
+        name: of the run, for titles; by default that of the plant.
+        settings: numbers and texts, nested; `aerodima log compare` names those that differ.
+        signals: further vector ports by column name (`<name>_0`, ... of several elements).
+        air_scale: length of the arrows, m per N.
+        force: replace an existing log.
+
+    Raises:
+        UserError: plant not finalised or not in the builder, no such body, a rate that is not above
+            0, an existing log.
+    """
+    for what, value in (("rate", rate), ("air_scale", air_scale)):
+        if not (math.isfinite(value) and value > 0.0):
+            raise UserError(f"observe: {what} is {value:g}, but it must be a finite number above 0")
+    run = ObservedRun(None if log is None else Path(log), force)
+    watched = WatchedPlant.find(builder, plant, base)
+    truth = watched.add_truth(builder)
+    if meshcat is not None:
+        watched.show(builder, truth, meshcat, air_scale)
+    if not _record_car(run, builder, watched, settings, rate):
+        stated = settings.resolved() if isinstance(settings, Scenario) else dict(settings or {})
+        stated = {"name": name or stated.get("name") or watched.plant.get_name()} | stated
+        for tail in watched.tails:
+            run.watch(builder, tail, rate)
+        recorded = watched.signals(truth) + _user_signals(builder, signals or {})
+        facts = watched.facts() | {AIR_SCALE_KEY: air_scale}
+        metadata = run_metadata(stated, seed=0, kind=PLANT_RUN, extra=facts)
+        run.record(builder, recorded, rate, watched.plant.time_step(), metadata)
+    return run
+
+
+def _record_car(
+    run: ObservedRun,
+    builder: DiagramBuilder,
+    watched: WatchedPlant,
+    settings: Scenario | Facts | None,
+    rate: float,
+) -> bool:
+    """Records the log of a car, if the diagram has every part of one; says whether it does."""
+    if watched.station is None or not isinstance(settings, Scenario):
+        return False
+    signals = _car_signals(builder, watched.station)
+    if signals:
+        facts = plant_facts(watched.station)
+        metadata = run_metadata(settings.resolved(), settings.seed, extra=facts)
+        run.record(builder, signals, rate, watched.plant.time_step(), metadata)
+    return bool(signals)
+
+
+def _car_signals(builder: DiagramBuilder, station: Diagram) -> Signals:
+    """Lists every column of a car's log, if driver, tail controller and roll estimator are in the
+    builder; else none.
+    """
+    parts = (TurnDriver, TailController, RollEstimator)
+    sources = [system for system in builder.GetSystems() if isinstance(system, parts)]
+    signals = signals_of(CAR_PORTS, output_ports(*sources, station))
+    present = recorded_columns(signals)
+    if all(column.optional or column.name in present for column in sensor_columns()):
+        return signals + truth_signals(station)
+    return []
+
+
+def _user_signals(builder: DiagramBuilder, ports: Mapping[str, OutputPort]) -> Signals:
+    """Names a column for each element of the user's own ports."""
+    signals: Signals = []
+    for name, port in ports.items():
+        if port.get_system() not in builder.GetSystems():
+            raise UserError(
+                f"observe: signal {name!r} is a port of another diagram; it must be a port of this "
+                "builder"
+            )
+        if port.get_data_type() != PortDataType.kVectorValued:
+            raise UserError(f"observe: signal {name!r}: port '{port.get_name()}' holds no vector")
+        columns = [name]
+        if port.size() != 1:
+            columns = [f"{name}_{index}" for index in range(port.size())]
+        signals.append((port, columns))
+    return signals

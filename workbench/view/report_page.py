@@ -1,0 +1,309 @@
+"""Pages: what stands on one as plain objects; `templates/` says how it looks, `write_files` puts it
+in a folder.
+
+A part of a page is a text (a paragraph) or one of the classes below; a text is a string, a `Link`,
+or a tuple of these, which a blank separates.
+The templates escape every text once.
+"""
+
+import base64
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from matplotlib.figure import Figure
+
+from aerodima.workbench.core.atomic_write import write_atomically
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.logs.mapping import unit_in_name
+from aerodima.workbench.logs.schema import Facts, Json
+from aerodima.workbench.view.chart_panels import NoChartError, chart_panels
+from aerodima.workbench.view.figure_style import png
+
+if TYPE_CHECKING:
+    import jinja2
+    import markupsafe
+    import pandas as pd
+
+
+_PIXELS_PER_INCH = 95
+"""Resolution of figures on the page. Their letters are equally large, and a figure of 11 inches
+fills the page."""
+_NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?( ?%|°)?(\s(to\s|\().*)?|nan|[-–]?")
+"""Cells that are set to the right: a number, a range, or none."""
+Content: TypeAlias = "Page | pd.DataFrame | str | bytes"
+PLOT_LIBRARY = "uPlot-1.6.32"
+"""Folder of the library for interactive plots, as its authors publish it, with licence (MIT)."""
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link to a file beside the page or to an anchor; its words are the address when there are no
+    others.
+    """
+
+    target: str
+    words: str = ""
+
+
+Text: TypeAlias = str | Link | tuple[str | Link, ...]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a chapter comes to, set off from the rest."""
+
+    parts: Sequence["Part"]
+
+
+@dataclass(frozen=True)
+class Bullets:
+    """A list."""
+
+    items: Sequence[Text]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table; columns of numbers are set to the right.
+
+    Args:
+        header: names of the columns, with their units.
+        rows: cells.
+        marked: rows that stand out.
+    """
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[Text]]
+    marked: Sequence[int] = ()
+
+    @property
+    def numbers(self) -> list[bool]:
+        """Says which columns hold numbers alone."""
+        columns = list(zip(*self.rows, strict=True)) or [("none",)] * len(self.header)
+        return [
+            all(isinstance(cell, str) and _NUMBER.fullmatch(cell) for cell in column)
+            for column in columns
+        ]
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A figure inside the page, or beside it.
+
+    Args:
+        drawing: the figure.
+        caption: below it.
+        alternative: what it shows, for those who cannot see it.
+        name: of the figure's PNG beside the page, without ending; "" for one inside.
+    """
+
+    drawing: Figure
+    caption: Text
+    alternative: str
+    name: str = ""
+
+    @cached_property
+    def data(self) -> bytes:
+        """Draws the figure as PNG."""
+        return png(self.drawing)
+
+    @property
+    def source(self) -> str:
+        """Gives the address of the image."""
+        if self.name:
+            return f"{self.name}.png"
+        return f"data:image/png;base64,{base64.b64encode(self.data).decode()}"
+
+    @property
+    def width(self) -> int | None:
+        """Gives the width in pixels of the page; an image beside it has its own."""
+        return None if self.name else round(_PIXELS_PER_INCH * self.drawing.get_figwidth())
+
+
+@dataclass(frozen=True)
+class InteractivePlot(Plot):
+    """A figure in which a reader can zoom and read values off; printed, or without scripts, it is
+    the figure's image.
+
+    Args:
+        panels: from `chart_panels`.
+    """
+
+    panels: Json = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Folded:
+    """Content that opens on a click."""
+
+    summary: str
+    parts: Sequence["Part"]
+
+
+@dataclass(frozen=True)
+class Preformatted:
+    """Text in columns, such as JSON."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Templated:
+    """What has a template of its own, with the values that it names."""
+
+    template: str
+    values: Facts
+
+
+def zoomable(drawing: Figure, caption: Text, alternative: str) -> Plot:
+    """Makes an interactive plot, or a plain one of a figure that `chart_panels` refuses."""
+    try:
+        panels = chart_panels(drawing)
+    except NoChartError:
+        return Plot(drawing, caption, alternative)
+    return InteractivePlot(drawing, caption, alternative, panels=panels)
+
+
+Part: TypeAlias = Text | Finding | Bullets | Table | Plot | Folded | Preformatted | Templated
+
+
+@dataclass(frozen=True)
+class Section:
+    """One chapter: its title and what stands in it."""
+
+    title: str
+    parts: Sequence[Part]
+
+    @property
+    def anchor(self) -> str:
+        """Makes the target of links to the section."""
+        return re.sub(r"\W+", "_", self.title.lower()).strip("_")
+
+
+@dataclass(frozen=True)
+class Page:
+    """A whole document: title, what it is about, chapters."""
+
+    title: str
+    lead: Text
+    sections: Sequence[Section]
+
+    def html(self) -> str:
+        """Renders the document; equal pages give equal text."""
+        return render("page.html", page=self)
+
+    @property
+    def interactive(self) -> bool:
+        """Says whether the plot library must be on the page for its plots."""
+        return any(_has_interactive(section.parts) for section in self.sections)
+
+
+def _has_interactive(parts: Sequence[Part]) -> bool:
+    """Says whether a plot among the parts, or inside one, is interactive."""
+    for part in parts:
+        if isinstance(part, Finding | Folded) and _has_interactive(part.parts):
+            return True
+        if isinstance(part, InteractivePlot):
+            return True
+    return False
+
+
+def write_files(
+    folder: Path,
+    contents: Mapping[str, Content],
+    *,
+    force: bool = True,
+    error: type[UserError] = UserError,
+) -> list[Path]:
+    """Writes files into a folder, each in one step, and none of them before all are made.
+
+    Args:
+        folder: made when it is not there.
+        contents: name -> content; a table becomes CSV or Parquet by the name, a page brings the
+            plots beside it.
+        force: replace files that exist.
+        error: class of the errors raised: a file exists, or cannot be written.
+    """
+    made: dict[str, str | bytes] = {}
+    for name, content in contents.items():
+        if isinstance(content, Page):
+            for part in (part for section in content.sections for part in section.parts):
+                if isinstance(part, Plot) and part.name:
+                    made[f"{part.name}.png"] = part.data
+            made[name] = content.html()
+        elif isinstance(content, str | bytes):
+            made[name] = content
+        elif name.endswith(".csv"):
+            made[name] = content.to_csv(index=False)
+        else:
+            made[name] = content.to_parquet(index=False)
+    return [
+        write_atomically(folder / name, content, force, error) for name, content in made.items()
+    ]
+
+
+def metric_name(metric: str) -> str:
+    """Names a metric in words: `max_yaw_rate_rad_per_s` is the `largest yaw rate`."""
+    return {
+        "speed_m_per_s": "speed at the start of the turn",
+        "max_yaw_rate_rad_per_s": "largest yaw rate",
+        "average_yaw_rate_rad_per_s": "mean yaw rate",
+        "max_linear_acceleration_m_per_s2": "largest lateral acceleration",
+        "average_linear_acceleration_m_per_s2": "mean lateral acceleration",
+        "max_kohut_deg_m_per_s2": "largest Kohut",
+        "average_kohut_deg_m_per_s2": "mean Kohut",
+        "roll_integral_rad": "roll integral",
+        "speed_in_turn_m_per_s": "speed in the turn",
+        "lift_yaw_rate_rad_per_s": "yaw rate at which an inner wheel lifts",
+        "integral_of_roll_rate_as_printed": "sum of roll-rate samples as printed",
+    }[metric]
+
+
+def metric_unit(metric: str) -> str:
+    """Gives the unit of a metric as it is printed."""
+    if "kohut" in metric:
+        return "deg m/s²"
+    return unit_in_name(metric.replace("as_printed", "rad_per_s")).replace("2", "²")
+
+
+def percent(ratio: float) -> str:
+    """Writes a ratio as `+12 %`."""
+    return f"{100 * ratio:+.0f} %"
+
+
+def render(template: str, **values: Any) -> str:
+    """Fills a template of `templates/` with values; every text in them is escaped."""
+    return _templates().get_template(template).render(values)
+
+
+@cache
+def _templates() -> "jinja2.Environment":
+    """Opens the folder of templates."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    loader = FileSystemLoader(Path(__file__).parent / "templates")
+    templates = Environment(
+        loader=loader,
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    templates.tests["a"] = lambda part, name: type(part).__name__ == name
+    templates.globals["shipped"] = _shipped
+    return templates
+
+
+def _shipped(name: str) -> "markupsafe.Markup":
+    """Reads a file of the plot library, for a page; its template syntax, if it had any, is not
+    read.
+    """
+    from markupsafe import Markup
+
+    return Markup(
+        (Path(__file__).parent / "templates" / PLOT_LIBRARY / name).read_text(encoding="utf-8")
+    )

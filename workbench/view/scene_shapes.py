@@ -1,0 +1,212 @@
+"""The visible shapes of a plant as plain data for a log, and back: a replay then needs no model
+file.
+
+A mesh is kept as the convex hull of at most `MAX_POINTS` of its points, a capsule as a cylinder
+and two spheres. Half spaces are left out: a replay has a floor of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import product
+from typing import Any
+
+import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.geometry import (
+    Box,
+    Capsule,
+    Convex,
+    Cylinder,
+    Ellipsoid,
+    Mesh,
+    Rgba,
+    Role,
+    SceneGraph,
+    Shape,
+    Sphere,
+)
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia, world_index
+
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.logs.schema import Facts, Json
+
+MAX_POINTS = 200
+"""Points of the hull that stands for a mesh."""
+WORLD_BODY = ""
+"""Body of a shape that stands still."""
+_GREY = Rgba(0.7, 0.7, 0.7)
+"""Colour of a shape whose model names none."""
+_KINDS = {"box": Box, "cylinder": Cylinder, "sphere": Sphere, "ellipsoid": Ellipsoid}
+
+
+def body_label(plant: MultibodyPlant, index: BodyIndex) -> str:
+    """Names a body in a log, after its model instance where another body has the same name."""
+    body = plant.get_body(index)
+    if index == world_index():
+        return WORLD_BODY
+    if plant.NumBodiesWithName(body.name()) == 1:
+        return body.name()
+    return f"{plant.GetModelInstanceName(body.model_instance())}_{body.name()}"
+
+
+def scene_bodies(plant: MultibodyPlant, scene: list[Json]) -> dict[str, BodyIndex]:
+    """Finds label and index of each body of a plant, but the world, that has a shape in a scene."""
+    labels = {entry["body"] for entry in scene} - {WORLD_BODY}
+    indices = [BodyIndex(index) for index in range(plant.num_bodies())]
+    bodies = {body_label(plant, index): index for index in indices}
+    return {label: index for label, index in bodies.items() if label in labels}
+
+
+def plant_shapes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Json]:
+    """Lists every visible shape of a plant that is registered with this scene graph: body, kind,
+    size, pose, colour.
+    """
+    inspector = scene_graph.model_inspector()
+    bodies = [plant.get_body(BodyIndex(index)) for index in range(plant.num_bodies())]
+    own = {geometry for body in bodies for geometry in plant.GetVisualGeometriesForBody(body)}
+    scene = []
+    for geometry in inspector.GetAllGeometryIds(Role.kIllustration):
+        if geometry not in own:
+            continue
+        body: RigidBody = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
+        properties: Any = inspector.GetIllustrationProperties(geometry)
+        diffuse = properties.GetPropertyOrDefault("phong", "diffuse", _GREY)
+        look = {
+            "body": body_label(plant, body.index()),
+            "colour": np.round(diffuse.rgba[:3], 4).tolist(),
+        }
+        for kind, size, X_GS in _parts(inspector.GetShape(geometry)):
+            X_BS = inspector.GetPoseInFrame(geometry) @ X_GS
+            quaternion = X_BS.rotation().ToQuaternion()
+            pose = [*quaternion.wxyz(), *X_BS.translation()]
+            scene.append({**look, "kind": kind, "size": size, "pose": list(map(float, pose))})
+    return scene
+
+
+def _parts(shape: Shape) -> Iterator[tuple[str, list[Any], RigidTransform]]:
+    """Gives kind, size (m) and pose in the shape's frame of what stands for a shape."""
+    here = RigidTransform()
+    if isinstance(shape, Box):
+        yield "box", [shape.width(), shape.depth(), shape.height()], here
+    elif isinstance(shape, Cylinder | Capsule):
+        yield "cylinder", [shape.radius(), shape.length()], here
+        if isinstance(shape, Capsule):
+            for end in (-0.5, 0.5):
+                X_GE = RigidTransform(np.array([0.0, 0.0, end * shape.length()]))
+                yield "sphere", [shape.radius()], X_GE
+    elif isinstance(shape, Sphere):
+        yield "sphere", [shape.radius()], here
+    elif isinstance(shape, Ellipsoid):
+        yield "ellipsoid", [shape.a(), shape.b(), shape.c()], here
+    elif isinstance(shape, Mesh | Convex):
+        hull = shape.GetConvexHull()
+        points = np.array([hull.vertex(index) for index in range(hull.num_vertices())])
+        yield "hull", np.round(_outermost(points), 6).tolist(), here
+
+
+def _directions() -> FloatArray:
+    """Spreads unit vectors evenly over the sphere, shape (`MAX_POINTS`, 3)."""
+    place = np.arange(MAX_POINTS) + 0.5
+    height = 1.0 - 2.0 * place / MAX_POINTS
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * place
+    radius = np.sqrt(1.0 - height**2)
+    x = radius * np.cos(turn)
+    y = radius * np.sin(turn)
+    return np.column_stack([x, y, height])
+
+
+def _outermost(points: FloatArray) -> FloatArray:
+    """Selects at most `MAX_POINTS` corners of a hull (n, 3): the farthest in directions spread
+    evenly over the sphere.
+    """
+    if len(points) <= MAX_POINTS:
+        return points
+    farthest = np.argmax(_directions() @ points.T, axis=1)
+    return np.asarray(points[np.unique(farthest)])
+
+
+def shape_points(entry: Facts) -> FloatArray:
+    """Lists points that a shape of a log spans in the frame of its body, m, (n, 3)."""
+    size: FloatArray = np.asarray(entry["size"], dtype=float)
+    points = size
+    if entry["kind"] == "box":
+        points = size * np.array(list(product((-0.5, 0.5), repeat=3)))
+    elif entry["kind"] == "cylinder":
+        across = _directions()[:, :2]
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        ends = np.resize((-0.5, 0.5), MAX_POINTS)
+        points = np.column_stack([size[0] * across, size[1] * ends])
+    elif entry["kind"] != "hull":
+        points = size * _directions()
+    X_BS = shape_pose(entry)
+    return points @ X_BS.rotation().matrix().T + X_BS.translation()
+
+
+def point_paths(
+    plant: MultibodyPlant, body: str, p_BP: FloatArray, positions: FloatArray
+) -> FloatArray:
+    """Follows points of a body over a run.
+
+    Args:
+        plant: finalised.
+        body: its name.
+        p_BP: the points in the frame of the body, m, shape (m, 3).
+        positions: of the plant, shape (n, nq).
+
+    Returns:
+        The points in W, m, shape (n, m, 3).
+    """
+    context = plant.CreateDefaultContext()
+    paths = np.zeros((len(positions), *p_BP.shape))
+    for row, values in enumerate(positions):
+        plant.SetPositions(context, values)
+        X_WB: Any = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(body))
+        paths[row] = X_WB.multiply(p_BP.T).T
+    return paths
+
+
+def shape_pose(entry: Facts) -> RigidTransform:
+    """Reads the pose of a shape of a log in the frame of its body."""
+    pose = np.array(entry["pose"], float)
+    return RigidTransform(Quaternion(pose[:4]), pose[4:])
+
+
+def add_shapes(plant: MultibodyPlant, scene: Any, name: str) -> list[str]:
+    """Puts the shapes of a log into a plant, before Finalize: a free body for each that moves.
+
+    Returns the names of these bodies.
+
+    Args:
+        plant: registered with a scene graph.
+        scene: from `plant_shapes`, read from a log.
+        name: of the log, for messages.
+
+    Raises:
+        LogError: it is not what `plant_shapes` makes.
+    """
+    bodies: dict[str, RigidBody] = {WORLD_BODY: plant.world_body()}
+    try:
+        for number, entry in enumerate(scene):
+            body = entry["body"]
+            if body not in bodies:
+                inertia = SpatialInertia.SolidSphereWithMass(1.0, 0.1)
+                bodies[body] = plant.AddRigidBody(body, inertia)
+            colour = Rgba(*map(float, entry["colour"])).rgba
+            shape = _shape(entry, f"shape_{number}")
+            plant.RegisterVisualGeometry(
+                bodies[body], shape_pose(entry), shape, f"{number}", colour
+            )
+    except (KeyError, TypeError, ValueError, RuntimeError) as cause:
+        raise LogError(f"{name}: the shapes in its metadata cannot be read ({cause!r})") from None
+    return [body for body in bodies if body != WORLD_BODY]
+
+
+def _shape(entry: Facts, label: str) -> Shape:
+    """Makes Drake's shape of a shape of a log."""
+    if entry["kind"] == "hull":
+        return Convex(points=np.array(entry["size"], dtype=float).T, label=label)
+    return _KINDS[entry["kind"]](*map(float, entry["size"]))

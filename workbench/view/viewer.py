@@ -1,0 +1,205 @@
+"""Drake's Meshcat as the workbench shows it: on this machine only, a light floor with a metre grid,
+no axes.
+
+Everything is drawn below the path `/drake`, so that a replay can move the world under a camera that
+stays with the car.
+"""
+
+import ctypes
+import logging
+import math
+
+import numpy as np
+from pydrake.geometry import Box, Meshcat, MeshcatParams, Rgba
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.framework import Context, Diagram
+
+from aerodima.workbench.car.car_station import simulated_car
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import UserError
+
+Area = tuple[float, float, float, float]
+"""A floor: x from, x to, y from, y to, m."""
+HOST = "127.0.0.1"
+PORTS = (1024, 65535)
+"""Ports that Drake's Meshcat takes; below them it ends the whole program."""
+
+WORLD = "/drake"
+GROUND = f"{WORLD}/ground"
+_FLOOR = Rgba(0.90, 0.91, 0.92)
+"""Colour of the floor."""
+_FINE = Rgba(0.80, 0.82, 0.84)
+"""Colour of the lines between the metres."""
+_METRE = Rgba(0.42, 0.46, 0.52)
+"""Colour of the lines at each metre."""
+_FINE_STEP = 0.25
+"""Distance of the lines between the metres, m."""
+_SHADOW_BIAS = -0.01 / 500.0
+"""One centimetre of the 500 m that the shadow of Meshcat's lamp reaches."""
+_LIVE_AREA = (-4.0, 16.0, -8.0, 10.0)
+"""Floor of a live run (x from, x to, y from, y to; m): where the car will go is not known yet."""
+_AREA = (-14.0, 14.0, -14.0, 14.0)
+"""The floor that is drawn around the car, m."""
+
+
+def open_meshcat(port: int | None = None) -> Meshcat:
+    """Starts a viewer on 127.0.0.1, with a floor and a camera that sees a whole run from the side.
+
+    Args:
+        port: 1024 to 65535; None takes the first free one from 7000 on. Its address is
+            `meshcat.web_url()`.
+
+    Raises:
+        UserError: the port is in use or not in that range, or none is free.
+    """
+    if port is not None and not PORTS[0] <= port <= PORTS[1]:
+        raise UserError(f"--port: {port}; must be {PORTS[0]} to {PORTS[1]}")
+    meshcat = _start(port)
+    for path in ("/Grid", "/Axes"):
+        meshcat.SetProperty(path, "visible", False)
+    meshcat.SetProperty("/Background", "top_color", [0.78, 0.85, 0.93])
+    meshcat.SetProperty("/Background", "bottom_color", [0.93, 0.94, 0.95])
+    _set_lights(meshcat)
+    draw_ground(meshcat, _LIVE_AREA)
+    lens = Meshcat.PerspectiveCamera(fov=40.0, aspect=16 / 9, near=0.05, far=100.0)
+    meshcat.SetCamera(lens)
+    meshcat.SetCameraPose(np.array([4.5, -8.5, 4.5]), np.array([5.0, 1.0, 0.0]))
+    return meshcat
+
+
+def _start(port: int | None) -> Meshcat:
+    log = logging.getLogger("drake")
+    level = log.level
+    log.setLevel(logging.WARNING)  # the caller prints the address where a visitor needs it
+    try:
+        meshcat = Meshcat(MeshcatParams(host=HOST, port=port))
+    except RuntimeError as error:
+        place = f"no free port on {HOST}"
+        if port is not None:
+            place = f"port {port} of {HOST} is in use"
+        raise UserError(
+            f"Meshcat: {place}; choose another --port ({PORTS[0]} to {PORTS[1]})"
+        ) from error
+    finally:
+        log.setLevel(level)
+    _keep_for_ever(meshcat)
+    return meshcat
+
+
+def _keep_for_ever(meshcat: Meshcat) -> None:
+    """Holds one reference too many, so that nothing destroys the viewer before the process is gone.
+
+    Drake aborts the process when another thread than its maker's destroys a viewer. The garbage
+    collector runs in whatever thread it is due; the interpreter, when it ends, clears modules in
+    the main thread, and a Dask worker has made its replays in another one.
+    """
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(meshcat))
+
+
+def _set_lights(meshcat: Meshcat) -> None:
+    """Sets one sun from above with soft light all around, so that the floor is even and the car
+    throws a shadow.
+    """
+    for lamp in ("SpotLight", "PointLightNegativeX", "PointLightPositiveX"):
+        meshcat.SetProperty(f"/Lights/{lamp}", "visible", False)
+    meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 1.6)
+    sun = "/Lights/FillLight/<object>"
+    meshcat.SetProperty(sun, "position", [2.0, -3.0, 9.0])
+    meshcat.SetProperty(sun, "intensity", 2.2)
+    for side in ("width", "height"):
+        meshcat.SetProperty(sun, f"shadow.mapSize.{side}", 4096.0)
+    meshcat.SetProperty(sun, "shadow.bias", _SHADOW_BIAS)
+    meshcat.SetProperty(sun, "castShadow", True)
+
+
+def area_around(points: FloatArray, margin: float = 3.0) -> Area:
+    """Finds the smallest floor with whole metres (x from, x to, y from, y to) that has a margin (m)
+    about points (n, 3).
+    """
+    on_floor = points[:, :2]
+    x0, y0 = np.floor(np.min(on_floor, axis=0) - margin).tolist()
+    x1, y1 = np.ceil(np.max(on_floor, axis=0) + margin).tolist()
+    return x0, x1, y0, y1
+
+
+def draw_ground(meshcat: Meshcat, area: Area, height: float = 0.0) -> None:
+    """Draws the floor with a line every metre and a lighter one every quarter of a metre.
+
+    Args:
+        area: x from, x to, y from, y to, whole metres.
+        height: of the floor, m.
+    """
+    x0, x1, y0, y1 = area
+    meshcat.SetTransform(GROUND, RigidTransform(np.array([0.0, 0.0, height])))
+    floor = Box(x1 - x0, y1 - y0, 0.01)
+    meshcat.SetObject(f"{GROUND}/floor", floor, _FLOOR)
+    middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, -0.012])
+    meshcat.SetTransform(f"{GROUND}/floor", RigidTransform(middle))
+    fine = _grid_lines(area, _FINE_STEP, -0.004)
+    meshcat.SetLineSegments(f"{GROUND}/fine", *fine, 1.0, _FINE)
+    metre = _grid_lines(area, 1.0, -0.001)
+    meshcat.SetLineSegments(f"{GROUND}/metre", *metre, 1.0, _METRE)
+
+
+def _grid_lines(area: Area, step: float, height: float) -> tuple[FloatArray, FloatArray]:
+    """Gives the ends of the lines of a grid, each of shape (3, n), metre by metre: some browsers
+    drop lines that pass the eye.
+    """
+    x0, x1, y0, y1 = area
+    along_y = _line_starts(x0, x1, y0, y1, step)
+    along_x = _line_starts(y0, y1, x0, x1, step)[::-1]
+    start = np.hstack([along_y, along_x])
+    end = np.hstack([along_y + np.c_[[0.0, 1.0]], along_x + np.c_[[1.0, 0.0]]])
+    heights = np.full((1, start.shape[1]), height)
+    start = np.vstack([start, heights])
+    end = np.vstack([end, heights])
+    return np.asfortranarray(start), np.asfortranarray(end)
+
+
+def _line_starts(low: float, high: float, first: float, last: float, step: float) -> FloatArray:
+    """Gives the starts, shape (2, n), of pieces of 1 m of lines that lie `step` (m) apart from
+    `low` to `high` and reach from `first` to `last`.
+    """
+    places = low + step * np.arange(round((high - low) / step) + 1)
+    return np.stack(np.meshgrid(places, np.arange(first, last), indexing="ij")).reshape(2, -1)
+
+
+class ChaseCamera:
+    """Looks at a car from behind: the world moves and turns under a camera that stands still.
+
+    Args:
+        station: simulated, of the car.
+        meshcat: shows the car; None: nothing is shown.
+    """
+
+    def __init__(self, station: Diagram, meshcat: Meshcat | None) -> None:
+        self._plant = simulated_car(station).plant
+        self._meshcat = meshcat
+        self._chassis = self._plant.GetBodyByName("chassis")
+        if meshcat is not None:
+            draw_ground(meshcat, _AREA)
+            meshcat.SetCameraPose(np.array([-2.6, 0.0, 1.5]), np.array([0.8, 0.0, 0.2]))
+
+    def follow(self, context: Context) -> tuple[float, float]:
+        """Turns the view after the car in a context of the whole diagram.
+
+        Returns:
+            Its speed over ground, m/s, and its heading, rad, positive to the left of the x axis of
+            the world.
+        """
+        plant_context = self._plant.GetMyContextFromRoot(context)
+        X_WB = self._plant.EvalBodyPoseInWorld(plant_context, self._chassis)
+        velocity = self._plant.EvalBodySpatialVelocityInWorld(
+            plant_context, self._chassis
+        ).translational()
+        ahead = X_WB.rotation().matrix()[:, 0]
+        heading = math.atan2(ahead[1], ahead[0])
+        if self._meshcat is not None:
+            place = np.array([*X_WB.translation()[:2], 0.0])
+            turn = RotationMatrix.MakeZRotation(-heading)
+            turned = RigidTransform(turn, np.zeros(3))
+            self._meshcat.SetTransform(WORLD, turned @ RigidTransform(-place))
+            # The ground moves by whole metres: its lines stay in place.
+            self._meshcat.SetTransform(GROUND, RigidTransform(np.round(place)))
+        speed = float(np.hypot(velocity[0], velocity[1]))
+        return speed, heading

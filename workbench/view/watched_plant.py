@@ -1,0 +1,324 @@
+"""The watched part of a diagram: plant or station, base, tail forces, and the columns they fill."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydrake.geometry import Meshcat, MeshcatVisualizer, SceneGraph
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, RigidBody
+from pydrake.systems.framework import (
+    Context,
+    Diagram,
+    DiagramBuilder,
+    EventStatus,
+    LeafSystem,
+    OutputPort,
+    System,
+)
+
+from aerodima.workbench.aero.tail_force import TailForce, resolve_body
+from aerodima.workbench.car.ground_truth import (
+    BASE_COLUMNS,
+    COM_COLUMNS,
+    PlantTruth,
+    air_columns,
+    own_instances,
+    pose_columns,
+    section_columns,
+)
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.port_wiring import vector_of
+from aerodima.workbench.logs.recorder import Signals, output_ports, signals_of
+from aerodima.workbench.logs.schema import Json
+from aerodima.workbench.metrics.run_summary import TAILS
+from aerodima.workbench.scenario.signal_table import CAR_TRUTH, PLANT_POSITION_PREFIX, names_of
+from aerodima.workbench.view.force_arrows import (
+    AIR_COLOUR,
+    SHOWN_LENGTH,
+    DrawnArrow,
+    point_on_axis,
+)
+from aerodima.workbench.view.logged_run import SCENE
+from aerodima.workbench.view.scene_shapes import plant_shapes, scene_bodies, shape_points
+from aerodima.workbench.view.viewer import WORLD, area_around, draw_ground
+
+_STATION_TRUTH = ("contact_truth", "wind_truth")
+"""Ports of a simulated car's station that are recorded beside the motion."""
+PICTURES_PER_SECOND = 32.0
+"""That of Drake's own visualizer."""
+_FLOOR_MARGIN = 10.0
+"""Floor about the place of the start, m."""
+_MIN_SIZE = 0.15
+"""The camera does not come nearer than to a plant of this radius, m."""
+
+
+@dataclass(frozen=True)
+class WatchedPlant:
+    """A plant in a diagram under construction, and what is drawn.
+
+    Attributes:
+        plant: finalised.
+        station: the diagram that holds the plant; None where the builder itself does.
+        state: port of [q; v].
+        base: index of the body whose tilt, heading and speed count; None without one.
+        tails: `TailForce` systems on bodies of the plant; those in a station are computed once
+            more.
+        wind: port of the air that they feel; None in still air.
+        scene: the plant's visible shapes, see `plant_shapes`.
+        scene_graph: that the plant is registered with, in this builder; None without or in a
+            station.
+        bodies: label and index of each body that has visible shapes.
+    """
+
+    plant: MultibodyPlant
+    station: Diagram | None
+    state: OutputPort
+    base: BodyIndex | None
+    tails: list[Any]
+    wind: OutputPort | None
+    scene: list[Json]
+    scene_graph: SceneGraph | None
+    bodies: dict[str, BodyIndex]
+
+    @classmethod
+    def find(
+        cls, builder: DiagramBuilder, plant: MultibodyPlant | Diagram, base: RigidBody | str | None
+    ) -> WatchedPlant:
+        """Looks for all this; ModelError as `aerodima.workbench.view.observed_run.observe`."""
+        if plant not in builder.GetSystems():
+            raise ModelError(f"observe: '{plant.get_name()}' is not in this builder; add it first")
+        inside: DiagramBuilder | Diagram = builder
+        station = None
+        if not isinstance(plant, MultibodyPlant):
+            inside = station = plant
+            plant = _plant_in(station)
+        if not plant.is_finalized():
+            raise ModelError(
+                f"observe: plant '{plant.get_name()}' is not finalised; call plant.Finalize() first"
+            )
+        systems = inside.GetSystems()
+        tails = [
+            system for system in systems if isinstance(system, TailForce) and system.plant is plant
+        ]
+        scene_graph = next((system for system in systems if isinstance(system, SceneGraph)), None)
+        scene = []
+        if scene_graph is not None and plant.geometry_source_is_registered():
+            scene = plant_shapes(plant, scene_graph)
+        if station is None:
+            state = plant.get_state_output_port()
+            wind = _wind(builder, tails)
+        else:
+            state = station.GetOutputPort("plant_state_truth")
+            wind = output_ports(station).get("wind_truth")
+            tails = [_copy_tail(builder, tail, state, wind) for tail in tails]
+            scene_graph = None
+        base_index = _base_of(plant, base)
+        bodies = scene_bodies(plant, scene)
+        return cls(plant, station, state, base_index, tails, wind, scene, scene_graph, bodies)
+
+    def add_truth(self, builder: DiagramBuilder) -> PlantTruth:
+        """Adds the system that computes what is recorded and drawn; ModelError when this plant is
+        watched already.
+        """
+        name = f"{self.plant.get_name()}_truth"
+        if builder.HasSubsystemNamed(name):
+            raise ModelError(
+                f"observe: plant '{self.plant.get_name()}' is observed already; once is enough"
+            )
+        truth = PlantTruth(self.plant, self.base, list(self.bodies.values()), self.tails)
+        builder.AddNamedSystem(name, truth)
+        builder.Connect(self.state, truth.GetInputPort("plant_state"))
+        for tail in self.tails:
+            builder.Connect(tail.GetOutputPort("wrench"), truth.GetInputPort(tail.get_name()))
+        return truth
+
+    def show(
+        self, builder: DiagramBuilder, truth: PlantTruth, meshcat: Meshcat, air_scale: float
+    ) -> None:
+        """Adds camera, arrows, and the visualizer of the shapes unless there is one.
+
+        Raises:
+            ModelError: the plant has no visible shapes.
+        """
+        if not self.scene:
+            raise ModelError(
+                f"observe: plant '{self.plant.get_name()}' has no visible shapes for Meshcat; make "
+                "it with AddMultibodyPlantSceneGraph and parse the model after that"
+            )
+        seen = any(isinstance(system, MeshcatVisualizer) for system in builder.GetSystems())
+        if self.scene_graph is not None and not seen:
+            MeshcatVisualizer.AddToBuilder(builder, self.scene_graph, meshcat)
+        names = [tail.get_name() for tail in self.tails]
+        reach = dict.fromkeys(self.bodies, 0.0)
+        for entry in self.scene:
+            if entry["body"] in reach:
+                distances = np.linalg.norm(shape_points(entry), axis=1)
+                reach[entry["body"]] = max(reach[entry["body"]], float(distances.max()))
+        live = builder.AddNamedSystem(
+            "live_scene", LiveScene(meshcat, names, [*reach.values()], air_scale)
+        )
+        for port, source in output_ports(truth).items():
+            if live.HasInputPort(port):
+                builder.Connect(source, live.GetInputPort(port))
+
+    def signals(self, truth: PlantTruth) -> Signals:
+        """Lists the recorded ports with the names of their columns."""
+        plant = self.plant
+        names = [f"{PLANT_POSITION_PREFIX}{position}" for position in plant.GetPositionNames()]
+        names += [f"plant_velocity_{velocity}" for velocity in plant.GetVelocityNames()]
+        extra_states = plant.num_multibody_states() - len(names)
+        names += [f"plant_state_{index}" for index in range(extra_states)]
+        poses = [column for label in self.bodies for column in pose_columns(label)]
+        computed = {"base": list(BASE_COLUMNS), "com": list(COM_COLUMNS), "poses": poses}
+        ports = output_ports(truth)
+        signals: Signals = []
+        if names:
+            signals = [(self.state, names)]
+        signals += [(ports[name], columns) for name, columns in computed.items() if name in ports]
+        for tail in self.tails:
+            name = tail.get_name()
+            number = tail.layout.number
+            validity = [f"{name}_section_{index}_validity" for index in range(number)]
+            signals += [
+                (ports[f"{name}_air"], air_columns(name)),
+                (tail.GetOutputPort("sections"), section_columns(name, number)),
+                (tail.GetOutputPort("validity"), validity),
+            ]
+        if self.station is not None:
+            table = {name: CAR_TRUTH[name] for name in _STATION_TRUTH}
+            signals += signals_of(table, output_ports(self.station))
+        elif self.wind is not None:
+            signals.append((self.wind, names_of(CAR_TRUTH["wind_truth"])))
+        return signals
+
+    def facts(self) -> Json:
+        """Collects what goes into `extra` of the log."""
+        plant = self.plant
+        mass = plant.CalcTotalMass(plant.CreateDefaultContext(), own_instances(plant))
+        tails = [{"name": tail.get_name(), "body": tail.body.name()} for tail in self.tails]
+        base = None
+        if self.base is not None:
+            base = plant.get_body(self.base).name()
+        return {SCENE: self.scene, TAILS: tails, "base": base, "total_mass_kg": mass}
+
+
+def _plant_in(station: Diagram) -> MultibodyPlant:
+    plant: Any = None
+    if station.HasSubsystemNamed("plant"):
+        plant = station.GetSubsystemByName("plant")
+    if plant is None or not station.HasOutputPort("plant_state_truth"):
+        raise ModelError(
+            f"observe: '{station.get_name()}' has no plant to be watched; must be a "
+            "MultibodyPlant of this builder, "
+            "or a simulated station, which has a subsystem 'plant' and a port 'plant_state_truth'"
+        )
+    return plant
+
+
+def _base_of(plant: MultibodyPlant, base: RigidBody | str | None) -> BodyIndex | None:
+    """Returns the body that was named, or the floating base if there is one only."""
+    if base is not None:
+        return resolve_body(plant, base, "observe").index()
+    floating = list(plant.GetFloatingBaseBodies())
+    return floating[0] if len(floating) == 1 else None
+
+
+def _wind(builder: DiagramBuilder, tails: list[Any]) -> OutputPort | None:
+    """Finds the port that the first tail force feels wind from."""
+    connections: Mapping[Any, Any] = builder.connection_map()
+    for tail in tails:
+        source = connections.get((tail, tail.GetInputPort("wind_velocity").get_index()))
+        if source is not None:
+            system, index = source
+            return system.get_output_port(index)
+    return None
+
+
+def _copy_tail(
+    builder: DiagramBuilder, tail: Any, state: OutputPort, wind: OutputPort | None
+) -> System:
+    """Adds a tail force of a station once more, in this builder, where its ports can be read."""
+    copy = builder.AddNamedSystem(tail.get_name(), tail.reporter())
+    builder.Connect(state, copy.GetInputPort("plant_state"))
+    if wind is not None:
+        builder.Connect(wind, copy.GetInputPort("wind_velocity"))
+    return copy
+
+
+class LiveScene(LeafSystem):
+    """Moves the world under the camera as the robot moves, and the arrows of the air.
+
+    Input ports:
+        com (6): position, m, and velocity of the centre of mass in W.
+        poses (7 n): of the bodies that are drawn, see `PlantTruth`.
+        <name of a tail force>_air (12): force N, moment about Wo N m, root and tip m of its
+        sections, W axes.
+
+    Args:
+        meshcat: that shows the robot.
+        tails: names of the tail forces.
+        reach: largest distance of a shape from the origin of its body, m, one per body of `poses`.
+        air_scale: length of an arrow, m per N.
+    """
+
+    def __init__(
+        self, meshcat: Meshcat, tails: Sequence[str], reach: Sequence[float], air_scale: float
+    ) -> None:
+        super().__init__()
+        self._meshcat = meshcat
+        self._reach = np.asarray(reach)
+        self._air_scale = air_scale
+        self._com = self.DeclareVectorInputPort("com", 6)
+        self._poses = None
+        if len(reach):
+            self._poses = self.DeclareVectorInputPort("poses", 7 * len(reach))
+        self._tails = []
+        for name in tails:
+            arrow = DrawnArrow.make(meshcat, f"air_on_{name}", AIR_COLOUR)
+            self._tails.append((arrow, self.DeclareVectorInputPort(f"{name}_air", 12)))
+        self._placed = False
+        self.DeclareInitializationPublishEvent(self._start)
+        self.DeclarePeriodicPublishEvent(1.0 / PICTURES_PER_SECOND, 0.0, self._show)
+
+    def _start(self, context: Context) -> EventStatus:
+        self._placed = False
+        return self._show(context)
+
+    def _show(self, context: Context) -> EventStatus:
+        com = vector_of(self._com, context)[:3]
+        if not self._placed:
+            self._place(context, com)
+        self._meshcat.SetTransform(WORLD, RigidTransform(-com * [1.0, 1.0, 0.0]))
+        for arrow, port in self._tails:
+            self._draw(arrow, vector_of(port, context))
+        return EventStatus.Succeeded()
+
+    def _place(self, context: Context, com: FloatArray) -> None:
+        """Puts the camera where all of the robot is seen, and a floor below it unless it hangs
+        below z = 0.
+        """
+        size = _MIN_SIZE
+        if self._poses is not None:
+            places = vector_of(self._poses, context).reshape(-1, 7)[:, 4:]
+            distances = np.linalg.norm(places - com, axis=1) + self._reach
+            size = max(size, float(np.max(distances)))
+        target = np.array([0.0, 0.0, com[2]])
+        self._meshcat.SetCameraPose(target + size * np.array([1.4, -2.9, 0.9]), target)
+        if com[2] >= 0.0:
+            draw_ground(self._meshcat, area_around(com[None, :], _FLOOR_MARGIN))
+        self._placed = True
+
+    def _draw(self, arrow: DrawnArrow, air: FloatArray) -> None:
+        """Moves the arrow of one tail force, or hides it."""
+        force, moment, root, tip = (part[None, :] for part in np.split(air, 4))
+        length = self._air_scale * force[0]
+        shown = bool(np.linalg.norm(length) > SHOWN_LENGTH)
+        self._meshcat.SetProperty(arrow.path, "visible", shown)
+        if shown:
+            arrow.move(self._meshcat, point_on_axis(force, moment, root, tip)[0], length)
