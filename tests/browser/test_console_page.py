@@ -86,7 +86,7 @@ def stalled(served):
         yield
     finally:
         release.set()
-        del served.console.turn
+        del served.console.poll
 
 
 def test_a_wrong_and_a_used_token_are_refused_in_words(page, served):

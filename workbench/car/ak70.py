@@ -15,12 +15,11 @@ from aerodima.workbench.core.elementwise import clip
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_wiring import vector_of
 from aerodima.workbench.core.system_lifetime import weak_callback
-from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import TAIL_COMMAND
-from aerodima.workbench.scenario.tail_parameters import TailMotorParameters
 
 if TYPE_CHECKING:
     from aerodima.workbench.scenario.scenario import Scenario
+    from aerodima.workbench.scenario.tail_parameters import TailMotorParameters
 
 TAIL_JOINTS = ("tail_pitch", "tail_roll")
 """Joints that a motor drives, in the order of all vectors of two."""

@@ -35,7 +35,6 @@ from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.port_wiring import add_and_connect, concatenate, vector_of
 from aerodima.workbench.core.system_lifetime import weak_callback
-from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.tail_parameters import (
     CONSTANT,
     SAIL_LAWS,

@@ -19,13 +19,12 @@ from aerodima.workbench.car.tail_plant import ground_partner_friction
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.sdf_model import Inertial, SdfModel
-from aerodima.workbench.scenario.car_parameters import CarParameters, DriveParameters
-from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import AXLES, SIDES
-from aerodima.workbench.scenario.tail_parameters import TailParameters
 
 if TYPE_CHECKING:
+    from aerodima.workbench.scenario.car_parameters import CarParameters, DriveParameters
     from aerodima.workbench.scenario.scenario import Scenario
+    from aerodima.workbench.scenario.tail_parameters import TailParameters
 
 CAR_SDF = "car/car.sdf"
 

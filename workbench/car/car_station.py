@@ -76,6 +76,8 @@ def make_car_station(
     A tail motor of your own is a system with an output port `torque` (1), N m, and any of the input
     ports `joint_state` (2), rad and rad/s, and `tail_command` (5):
 
+        from pydrake.systems.framework import LeafSystem
+
         class Spring(LeafSystem):
             def __init__(self, scenario, joint):
                 super().__init__()

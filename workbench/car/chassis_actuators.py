@@ -14,14 +14,14 @@ from aerodima.workbench.car.laws import governor_torque, rolling_resistance, ser
 from aerodima.workbench.core.elementwise import clip
 from aerodima.workbench.core.port_wiring import add_and_connect, vector_of
 from aerodima.workbench.core.system_lifetime import weak_callback
-from aerodima.workbench.scenario.car_parameters import (
-    CarParameters,
-    DriveParameters,
-    ServoParameters,
-)
 from aerodima.workbench.scenario.signal_table import WHEELS
 
 if TYPE_CHECKING:
+    from aerodima.workbench.scenario.car_parameters import (
+        CarParameters,
+        DriveParameters,
+        ServoParameters,
+    )
     from aerodima.workbench.scenario.scenario import Scenario
 
 FRAME_TOLERANCE = 1e-4

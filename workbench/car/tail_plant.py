@@ -16,22 +16,19 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from pydrake.multibody.tree import UnitInertia
 
-from aerodima.workbench.aero.sections import SectionLayout
-from aerodima.workbench.aero.tail_geometry import Plate, TailArm, TailGeometry
 from aerodima.workbench.car.laws import joint_friction
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.sdf_model import Inertial, SdfModel
-from aerodima.workbench.scenario.car_parameters import CarParameters
 from aerodima.workbench.scenario.tail_parameters import (
     SHELL_DEPTH,
-    TailMotorParameters,
-    TailParameters,
 )
 
 if TYPE_CHECKING:
     from aerodima.workbench.aero.sections import SectionLayout
     from aerodima.workbench.aero.tail_geometry import TailGeometry
+    from aerodima.workbench.scenario.car_parameters import CarParameters
+    from aerodima.workbench.scenario.tail_parameters import TailMotorParameters, TailParameters
 
 TAIL_SDF = "tail/tail.sdf"
 ROD_RADIUS = 0.006
@@ -126,7 +123,7 @@ def tail_geometry(tail: TailParameters) -> TailGeometry:
     Raises:
         ModelError: the tail file is missing or wrong.
     """
-    from aerodima.workbench.aero.tail_geometry import TailGeometry
+    from aerodima.workbench.aero.tail_geometry import Plate, TailArm, TailGeometry
 
     if tail.has_own_geometry:
         from aerodima.workbench.car.tail_file import read_tail
