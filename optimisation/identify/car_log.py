@@ -14,7 +14,7 @@ from scipy.ndimage import maximum_filter1d
 
 from aerodima.optimisation.identify.log_rig import named
 from aerodima.workbench.car.car_sensors import STEPS
-from aerodima.workbench.car.chassis_actuators import steady_speed
+from aerodima.workbench.car.laws import steady_speed
 from aerodima.workbench.car.turn_signals import STEERED
 from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE, DriverInput
 from aerodima.workbench.control.tail_law import Observation

@@ -33,7 +33,7 @@ from aerodima.optimisation.studies.runs import (
     step_settings,
 )
 from aerodima.workbench.batch.row_store import Row
-from aerodima.workbench.car.chassis_actuators import steady_speed
+from aerodima.workbench.car.laws import steady_speed
 from aerodima.workbench.scenario.ensemble import Member
 from aerodima.workbench.scenario.scenario import load_scenario
 

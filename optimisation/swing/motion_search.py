@@ -30,7 +30,7 @@ from aerodima.optimisation.swing.turn_shooting import (
     TurnShooting,
 )
 from aerodima.workbench.batch.row_store import ProgressLine, no_progress
-from aerodima.workbench.car.ak70 import torque_speed_limits
+from aerodima.workbench.car.laws import torque_speed_limits
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SwingError
 from aerodima.workbench.logs.schema import software_versions

@@ -14,7 +14,7 @@ from pydrake.systems.primitives import Adder, Saturation, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from aerodima.workbench.car.car_plant import add_car_plant
-from aerodima.workbench.car.chassis_actuators import shaft_gain
+from aerodima.workbench.car.laws import shaft_gain
 from aerodima.workbench.car.termination import has_flipped
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.port_wiring import multiply

@@ -21,7 +21,7 @@ from aerodima.workbench.car.car_model import (
     unsprung_mass,
     wheel_rates,
 )
-from aerodima.workbench.car.chassis_actuators import knuckle_angles, shaft_gain
+from aerodima.workbench.car.laws import knuckle_angles, shaft_gain
 from aerodima.workbench.car.verdict import FLIP_TILT
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.scenario.scenario import Scenario

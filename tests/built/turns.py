@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from aerodima.workbench.batch.simulation import simulate
-from aerodima.workbench.car.chassis_actuators import steady_speed
+from aerodima.workbench.car.laws import steady_speed
 from aerodima.workbench.car.turn_signals import turn_signals
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import IMU_FILTER, low_pass

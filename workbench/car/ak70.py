@@ -4,14 +4,17 @@ the robot on the rig.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
 
-from aerodima.workbench.car.laws import joint_friction, pd_torque, torque_bounds
+from aerodima.workbench.car.laws import (
+    joint_friction,
+    mit_torque,
+    torque_speed_limits,
+)
 from aerodima.workbench.car.tail_plant import arm_inertia
-from aerodima.workbench.core.elementwise import clip
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_wiring import vector_of
 from aerodima.workbench.core.system_lifetime import weak_callback
@@ -23,63 +26,6 @@ if TYPE_CHECKING:
 
 TAIL_JOINTS = ("tail_pitch", "tail_roll")
 """Joints that a motor drives, in the order of all vectors of two."""
-NOW = (0.0, 1.0, 0.0)
-"""Step without length, at whose instant a law holds."""
-
-
-def torque_speed_limits(motor: TailMotorParameters) -> tuple[float, float]:
-    """Returns stall torque (N m) and no-load speed (rad/s) at the output, from the pack voltage.
-
-    Ideal DC machine: the torque constant in N m/A equals 1/speed_constant in SI units.
-    """
-    no_load_speed = motor.pack_voltage * motor.speed_constant / motor.gear_ratio
-    stall_torque = (
-        motor.pack_voltage / motor.winding_resistance / motor.speed_constant * motor.gear_ratio
-    )
-    return stall_torque, no_load_speed
-
-
-def mit_torque(
-    position: float,
-    speed: float,
-    command: Sequence[float],
-    motor: TailMotorParameters,
-    line: tuple[float, float],
-    ahead: tuple[float, float, float] = NOW,
-) -> float:
-    """Returns the torque (N m) of one motor in MIT mode, positive along the joint axis.
-
-    tau = kp (q_d - q) + kd (qd_d - qd) + tau_ff with gains clipped to the frame's range, all of it
-    wrong by the error of the torque constant, then held inside the peak torque and the torque-speed
-    line: near the no-load speed the motor cannot push further, braking stays possible.
-
-    The firmware closes this loop at kHz, the plant steps at 2 ms: damping that acts on the rate of
-    the beginning of a step would push a light joint back and forth (kd h / I > 2 for the pitch
-    joint of a tail that lies sideways). So angle and rate are those of the end of the step, q + h v
-    and v = qd + (tau + load) h / I, solved for tau.
-
-    Args:
-        position: joint angle, rad.
-        speed: joint rate, rad/s.
-        command: q_d rad, qd_d rad/s, kp N m/rad, kd N m s/rad, tau_ff N m.
-        motor: limits.
-        line: stall torque N m and no-load speed rad/s, from `torque_speed_limits`.
-        ahead: length of the plant's step, s, inertia of the joint with the reflected rotor, kg m2,
-            and torque on it from all but its motor, N m; by default the law holds at this instant.
-    """
-    target, target_rate, kp, kd, feedforward = command
-    scale = 1.0 + motor.torque_error
-    kp = scale * clip(kp, 0.0, motor.kp_max)
-    kd = scale * clip(kd, 0.0, motor.kd_max)
-    step, inertia, load = ahead
-    coasting = speed + step * load / inertia
-    torque = pd_torque(  # angles are counted from the present one
-        step * coasting, coasting, target - position, target_rate, kp, kd, scale * feedforward
-    )
-    torque /= 1.0 + step * (kd + step * kp) / inertia
-    lower, upper = torque_bounds(speed, motor.torque_limit, *line)
-    limited: float = clip(torque, lower, upper)
-    return limited
 
 
 class TailMotor(LeafSystem):

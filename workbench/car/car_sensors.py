@@ -285,8 +285,7 @@ def quantise_symmetric(value: float, limit: float, bits: int) -> float:
 class MotorEncoder(SampledSensor):
     """Angle and speed of the two tail joints as their motors report them over the bus.
 
-    `pydrake.systems.primitives.Multiplexer([2, 1, 2, 1])` makes the station's `tail_state` of
-    angles, sail angle, rates and sail rate.
+    The station puts `tail_state` together: angles, sail angle, rates and sail rate.
 
     Input ports:
         joints (4): angles of pitch and roll, rad, then their rates, rad/s.

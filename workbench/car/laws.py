@@ -1,18 +1,32 @@
 """The laws of motors, servo, joints and wheels as functions of numbers.
 
-Each takes floats or arrays that broadcast, and is the only home of its law: the systems of the
-plant, the reduced cars, the rig and the hardware call it. Torques are positive along the axis of
-their joint.
+Each is the only home of its law: the systems of the plant, the reduced cars, the rig and the
+hardware call it. Those whose arguments are `Any` take floats or arrays that broadcast. Torques are
+positive along the axis of their joint.
 """
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 from aerodima.workbench.core.elementwise import clip, maximum, minimum, tanh
 
+if TYPE_CHECKING:
+    from aerodima.workbench.scenario.car_parameters import (
+        CarParameters,
+        DriveParameters,
+        ServoParameters,
+    )
+    from aerodima.workbench.scenario.tail_parameters import TailMotorParameters
+
 ROLLING_RATE = 1.0
 """Rate (rad/s) of a wheel over which its rolling resistance is rounded off."""
+FRAME_TOLERANCE = 1e-4
+"""Of a frame of the servo; a step that falls on its begin up to rounding has it begun."""
+NOW = (0.0, 1.0, 0.0)
+"""Step without length, at whose instant a law holds."""
 
 
 def pd_torque(
@@ -113,3 +127,191 @@ def servo_step(angle: Any, command: Any, travel: Any) -> Any:
         travel: rate of the servo times the time that passes, rad.
     """
     return clip(command, angle - travel, angle + travel)
+
+
+def steady_speed(throttle: float, drive: DriveParameters) -> float:
+    """Returns the speed (m/s) for a throttle in -1..1: the fitted line, mirrored for reverse, zero
+    inside its dead band.
+
+    Without governor the motor does not overcome its load below `breakaway_throttle` (thesis 6.2).
+    """
+    if not drive.governor and abs(throttle) < drive.breakaway_throttle:
+        return 0.0
+    forward = max(0.0, drive.throttle_gain * abs(throttle) + drive.throttle_offset)
+    if throttle > 0:
+        return forward
+    if throttle < 0:
+        return -forward
+    return 0.0
+
+
+def shaft_gain(drive: DriveParameters, car: CarParameters) -> float:
+    """Returns the torque per shaft-speed error, N m s/rad: the governor's, or the motor's own from
+    the car's speed response.
+    """
+    if drive.governor:
+        return drive.governor_gain
+    return (car.mass * car.tyre_radius**2 + drive.rotor_inertia) / drive.time_constant
+
+
+def shaft_torque(
+    throttle: float,
+    shaft_speed: float,
+    drive: DriveParameters,
+    gain: float,
+    radius: float,
+    loss: float = 0.0,
+) -> float:
+    """Returns the torque (N m) on the differential's shaft, by `governor_torque`.
+
+    The throttle sets the target through the line of section 6.2. With governor k is stiff, so the
+    wheel speed is held through the turn; without, k is the slope of the motor's torque-speed line
+    and the speed droops with load. The line is that of the rolling car, so the drive carries its
+    rolling resistance; at throttle 0 it is off. NaN counts as throttle 0; beyond +-1 is clipped.
+
+    Args:
+        throttle: -1..1.
+        shaft_speed: rad/s, positive forward.
+        drive: line, torque limit.
+        gain: k, N m s/rad, from `shaft_gain`.
+        radius: m, of the loaded rear tyres as they roll.
+        loss: rolling resistance of all wheels, N m.
+    """
+    if throttle != throttle or throttle == 0.0:
+        return 0.0
+    target = steady_speed(clip(throttle, -1.0, 1.0), drive) / radius
+    torque: float = governor_torque(target, shaft_speed, gain, loss, drive.torque_limit)
+    return torque
+
+
+def ackermann(steering_angle: float, wheelbase: float, track: float) -> tuple[float, float]:
+    """Returns the angles (rad) of the left and right front wheel, positive to the left, that roll
+    about one centre of turn.
+
+    `steering_angle` is that of the wheel in the middle of the kinematic bicycle.
+    """
+    tangent = math.tan(steering_angle)
+    half = 0.5 * track / wheelbase * tangent
+    return math.atan2(tangent, 1.0 - half), math.atan2(tangent, 1.0 + half)
+
+
+def knuckle_angles(
+    steering_angle: float, servo: ServoParameters, car: CarParameters
+) -> tuple[float, float]:
+    """Returns the angles (rad) of the left and right front wheel for a steering angle."""
+    if servo.linkage == "parallel":
+        return steering_angle, steering_angle
+    return ackermann(steering_angle, car.wheelbase, car.track)
+
+
+def steering_motion(frame: Sequence[float], time: float, rate: float) -> tuple[float, float]:
+    """Returns the bicycle steering angle, rad, and its rate, rad/s, at `time` s.
+
+    Args:
+        frame: begin s, angle at that time rad, angle rad that the servo moves to.
+        time: s.
+        rate: of the servo, rad/s.
+    """
+    begin, start, target = frame
+    angle = servo_step(start, target, rate * (time - begin))
+    if angle == target:
+        return angle, 0.0
+    return angle, math.copysign(rate, target - start)
+
+
+def servo_frame(
+    last: Sequence[float] | None, time: float, command: float, servo: ServoParameters
+) -> Sequence[float]:
+    """Returns the servo's frame at `time` s, as `steering_motion` reads it.
+
+    The servo reads its command once per frame and moves towards it at its rate; 30 degrees take
+    0.14 s (thesis 7.1.1). The command is clipped to the servo's limit; NaN holds the last angle.
+
+    Args:
+        last: the frame of a step before; None at the first step, at which the wheels stand
+            straight.
+        time: of a step of the plant, s.
+        command: bicycle steering angle at that time, rad, positive to the left.
+        servo: rate, limit, frame rate.
+    """
+    begin = math.floor(time * servo.frame_rate + FRAME_TOLERANCE) / servo.frame_rate
+    if last is not None and begin <= last[0]:
+        return last
+    angle, _ = steering_motion(last or (0.0, 0.0, 0.0), begin, servo.rate)
+    if math.isnan(command):
+        target = angle
+    else:
+        target = clip(command, -servo.limit, servo.limit)
+    return begin, angle, target
+
+
+def knuckle_motion(
+    angle: float, rate: float, servo: ServoParameters, car: CarParameters
+) -> tuple[float, float, float, float]:
+    """Returns angles (rad) and rates (rad/s) of left and right front wheel, for those of the
+    bicycle.
+    """
+    left, right = knuckle_angles(angle, servo, car)
+    if servo.linkage == "parallel":
+        return left, right, rate, rate
+    tangent = math.tan(angle)
+    half = 0.5 * car.track / car.wheelbase
+    turning = rate * (1.0 + tangent**2)
+    inner = 1.0 - half * tangent
+    outer = 1.0 + half * tangent
+    return left, right, turning / (inner**2 + tangent**2), turning / (outer**2 + tangent**2)
+
+
+def torque_speed_limits(motor: TailMotorParameters) -> tuple[float, float]:
+    """Returns stall torque (N m) and no-load speed (rad/s) at the output, from the pack voltage.
+
+    Ideal DC machine: the torque constant in N m/A equals 1/speed_constant in SI units.
+    """
+    no_load_speed = motor.pack_voltage * motor.speed_constant / motor.gear_ratio
+    stall_torque = (
+        motor.pack_voltage / motor.winding_resistance / motor.speed_constant * motor.gear_ratio
+    )
+    return stall_torque, no_load_speed
+
+
+def mit_torque(
+    position: float,
+    speed: float,
+    command: Sequence[float],
+    motor: TailMotorParameters,
+    line: tuple[float, float],
+    ahead: tuple[float, float, float] = NOW,
+) -> float:
+    """Returns the torque (N m) of one motor in MIT mode, positive along the joint axis.
+
+    tau = kp (q_d - q) + kd (qd_d - qd) + tau_ff with gains clipped to the frame's range, all of it
+    wrong by the error of the torque constant, then held inside the peak torque and the torque-speed
+    line: near the no-load speed the motor cannot push further, braking stays possible.
+
+    The firmware closes this loop at kHz, the plant steps at 2 ms: damping that acts on the rate of
+    the beginning of a step would push a light joint back and forth (kd h / I > 2 for the pitch
+    joint of a tail that lies sideways). So angle and rate are those of the end of the step, q + h v
+    and v = qd + (tau + load) h / I, solved for tau.
+
+    Args:
+        position: joint angle, rad.
+        speed: joint rate, rad/s.
+        command: q_d rad, qd_d rad/s, kp N m/rad, kd N m s/rad, tau_ff N m.
+        motor: limits.
+        line: stall torque N m and no-load speed rad/s, from `torque_speed_limits`.
+        ahead: length of the plant's step, s, inertia of the joint with the reflected rotor, kg m2,
+            and torque on it from all but its motor, N m; by default the law holds at this instant.
+    """
+    target, target_rate, kp, kd, feedforward = command
+    scale = 1.0 + motor.torque_error
+    kp = scale * clip(kp, 0.0, motor.kp_max)
+    kd = scale * clip(kd, 0.0, motor.kd_max)
+    step, inertia, load = ahead
+    coasting = speed + step * load / inertia
+    torque = pd_torque(  # angles are counted from the present one
+        step * coasting, coasting, target - position, target_rate, kp, kd, scale * feedforward
+    )
+    torque /= 1.0 + step * (kd + step * kp) / inertia
+    lower, upper = torque_bounds(speed, motor.torque_limit, *line)
+    limited: float = clip(torque, lower, upper)
+    return limited

@@ -56,7 +56,7 @@ class OutcomeRecord:
         builder: of the diagram that holds the station.
         station: simulated, without the truth for a log.
         scenario: of the station.
-        signals: ports with their column names (`car_run.assemble`); those that cost Python at every
+        signals: ports with their column names (`car_diagram.assemble`); those that cost Python at every
             row are left out.
     """
 

@@ -21,7 +21,7 @@ class RollEstimator(LeafSystem):
 
     Args:
         settings: of the filter; its rate should be the IMU's.
-        stage: of its ticks, beside a simulated car (`aerodima.workbench.core.port_wiring`).
+        stage: of its ticks, beside a simulated car (`aerodima.workbench.core.event_order`).
     """
 
     def __init__(

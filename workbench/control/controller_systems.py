@@ -77,7 +77,7 @@ class TailController(LeafSystem):
         law: a `TailLaw`; `law_of_scenario(scenario)` is the one that a scenario names.
         age_limit: s; beyond this a signal counts as silent.
         stage: of its ticks, where it drives a simulated car
-            (`aerodima.workbench.core.port_wiring`).
+            (`aerodima.workbench.core.event_order`).
         idle: never ticks, and gives no command: for a car without tail, on which ticks cost time
             and have no effect.
 
@@ -205,7 +205,7 @@ class TurnDriver(LeafSystem):
             `make_schedule(scenario)`.
         rate: Hz.
         stage: of its ticks, where it drives a simulated car
-            (`aerodima.workbench.core.port_wiring`).
+            (`aerodima.workbench.core.event_order`).
 
     Raises:
         UserError: rate out of range.

@@ -28,7 +28,7 @@ class SampledSensor(LeafSystem):
     holds the first sample, and its age is the delay.
 
     Before a discrete plant, sampling and appearing come first of all that happens at an instant,
-    and the plant's step last (`aerodima.workbench.core.port_wiring`): the sensor sees the plant
+    and the plant's step last (`aerodima.workbench.core.event_order`): the sensor sees the plant
     as it is at that instant, not one step later, and a controller that acts at that instant already
     sees a sample without delay. Elsewhere sampling is an unrestricted update, which Drake runs
     before the discrete updates of the same instant. An instant between two steps of a discrete

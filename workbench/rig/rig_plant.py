@@ -51,9 +51,8 @@ class RigPlant:
         plant: finalised, continuous.
         scene_graph: for a viewer; None without.
         tail_force: aerodynamic system of the tail; None for the bare bar.
-        motor_torque: input port number of the adder that takes the motor's torque (1), N m, along
-            the joint axis.
-        torques: that adder.
+        torques: adder whose first input port takes the motor's torque (1), N m, along the joint
+            axis.
         wrench: port (6) of the wrench of the support on the rig at W: force N, torque N m, in W
             axes.
     """

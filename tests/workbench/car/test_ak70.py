@@ -7,12 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from aerodima.workbench.car.ak70 import (
-    TAIL_JOINTS,
-    TailMotor,
-    mit_torque,
-    torque_speed_limits,
-)
+from aerodima.workbench.car.ak70 import TAIL_JOINTS, TailMotor
+from aerodima.workbench.car.laws import mit_torque, torque_speed_limits
 from aerodima.workbench.scenario.scenario import scenario_from_dict
 
 MOTOR = scenario_from_dict({}).tail_motor

@@ -9,8 +9,8 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from aerodima.workbench.car.car_diagram import assemble
 from aerodima.workbench.car.car_station import make_car_station, simulated_car
-from aerodima.workbench.car.chassis_actuators import knuckle_angles
 from aerodima.workbench.car.ground_truth import BODY_TRUTH, TAIL_TRUTH
+from aerodima.workbench.car.laws import knuckle_angles
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_contract import add_status
 from aerodima.workbench.scenario.scenario import load_scenario, scenario_from_dict

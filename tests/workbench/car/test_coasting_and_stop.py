@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from aerodima.workbench import UserError, load_scenario, simulate
-from aerodima.workbench.car.chassis_actuators import shaft_torque, steady_speed
+from aerodima.workbench.car.laws import shaft_torque, steady_speed
 from aerodima.workbench.car.reduced.dynamics import equations, step
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.states import STATES, Commands

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from aerodima.workbench.car.chassis_actuators import shaft_gain, shaft_torque, steady_speed
+from aerodima.workbench.car.laws import shaft_gain, shaft_torque, steady_speed
 from aerodima.workbench.scenario.scenario import scenario_from_dict
 
 SCENARIO = scenario_from_dict({})

@@ -7,12 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from aerodima.workbench.car.chassis_actuators import (
-    ackermann,
-    knuckle_motion,
-    servo_frame,
-    steering_motion,
-)
+from aerodima.workbench.car.laws import ackermann, knuckle_motion, servo_frame, steering_motion
 from aerodima.workbench.scenario.scenario import scenario_from_dict
 
 SCENARIO = scenario_from_dict({})

@@ -14,7 +14,6 @@ from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.aero.section_laws import CrossedPlatesLaw, NormalForceLaw
-from aerodima.workbench.car.ak70 import torque_speed_limits
 from aerodima.workbench.car.car_air import sail_law, sail_layout
 from aerodima.workbench.car.car_model import (
     EDGE_HALF_WIDTH,
@@ -24,7 +23,7 @@ from aerodima.workbench.car.car_model import (
     wheel_rates,
 )
 from aerodima.workbench.car.car_plant import add_car_plant
-from aerodima.workbench.car.chassis_actuators import shaft_gain
+from aerodima.workbench.car.laws import shaft_gain, torque_speed_limits
 from aerodima.workbench.car.tail_plant import SAIL_TIP_MARGIN
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.elementwise import maximum
