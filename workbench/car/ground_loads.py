@@ -1,7 +1,9 @@
 """Vertical forces of the level ground on a car, from its motion after the run.
 
-Trials use it, since Drake's contact results cost more (figures in README.md beside this file). A contact of Drake's lagged approximation has the penetration x at the beginning
-of a step of length h and, with the velocity at its end, the rate of that penetration x':
+Trials use it, since Drake's contact results cost more (figures in README.md beside this file).
+
+A contact of Drake's lagged approximation has the penetration x at the beginning of a step of length
+h and, with the velocity at its end, the rate of that penetration x':
 
     f = k (x + h x')_+ (1 + d x')_+        where x > 0, else 0
 

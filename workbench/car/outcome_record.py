@@ -56,8 +56,8 @@ class OutcomeRecord:
         builder: of the diagram that holds the station.
         station: simulated, without the truth for a log.
         scenario: of the station.
-        signals: ports with their column names (`car_diagram.assemble`); those that cost Python at every
-            row are left out.
+        signals: ports with their column names (`car_diagram.assemble`); those that cost Python at
+            every row are left out.
     """
 
     def __init__(
