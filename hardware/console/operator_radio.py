@@ -28,8 +28,6 @@ _REPEAT = 0.05
 """s between two emergency stops, until the car reports the stop."""
 REPORT_SILENCE = 0.5
 """s after which the last report says nothing about the car as it is."""
-
-
 _LOST_SHOWN = 1.0
 """s for which a port that was lost counts as lost at least: one that comes back only to fail again
 is no link."""

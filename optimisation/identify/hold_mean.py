@@ -20,12 +20,8 @@ from aerodima.workbench.core.array_types import FloatArray
 
 _MAX_ROUNDS = 40
 """Most rounds of the robust regression."""
-
-
 _SETTLED = 1e-4
 """Change, in scales, below which it has settled."""
-
-
 MAX_CORRELATED = 8192
 """Samples that the correlation time of a noise is taken from."""
 

@@ -15,24 +15,14 @@ from aerodima.workbench.core.array_types import FloatArray
 FAR_OFF = 6.0
 """Robust standard deviations beyond which a sample is no noise: probability 2e-9 under a normal
 distribution."""
-
-
 FEW_FAR_OFF = 3
 """Fewest such samples that are reported."""
-
-
 _SLOW = 10
 """First modes of the cosine transform, in which wandering shows."""
-
-
 _NEXT = 60
 """End of the modes whose power is compared with theirs."""
-
-
 _MIN_SAMPLES = 4 * _NEXT
 """Fewest samples in which wandering is looked for."""
-
-
 CHANCE = 1e-5
 """Probability below which wandering is no noise."""
 

@@ -71,8 +71,6 @@ _SWING_ONLY = (
 
 
 _ROBOT = ("wind_speed", "air_density", "encoder_zero", "encoder_gain")
-
-
 _STATIC_ONLY = ("mount_mass", "mount_com_x", "mount_com_y", "force_gain", *BIASES)
 
 

@@ -274,7 +274,7 @@ class TurnShooting:
             length: of a step, s.
 
         Raises:
-            UserError: what the screening model does not know.
+            UserError: what the reduced car does not know.
         """
         cars = VehicleParams.from_scenarios(scenarios)
         first = scenarios[0]

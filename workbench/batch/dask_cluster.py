@@ -115,8 +115,9 @@ def _environment_of_workers() -> Iterator[None]:
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     if sys.platform == "linux":
         allocators = filter(None, map(find_library, ALLOCATORS))
-        preloaded = filter(None, [before.get("LD_PRELOAD"), next(allocators, None)])
-        os.environ["LD_PRELOAD"] = " ".join(preloaded)
+        preloaded = [*filter(None, [before.get("LD_PRELOAD"), next(allocators, None)])]
+        if preloaded:
+            os.environ["LD_PRELOAD"] = " ".join(preloaded)
     try:
         yield
     finally:

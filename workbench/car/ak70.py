@@ -83,7 +83,7 @@ class JointFriction(LeafSystem):
 
     Input ports:
         rates (2): of `TAIL_JOINTS`, rad/s.
-        motor_torques (2): N m.
+        motor_torques (2): N m; a NaN counts as 0.
     Output ports:
         joint_torques (2): motor and friction together, N m.
 
@@ -106,7 +106,8 @@ class JointFriction(LeafSystem):
         rates = vector_of(self._rates, context).tolist()
         torques = vector_of(self._torques, context).tolist()
         for joint, (rate, torque) in enumerate(zip(rates, torques, strict=True)):
-            output[joint] = torque + joint_friction(rate, law.coulomb, law.viscous, law.tanh_gain)
+            driving = torque if torque == torque else 0.0  # a motor of the user may give NaN
+            output[joint] = driving + joint_friction(rate, law.coulomb, law.viscous, law.tanh_gain)
 
 
 TailMotorFactory = Callable[["Scenario", str], LeafSystem]

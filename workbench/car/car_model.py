@@ -39,13 +39,9 @@ KNUCKLE_RADIUS = 0.02
 """Radius (m) of the ball that has the inertia of a steering knuckle."""
 CAGE_STIFFNESS = 1.0e5
 """Contact stiffness (N/m) of cage and board: stiff against the tyres; acts in a crash only."""
-
-
 EDGE_HALF_WIDTH = 0.002
 """Half the width (m) of each edge of a tyre: narrow against any tyre, so that its contact point
 stays on it."""
-
-
 RIGID_SLIP = 1e-4
 """Slip (m/s) over which Drake spreads friction by default, that of rigid tyres."""
 

@@ -32,6 +32,7 @@ from aerodima.workbench.car.car_sensors import (
 )
 from aerodima.workbench.car.chassis_actuators import DriveTrain, SteeringServo
 from aerodima.workbench.car.plant_ports import PlantPorts
+from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_contract import (
     add_status,
     export_interface,
@@ -102,6 +103,8 @@ def make_car_station(
         UserError: the interface, the simulated car or a tail motor has other ports than it must
             have.
     """
+    if tail_motor is not TailMotor and (interface is not None or scenario.tail.mode == "none"):
+        raise UserError(f"tail_motor: {tail_motor!r}: only a simulated car with a tail has one")
     builder = DiagramBuilder()
     if interface is None:
         _add_simulated_car(builder, scenario, meshcat, with_truth, tail_motor)

@@ -36,8 +36,6 @@ Signals = Sequence[tuple[Any, Sequence[str]]]
 COSTLY = ("roll_estimate", "status", "tail_pitch_torque", "tail_roll_torque")
 """How columns begin that a Python system would compute at every row and no metric needs, or that
 come cheaper."""
-
-
 SETTLED = "settled_s"
 """Key in `extra` of a log that ends once the car has settled after its turn: the time of its last
 row, s."""

@@ -17,16 +17,10 @@ from aerodima.workbench.core.yaml_files import checked, read_yaml
 
 _ARM_COLOUR = "0.16 0.17 0.20 1"
 """Red, green, blue and opacity of the rod, from 0 to 1."""
-
-
 _PLATE_COLOUR = "0.93 0.74 0.18 1"
 """Red, green, blue and opacity of the plates, from 0 to 1."""
-
-
 _THIN = 0.002
 """Least drawn thickness of a plate, m."""
-
-
 _HALF_CYLINDER = "package://aerodima_models/tail/half_cylinder.obj"
 """Diameter and length 1, hollow towards +y, its opening in the plane y = 0."""
 

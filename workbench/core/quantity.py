@@ -102,7 +102,12 @@ def check_range(
         return
     shown = "" if unit == NO_UNIT else f" {unit}"
     relation = ">" if above_low else ">="
-    raise error(f"{name}: {value:g}{shown} must be {relation} {low:g} and <= {high:g}")
+    limits = ["finite"]
+    if low > -math.inf:
+        limits.append(f"{relation} {low:g}{shown}")
+    if high < math.inf:
+        limits.append(f"<= {high:g}{shown}")
+    raise error(f"{name}: {value:g}{shown} must be {', '.join(limits)}")
 
 
 def check_rate(rate: float, step: float | None, name: str) -> None:

@@ -261,9 +261,11 @@ def car_mismatches(
     lines = []
     for name, made_for in swing.car.items():
         section, _, key = name.partition(".")
-        value = float((scenario.get(section) or {}).get(key, math.nan))
-        if not math.isclose(value, made_for, rel_tol=tolerance, abs_tol=1e-12):
-            lines.append(f"{name}: made for {made_for:g}, the scenario has {value:g}")
+        value = (scenario.get(section) or {}).get(key)
+        if value is None:
+            lines.append(f"{name}: made for {made_for:g}, the scenario has no such parameter")
+        elif not math.isclose(float(value), made_for, rel_tol=tolerance, abs_tol=1e-12):
+            lines.append(f"{name}: made for {made_for:g}, the scenario has {float(value):g}")
     return lines
 
 
