@@ -42,6 +42,7 @@ from .scenario.scenario import load_scenario as load_scenario
 from .view.coefficient_figures import plot_coefficients as plot_coefficients
 from .view.entry_chapter import entry_medians as entry_medians
 from .view.entry_chapter import load_shown_entry as load_shown_entry
+from .view.filmstrip import filmstrip_figure as filmstrip_figure
 from .view.filmstrip import strip_figure as strip_figure
 from .view.model_figures import draw_diagram as draw_diagram
 from .view.model_figures import plot_range_of_motion as plot_range_of_motion

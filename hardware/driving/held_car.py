@@ -17,6 +17,7 @@ from aerodima.hardware.car.wirings import wire_car
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.driving.plain_loop import PERIOD, wait_until
 from aerodima.hardware.driving.watchdog_record import require_watchdog_test
+from aerodima.workbench.core.deprecation import renamed
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.core.realtime import DRIVE_PRIORITY, prefer_realtime, restore_ordinary
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
@@ -86,8 +87,8 @@ def holding(car: WiredCar) -> Iterator[WiredCar]:
         restore_ordinary()
 
 
-held = holding
-"""Deprecated alias of `holding`; to be dropped in 0.5."""
+held = renamed("held", holding)
+"""Old name of `holding`."""
 
 
 def _await_armed(car: WiredCar) -> None:

@@ -19,6 +19,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from aerodima.optimisation.identify.fit_program import FitProgram, LinearTerms
 from aerodima.optimisation.identify.least_squares import Problem, Solution, StartResult
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.deprecation import warn_renamed
 from aerodima.workbench.core.errors import FitError
 
 _MIN_DAMPING = 1e-8
@@ -360,9 +361,12 @@ def _exact_inside(
 
 
 def solve_rollout(problem: Problem, start: FloatArray) -> StartResult:
-    """Deprecated alias of `solve_from`, to be dropped in 0.5."""
+    """Solves from one start; the old name of `solve_from`."""
+    warn_renamed("solve_rollout", "solve_from")
     return solve_from(FitProgram(problem), start)
 
 
-solve_formula = solve_rollout
-"""Deprecated alias of `solve_from`, to be dropped in 0.5."""
+def solve_formula(problem: Problem, start: FloatArray) -> StartResult:
+    """Solves from one start; the old name of `solve_from`."""
+    warn_renamed("solve_formula", "solve_from")
+    return solve_from(FitProgram(problem), start)

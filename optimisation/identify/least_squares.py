@@ -12,6 +12,7 @@ from dataclasses import InitVar, dataclass, replace
 import numpy as np
 
 from aerodima.workbench.core.array_types import FloatArray, IntArray
+from aerodima.workbench.core.deprecation import warn_renamed
 from aerodima.workbench.core.errors import FitError
 
 Residual = Callable[[FloatArray], FloatArray]
@@ -60,6 +61,7 @@ class Parameter:
 
     def __post_init__(self, seed: float | None) -> None:
         if seed is not None:
+            warn_renamed("Parameter(seed=)", "initial=")
             object.__setattr__(self, "initial", seed)
         who = f"parameter {self.name!r}"
         bounds = f"{self.lower:g} .. {self.upper:g}"

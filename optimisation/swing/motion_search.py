@@ -32,6 +32,7 @@ from aerodima.optimisation.swing.turn_shooting import (
 from aerodima.workbench.batch.row_store import ProgressLine, no_progress
 from aerodima.workbench.car.laws import torque_speed_limits
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.deprecation import renamed
 from aerodima.workbench.core.errors import SwingError
 from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.scenario.ensemble import Member
@@ -168,8 +169,8 @@ def turn_on(task: Task, surface: TaskSurface) -> Scenario:
     return turn.varied(manoeuvre={"turn_hold": task.pulse, "duration": duration})
 
 
-turn_programme = make_turn_nlp
-"""Deprecated alias, to be dropped in 0.5."""
+turn_programme = renamed("turn_programme", make_turn_nlp)
+"""Old name of `make_turn_nlp`."""
 
 
 def swing_of(

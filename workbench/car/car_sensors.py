@@ -314,7 +314,12 @@ class MotorEncoder(SampledSensor):
     ) -> None:
         outputs = {"angles": 2, "rates": 2}
         super().__init__(
-            name="tail_encoders", outputs=outputs, rate=rate, delay=0.0, step=step, discrete=discrete
+            name="tail_encoders",
+            outputs=outputs,
+            rate=rate,
+            delay=0.0,
+            step=step,
+            discrete=discrete,
         )
         self._joints = self.DeclareVectorInputPort("joints", 4)
         angle = (reply.position_range, reply.position_bits)

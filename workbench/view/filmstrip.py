@@ -17,6 +17,7 @@ from aerodima.workbench.car.turn_signals import TurnSignals, turn_signals
 from aerodima.workbench.car.verdict import FLIP_TILT
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
+from aerodima.workbench.core.deprecation import renamed
 from aerodima.workbench.core.errors import LogError, UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.view.captions import RESULT_COLOURS, run_caption, state_caption
@@ -191,5 +192,5 @@ def filmstrip_figure(run_log: RunLog) -> Figure:
     return figure
 
 
-strip_figure = filmstrip_figure
-"""Deprecated alias, to be dropped in 0.5."""
+strip_figure = renamed("strip_figure", filmstrip_figure)
+"""Old name of `filmstrip_figure`."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.view.filmstrip import FRAME, STRIP, strip_figure, write_strip
+from aerodima.workbench.view.filmstrip import FRAME, STRIP, filmstrip_figure, write_strip
 from aerodima.workbench.view.force_arrows import WHEEL_COLOUR
 from tests.refusals import assert_refused
 
@@ -45,7 +45,7 @@ def loaded(run_log, force):
 def green_rows(run_log):
     """Height of what has the colour of a wheel's arrow in each of the five pictures, pixels."""
     heights = []
-    for axes in strip_figure(run_log).axes:
+    for axes in filmstrip_figure(run_log).axes:
         pixels = np.asarray(axes.images[0].get_array())[..., :3] / 255.0
         rows = np.flatnonzero((np.abs(pixels - WHEEL_COLOUR).max(axis=-1) < 0.02).any(axis=1))
         heights.append(int(np.ptp(rows)) + 1 if rows.size else 0)
