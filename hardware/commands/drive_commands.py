@@ -38,6 +38,10 @@ OLD_FLAGS = {
 }
 """Flags of `aerodima drive SCENARIO` in version 0.3: the sub-command and the option that replace
 them. To be dropped in 0.5."""
+_RUN_FLAGS = ("--arm", "--force", "--no-drake", "--other-car")
+"""Flags that only a drive takes; version 0.3 read over them elsewhere."""
+_RUN_OPTIONS = ("--swing", "--law", "--diagram", "--out", "-o", "--traffic")
+"""Options with a value that only a drive takes."""
 DriveScenario = Annotated[str, cli.named("Scenario, or its bundle (JSON)", "scenarios")]
 
 
@@ -70,12 +74,30 @@ def current_words(words: list[str]) -> list[str]:
     for flag, (command, option) in OLD_FLAGS.items():
         for index, word in enumerate(words):
             if word.partition("=")[0] == flag:
-                replacement = [option + word.removeprefix(flag)] if option else []
-                words = [*words[:index], *replacement, *words[index + 1 :]]
-                if command == "check":  # it never arms
-                    words = [word for word in words if word != "--arm"]
-                return [command, *words]
+                before = _without_run_options(words[:index], command)
+                after = _without_run_options(words[index + 1 :], command)
+                replacement = []
+                if option:
+                    value = word.partition("=")[2] or "".join(after[:1])
+                    after = after if "=" in word else after[1:]
+                    replacement = [f"{option}={value}"]
+                return [command, *before, *replacement, *after]
     return ["run", *words]
+
+
+def _without_run_options(words: list[str], command: str) -> list[str]:
+    """Returns the words without those that a sub-command lacks and version 0.3 read over."""
+    if command == "check":  # it takes what a drive takes, and never arms
+        return [word for word in words if word != "--arm"]
+    kept = []
+    rest = iter(words)
+    for word in rest:
+        name, _, value = word.partition("=")
+        if name in _RUN_OPTIONS and not value:
+            next(rest, None)
+        elif name not in (*_RUN_FLAGS, *_RUN_OPTIONS):
+            kept.append(word)
+    return kept
 
 
 def register(app: typer.Typer) -> None:

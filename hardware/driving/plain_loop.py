@@ -201,7 +201,7 @@ class LawPilot(Pilot):
         drive: tuple[float, float],
         plan: float,
     ) -> PilotStep:
-        """Runs a tick of the law, which has `seen` a planned turn and a steering angle (rad);
+        """Runs a tick of the law, which has `observed` a planned turn and a steering angle (rad);
         drive: steering, throttle.
         """
         observation = observe(

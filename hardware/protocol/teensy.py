@@ -74,9 +74,8 @@ class TeensyStatus(IntEnum):
     """Status of a reply: why the Teensy has switched everything off.
 
     WATCHDOG_ACTED: no text frame that can be obeyed, or a restart. ATTITUDE: the car lies on its
-        side,
-    or its attitude is not known while it is to drive. HEARTBEAT_STOPPED: no heartbeat on the bus
-    while the motors are armed.
+    side, or its attitude is not known while it is to drive. HEARTBEAT_STOPPED: no heartbeat on the
+    bus while the motors are armed.
     """
 
     RUNNING = 0

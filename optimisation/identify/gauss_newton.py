@@ -109,7 +109,8 @@ def solve(
 def best_start(results: Sequence[StartResult]) -> StartResult:
     """The result of lowest cost; of costs within 1 % that of a success."""
     least = min(result.cost for result in results)
-    near = [result for result in results if result.cost <= _SAME_COST * least]
+    same = _SAME_COST * least if least >= 0.0 else least / _SAME_COST  # added costs may be negative
+    near = [result for result in results if result.cost <= same]
     return min(near, key=lambda result: (not result.success, result.cost), default=results[0])
 
 
@@ -178,6 +179,11 @@ class _Descent:
         bounds = (self.lower - z, self.upper - z)
         return z + bounded_step(np.eye(count), np.zeros(count), 0.0, *bounds, terms)
 
+    @property
+    def _size(self) -> float:
+        """Size of the cost; added costs may be negative."""
+        return max(self.cost, 0.5 * float(self.r @ self.r))
+
     def _cost(self, z: FloatArray, r: FloatArray) -> float:
         return 0.5 * float(r @ r) + self.terms.cost(z)
 
@@ -191,7 +197,7 @@ class _Descent:
             self.predicted = np.inf
         terms = self.terms.about(self.z)
         gradient = self.J.T @ self.r + terms.slope
-        if self._free_gradient(gradient) <= _GRADIENT_TOLERANCE * max(self.cost, 1e-300) ** 0.5:
+        if self._free_gradient(gradient) <= _GRADIENT_TOLERANCE * max(self._size, 1e-300) ** 0.5:
             return True, "the gradient vanishes"
         Q, R = np.linalg.qr(self.J)
         c = Q.T @ self.r
@@ -199,7 +205,7 @@ class _Descent:
         d = bounded_step(R, c, self.damping, *bounds, terms)
         left = float(np.sum(np.square(R @ d + c)))
         predicted = 0.5 * float(c @ c) - 0.5 * left - terms.cost(d)
-        mean_square = 2.0 * self.cost / len(self.r)
+        mean_square = float(self.r @ self.r) / len(self.r)
         unit = max(mean_square, 1.0)
         settled = predicted <= self.options.settled * unit
         if self.kept and ((settled and mean_square > _POOR) or predicted > _SLOW * self.predicted):
@@ -214,7 +220,9 @@ class _Descent:
             if trial is not None and not self.kept and not self._lowers(d, trial, limit):
                 # Bends the step by the curvature of the residual along it.
                 bent = bounded_step(R, Q.T @ trial - R @ d, self.damping, *bounds, terms)
+                refusal = self.refusal
                 bent_trial = self._evaluate(bent)
+                self.refusal = refusal
                 if self._lowers(bent, bent_trial, limit):
                     d, trial = bent, bent_trial
             if trial is not None and self._lowers(d, trial, limit):
@@ -249,10 +257,10 @@ class _Descent:
     def _shorten(self, d: FloatArray, predicted: float) -> tuple[bool, str] | None:
         """Raise the damping after a refused step; the ending when that is of no use."""
         self.damping = max(10.0 * self.damping, _FIRST_DAMPING)
-        if predicted <= _DECREASE_TOLERANCE * self.cost:
+        if predicted <= _DECREASE_TOLERANCE * self._size:
             return True, "the next step predicts no decrease"
         if self._is_short(d):
-            settled = not self.refusal and predicted <= _KINK_TOLERANCE * self.cost
+            settled = not self.refusal and predicted <= _KINK_TOLERANCE * self._size
             return settled, self.refusal or "no smaller cost nearby"
         if self.damping > _MAX_DAMPING:
             return False, self.refusal or "no step lowers the cost"
@@ -279,7 +287,7 @@ class _Descent:
         self.refusal = ""
         self.damping = max(0.01 * self.damping, _MIN_DAMPING)
         exact = self.options.roughness == 0.0
-        if exact and (decrease <= _COST_TOLERANCE * cost or self._is_short(d)):
+        if exact and (decrease <= _COST_TOLERANCE * self._size or self._is_short(d)):
             return True, "cost and step have settled"
         return None
 

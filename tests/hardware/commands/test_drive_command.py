@@ -166,5 +166,7 @@ def test_words_of_version_0_3_are_those_of_a_command():
             "a.yaml --motor-test=tail_roll --ports p",
             "motor-test a.yaml --joint=tail_roll --ports p",
         ),
+        ("a.yaml --firmware teensy --out run.parquet --arm", "firmware a.yaml --out=teensy"),
+        ("--zero a.yaml --law=my.py --ports p --swing x", "zero a.yaml --ports p"),
     ):
         assert current_words(old.split()) == now.split()
