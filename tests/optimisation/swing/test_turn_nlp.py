@@ -9,7 +9,7 @@ import pytest
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from typer.testing import CliRunner
 
-from aerodima.optimisation import make_turn_nlp, turn_programme
+from aerodima.optimisation import turn_programme
 from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.optimisation.swing.motion_search import (
     SCENARIO_CAR,
@@ -55,8 +55,8 @@ def programme():
         load_scenario("turn_designed", (f"car.tyre_friction={friction}",))
         for friction in (1.1, 0.9)
     ]
-    assert turn_programme is make_turn_nlp, "the alias of one version"
-    return make_turn_nlp(turns, FEW)
+    with pytest.warns(DeprecationWarning, match="make_turn_nlp"):
+        return turn_programme(turns, FEW)
 
 
 @pytest.fixture(scope="module")
