@@ -9,7 +9,7 @@ import pytest
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from typer.testing import CliRunner
 
-from aerodima.optimisation import turn_programme
+from aerodima.optimisation import make_turn_nlp, turn_programme
 from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.optimisation.swing.motion_search import (
     SCENARIO_CAR,
