@@ -19,6 +19,7 @@ from aerodima.workbench.control.manoeuvre import (
     angle_to_straighten,
     run_time,
     steering_time,
+    turn_start,
 )
 from aerodima.workbench.core.event_order import EVENT_OFFSET, nominal_time, row_period, step_instant
 from aerodima.workbench.core.port_wiring import add_and_connect, vector_of
@@ -56,12 +57,6 @@ def time_after_rows(scenario: Scenario, time: float) -> float:
     if instant is None:
         return time * (1.0 - 0.5 * EVENT_OFFSET)
     return instant
-
-
-def turn_start(scenario: Scenario) -> float:
-    """Returns the time of the steering command of a single turn, s."""
-    manoeuvre = scenario.manoeuvre
-    return manoeuvre.straight_time if manoeuvre.kind == "auto_turn" else manoeuvre.turn_start
 
 
 def turn_end(scenario: Scenario) -> float:
