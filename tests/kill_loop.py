@@ -21,7 +21,7 @@ from collections import Counter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from aerodima.workbench.batch.dask_engine import open_engine
+from aerodima.workbench.batch.engine_factory import open_engine
 from aerodima.workbench.batch.row_store import RowStore, read_rows
 from tests.soak import workers
 

@@ -21,7 +21,7 @@ from pathlib import Path
 
 import psutil
 
-from aerodima.workbench.batch.dask_engine import open_engine
+from aerodima.workbench.batch.engine_factory import open_engine
 from aerodima.workbench.batch.row_store import WORKER_RECORD
 from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.scenario.scenario import load_scenario

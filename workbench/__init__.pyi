@@ -12,7 +12,7 @@ from .aero.tail_geometry import TailArm as TailArm
 from .aero.tail_geometry import TailGeometry as TailGeometry
 from .aero.wind import WindModel as WindModel
 from .aero.wind import add_wind as add_wind
-from .batch.dask_engine import open_engine as open_engine
+from .batch.engine_factory import open_engine as open_engine
 from .batch.simulation import simulate as simulate
 from .car.car_diagram import assemble as assemble
 from .car.car_station import make_car_station as make_car_station

@@ -36,7 +36,7 @@ class HeartbeatState(IntEnum):
 
 
 def make_heartbeat(state: HeartbeatState, counter: int) -> CanFrame:
-    """Makes the heartbeat; the counter is taken modulo 256 and must differ from frame to frame."""
+    """Makes the heartbeat; the counter is taken modulo 256 and must count upwards."""
     counter %= 256
     return CanFrame(HEARTBEAT_ID, bytes([_MAGIC, state, counter, ~(state ^ counter) & 0xFF]))
 

@@ -19,7 +19,7 @@ import os
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from pydantic import Field, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
 from aerodima.hardware.protocol.ak70 import MAX_ID, MIN_ID, FirmwareProfile, firmware_profile
 from aerodima.hardware.protocol.xbee import BROADCAST
@@ -96,6 +96,7 @@ class CarPorts(StrictModel):
     console: ConsoleDevice | None = None
     tail_pitch: MountedMotor = MountedMotor(motor_id=1)
     tail_roll: MountedMotor = MountedMotor(motor_id=2)
+    _file: str = PrivateAttr("ports.json")
 
     @model_validator(mode="after")
     def _has_two_ids(self) -> CarPorts:
@@ -104,6 +105,11 @@ class CarPorts(StrictModel):
                 f"both motors have the id {self.tail_pitch.motor_id}; each needs its own"
             )
         return self
+
+    @property
+    def file(self) -> str:
+        """The file that they were read from, for messages."""
+        return self._file
 
     @property
     def profile(self) -> FirmwareProfile:
@@ -160,6 +166,7 @@ def ports_from_dict(data: Any, where: str = "ports") -> CarPorts:
             raise HardwareError(f"{where}: {name}.path: {path} is that of {names[path]} too")
         names[path] = name
     firmware_profile(ports.firmware_profile)
+    ports._file = where
     return ports
 
 
@@ -176,3 +183,23 @@ def is_emulated_port(path: str) -> bool:
     except (OSError, ValueError):
         return False
     return isinstance(ready, dict) and ready.get("schema") == READY_SCHEMA
+
+
+def read_events(path: str | Path) -> list[dict[str, Any]]:
+    """Reads the events of an emulated car so far, also while it runs; a line that is not complete
+    is left out.
+    """
+    lines = Path(path).read_text(encoding="utf-8").split("\n")[:-1]
+    return [json.loads(line) for line in lines]
+
+
+def emulator_delay(path: str, since: float) -> float:
+    """Returns the largest delay (s) of the emulated car behind a port since a time (s, monotonic);
+    0 for a real car, or one that kept its pace.
+    """
+    if not is_emulated_port(path):
+        return 0.0
+    events = read_events(Path(path).parent.parent / EVENTS_FILE)
+    return max(
+        (event.get("delay_s", 0.0) for event in events if event["time_s"] >= since), default=0.0
+    )

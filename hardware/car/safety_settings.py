@@ -25,6 +25,16 @@ class DriveSafety(QuantityModel):
     )
     attitude_limit: float = quantity("rad", "of roll and pitch", gt=0, le=3.2)
     attitude_time: float = quantity("s", "beyond that limit, after which the car stops", ge=0, le=1)
+    full_steering: float = quantity(
+        "rad", "steering at which a car that drives must turn", gt=0, le=1.2
+    )
+    driving_throttle: float = quantity(
+        "1", "throttle at which the car moves, whatever its load", gt=0, le=1
+    )
+    least_yaw_rate: float = quantity(
+        "rad/s", "of a car that turns at that steering and throttle", gt=0, le=10
+    )
+    straight_time: float = quantity("s", "with less, after which the car stops", ge=0, le=5)
     throttle_limit: float = quantity("1", "largest throttle, forwards and backwards", gt=0, le=1)
     throttle_start: float = quantity("1", "throttle that comes on at once", ge=0, le=1)
     throttle_rate: float = quantity(
@@ -86,6 +96,9 @@ class TeensyTiming(QuantityModel):
     reminder: float = quantity("s", "interval of the exit frames after that", gt=0, le=1)
     attitude_time: float = quantity(
         "s", "beyond the attitude limit, after which it acts", ge=0, le=1
+    )
+    straight_time: float = quantity(
+        "s", "without a turn at full steering, after which it acts", ge=0, le=5
     )
     attitude_age: float = quantity("s", "oldest attitude with which the car drives", gt=0, le=1)
     reply_wait: float = quantity(

@@ -11,14 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from aerodima.hardware.car.mounting import Mounting
-from aerodima.hardware.car.wiring import (
-    CarCommand,
-    CarReader,
-    CarReading,
-    CarReporter,
-    Devices,
-    WiringName,
-)
+from aerodima.hardware.car.wiring import CarCommand, CarReader, CarReading, CarReporter, Devices
+from aerodima.hardware.commands.drive_commands import WiringName
 from aerodima.hardware.devices.device_states import ENERGISED, MotorFault
 from aerodima.hardware.devices.tail_motor import Motor
 from aerodima.hardware.protocol.ak70 import MitCommand
@@ -34,6 +28,8 @@ _CYCLE = 0.01
 """Time between two cycles, s."""
 _ROLL = IMU.index("roll")
 _PITCH = IMU.index("pitch")
+_YAW_RATE = IMU.index("gyro_z")
+_IMU_FAULT = STATUS.index("imu_fault")
 
 
 class WiredCar:
@@ -244,8 +240,9 @@ class WiredCar:
                     MotorFault.BAD_COMMAND, "the controller commands NaN or infinity", now
                 )
         devices.teensy.set_pulses(servo, throttle)
-        roll, pitch = self.reading.imu[[_ROLL, _PITCH]].tolist()
-        devices.teensy.set_attitude(roll, pitch, self.imu_time)
+        if self.reading.status[_IMU_FAULT] == 0.0:
+            roll, pitch, yaw_rate = self.reading.imu[[_ROLL, _PITCH, _YAW_RATE]].tolist()
+            devices.teensy.set_attitude(roll, pitch, self.imu_time, self.reading.lean, yaw_rate)
         devices.teensy.commit()
         if devices.radio is not None:
             self._reporter.update(devices.radio, self.reading, now, self.prompt)

@@ -16,6 +16,7 @@ from aerodima import workbench
 from aerodima.hardware.commands.car_options import Wiring
 from aerodima.workbench.cli import options as cli
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.terminal import say
 
 if TYPE_CHECKING:
     from aerodima.hardware.car.car_ports import ConsoleDevice
@@ -93,7 +94,7 @@ def console(scenario: cli.OtherScenario = None, *, options: ConsoleOptions) -> N
             if car is not None:
                 # Otherwise nobody would end the car.
                 signal.signal(signal.SIGTERM, signal.default_int_handler)
-                car.start(typer.echo)
+                car.start(say)
             _serve(listener, loaded, options, record, car)
         finally:
             if car is not None:
@@ -120,8 +121,8 @@ def _serve(
     with lock_devices([device.path], "a console"), closing(SerialLink.open(device)) as link:
         served = Console(OperatorRadio(link, device.receiver, number), record, limits, car)
         access = Access(listener.getsockname()[1])
-        typer.echo(f"open once: {access.url}")
-        run_server(listener, served, access, typer.echo)
+        say(f"open once: {access.url}")
+        run_server(listener, served, access, say)
 
 
 def _next_record() -> Path:
@@ -139,7 +140,7 @@ def _radio_device(options: ConsoleOptions) -> tuple[ConsoleDevice, int]:
     ports = read_ports(options.ports)
     if ports.console is None:
         raise HardwareError(
-            f"{options.ports}: console: missing; an emulator writes it with `aerodima emulate "
-            "--console`"
+            f"{options.ports}: console: missing; an emulator writes it: `aerodima emulate "
+            "auto_turn --out emulated --console`"
         )
     return ports.console, ports.car

@@ -21,11 +21,12 @@ from aerodima.workbench.cli import options as cli
 from aerodima.workbench.core.atomic_write import make_folder, refuse_existing
 from aerodima.workbench.core.errors import HardwareError, LogError, UserError
 from aerodima.workbench.core.resources import models_dir
+from aerodima.workbench.core.terminal import say
 
 if TYPE_CHECKING:
     from aerodima.hardware.car.car_ports import CarPorts
     from aerodima.hardware.car.wiring import WiringName
-    from aerodima.hardware.driving.drive_session import DriveResult
+    from aerodima.hardware.driving.drive_result import DriveResult
     from aerodima.workbench.control.tail_law import TailLaw
     from aerodima.workbench.scenario.scenario import Scenario
 
@@ -164,7 +165,8 @@ def _drive(
     """Drives with the systems that the options name; raises `typer.Exit` unless the drive ended in
     order.
     """
-    from aerodima.hardware.driving.drive_session import DriveOptions, DriveSession
+    from aerodima.hardware.driving.drive_result import DriveOptions
+    from aerodima.hardware.driving.drive_session import DriveSession
     from aerodima.workbench.control.swing_library import refuse_other_car
     from aerodima.workbench.control.user_law import load_build, load_law
 
@@ -195,7 +197,7 @@ def _drive(
         plan.out, plan.force, dry_run, not plan.no_drake, confirm, law_name=law_name
     )
     wired = hardware.connect(ports, scenario, wiring, plan.traffic)
-    session = DriveSession(wired, scenario, ports, options, typer.echo, law=law, build=build)
+    session = DriveSession(wired, scenario, ports, options, say, law=law, build=build)
     _report(session.complete(), plan)
 
 
@@ -204,14 +206,14 @@ def _report(result: DriveResult, plan: PlanOptions) -> None:
     in their places.
     """
     if result.log is not None:
-        typer.echo(f"log: {result.log}")
-    typer.echo(f"ended: {result.reason}", err=not result.orderly)
+        say(f"log: {result.log}")
+    say(f"ended: {result.reason}", err=not result.orderly)
     if result.traffic_error:
-        typer.echo(f"error: {plan.traffic}: {result.traffic_error}", err=True)
+        say(f"error: {plan.traffic}: {result.traffic_error}", err=True)
     if result.signal:
         raise typer.Exit(128 + result.signal)
     if not result.orderly:
-        typer.echo(f"error: the car was stopped: {result.reason}", err=True)
+        say(f"error: the car was stopped: {result.reason}", err=True)
         raise typer.Exit(cli.Status.NO)
     if result.traffic_error or result.log not in (None, plan.out):
         raise typer.Exit(cli.Status.LEFT_OUT)
@@ -233,13 +235,15 @@ def zero(scenario: DriveScenario, car: CarOptions, arm: Arm = False) -> None:
         raise HardwareError("zero: nobody said that the tail is held upright; nothing was written")
     angles = read_motor_angles(ports, wiring)
     for joint, angle in joint_angles(ports, angles).items():
-        typer.echo(f"{joint}: {math.degrees(angle):+.1f} degrees by the zero of before")
+        say(f"{joint}: {math.degrees(angle):+.1f} degrees by the zero of before")
     write_zeros(car.ports, angles)
     values = ", ".join(f"{joint} {angle:.4f} rad" for joint, angle in angles.items())
-    typer.echo(f"zeros: {values} in {car.ports}")
+    say(f"zeros: {values} in {car.ports}")
     if wiring == "teensy_bridge":
-        again = f"aerodima drive firmware {scenario} --ports {car.ports} --out FOLDER"
-        typer.echo(f"the firmware limits motor angles: write it anew with `{again}`")
+        changes = [word for setting in car.settings or () for word in ("--set", setting)]
+        words = [scenario, "--ports", str(car.ports), *changes, "--out", "teensy_sketch"]
+        again = f"aerodima drive firmware {shlex.join(words)}"
+        say(f"the firmware limits motor angles: write it anew with `{again}`")
 
 
 @cli.grouped
@@ -267,11 +271,11 @@ def motor_test(
     _ask_to_arm(arm)
     wired = hardware.connect(ports, loaded, wiring)
     confirm, _ = _confirmation_prompt(ports, wiring)
-    result = run_motor_test(wired, tested, typer.echo, confirm)
+    result = run_motor_test(wired, tested, say, confirm)
     moved = f"moved by {math.degrees(result.moved):+.1f} degrees"
     torque = f"torque {result.torque:+.2f} N m where {result.wanted:+.2f} is asked for"
     degrees = "not reported" if result.temperature is None else f"{result.temperature:g} degC"
-    typer.echo(f"{tested}: well: {moved}, {torque}, temperature {degrees}")
+    say(f"{tested}: well: {moved}, {torque}, temperature {degrees}")
 
 
 @cli.grouped
@@ -286,12 +290,12 @@ def watchdog_test(scenario: DriveScenario, car: CarOptions, arm: Arm = False) ->
     from aerodima.hardware.driving.watchdog_test import run_watchdog_test
 
     loaded, ports, wiring, _ = _load(scenario, car)
-    typer.echo("once you have typed arm, the motors hold the tail where it is")
+    say("once you have typed arm, the motors hold the tail where it is")
     confirm, seen_by = _confirmation_prompt(ports, wiring)
     _ask_to_arm(arm or seen_by == "emulator")
     record, path = run_watchdog_test(loaded, ports, wiring, confirm, seen_by)
-    typer.echo(f"{record.cut}: exit frames after {record.time_to_exit * 1000:.0f} ms")
-    typer.echo(f"record: {path}")
+    say(f"{record.cut}: exit frames after {record.time_to_exit * 1000:.0f} ms")
+    say(f"record: {path}")
 
 
 @cli.grouped
@@ -311,8 +315,8 @@ def firmware(
     )
 
     loaded, ports, wiring, _ = _load(scenario, car)
-    typer.echo(f"sketch: {export_sketch(firmware_settings(wiring, ports, loaded), out)}")
-    typer.echo(f"firmware: {firmware_hash()[:12]}, {wiring}, {ports.firmware_profile}")
+    say(f"sketch: {export_sketch(firmware_settings(wiring, ports, loaded), out)}")
+    say(f"firmware: {firmware_hash()[:12]}, {wiring}, {ports.firmware_profile}")
 
 
 def _load(
@@ -337,7 +341,7 @@ def _confirmation_prompt(ports: CarPorts, wiring: WiringName) -> tuple[Callable[
 
     if is_emulated(wiring, ports):
         return (lambda _: True), "emulator"
-    return typer.confirm, "operator"
+    return _confirm, "operator"
 
 
 def _ask_to_arm(arm: bool) -> None:
@@ -349,8 +353,14 @@ def _may_arm() -> bool:
     return _typed("keep clear of the tail; type arm to switch the motors on") == "arm"
 
 
+def _confirm(question: str) -> bool:
+    return _typed(f"{question} [y/N]").lower() in ("y", "yes")
+
+
 def _typed(question: str) -> str:
+    """Returns what is typed after a question; nothing where nobody is there to answer."""
+    say(f"{question}:")  # `input` would wait for a terminal that takes no output
     try:
-        return str(typer.prompt(question, default="", show_default=False))
-    except typer.Abort:  # nobody is there to answer
+        return input().strip()
+    except EOFError:
         return ""

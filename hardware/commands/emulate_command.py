@@ -11,6 +11,7 @@ from aerodima import workbench
 from aerodima.hardware.commands.car_options import Wiring
 from aerodima.workbench.cli import options as cli
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.terminal import say
 
 
 def register(app: typer.Typer) -> None:
@@ -67,6 +68,6 @@ def emulate(
         view=view,
         parent=parent,
     )
-    facts = run_emulator(emulated, lambda: typer.echo(f"ports: {out / PORTS_FILE}"))
+    facts = run_emulator(emulated, lambda: say(f"ports: {out / PORTS_FILE}"))
     delay = 1000.0 * facts["largest_delay_s"]
-    typer.echo(f"simulated {facts['simulated_s']:.1f} s, largest delay {delay:.1f} ms")
+    say(f"simulated {facts['simulated_s']:.1f} s, largest delay {delay:.1f} ms")

@@ -176,7 +176,7 @@ class Console:
             self.radio.reset()
             self._record.add("reset")
         elif self._car is None:
-            raise UserError("this car is armed beside it: aerodima drive run")
+            raise UserError("this car is armed by the drive on its own computer")
         elif request == "disarm":
             self._car.disarm()
         elif self.radio.stopped:

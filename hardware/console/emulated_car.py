@@ -15,9 +15,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from aerodima.hardware.car.car_ports import EVENTS_FILE, PORTS_FILE, READY_FILE
-from aerodima.hardware.car.wiring import WiringName, wiring_name
-from aerodima.hardware.emulator.fault_script import read_events
+from aerodima.hardware.car.car_ports import EVENTS_FILE, PORTS_FILE, READY_FILE, read_events
+from aerodima.hardware.car.wiring import wiring_name
+from aerodima.hardware.commands.drive_commands import WiringName
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.scenario.scenario import Scenario
 
@@ -113,7 +113,11 @@ class EmulatedCarProcess:
         say("testing its watchdog")
         for left in reversed(range(_TESTS)):
             test = self._run(self._drive_command("watchdog-test"))
-            out, _ = test.communicate(timeout=_START_TIME)
+            try:
+                out, _ = test.communicate(timeout=_START_TIME)
+            except subprocess.TimeoutExpired:
+                test.kill()
+                out = f"the watchdog test has not ended after {_START_TIME:g} s"
             if test.returncode == 0:
                 return
             if left == 0:
@@ -127,7 +131,10 @@ class EmulatedCarProcess:
 
     @property
     def said(self) -> str:
-        """The last line of the drive."""
+        """The last line of the drive; how drive or emulator ended where they could not say it."""
+        for name, process in (("emulated car", self._emulator), ("drive", self._drive)):
+            if process is not None and (process.poll() or 0) < 0:
+                return f"the {name} was killed by signal {-process.returncode}"
         return self._lines[-1] if self._lines else ""
 
     def arm(self) -> None:

@@ -3,8 +3,9 @@
 Bosch BST-BNO055-DS000, sections 4.3 (registers), 4.7 (UART: 115200 bit/s, 8N1) and 3.6.5 (units). A
 request is `AA`, 01 to read or 00 to write, the register, a length and what is written. The answer
 is `BB`, the length and the data, or `EE` and a code. There is no checksum: a sample is believed
-only if its quaternion and its gravity have the lengths that they must have; a damaged rate or
-acceleration of plausible size is not recognised.
+only if its quaternion has the length that it must have, its gravity is the earth's and points where
+the quaternion says, and its gyro is within its range; a damaged rate or acceleration of plausible
+size is not recognised.
 
 The attitude is taken from the quaternion: the sign of the chip's Euler angles depends on a setting.
 """
@@ -16,6 +17,7 @@ import struct
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -57,6 +59,11 @@ _NORM_TOLERANCE = 0.01
 """Largest distance of the length of a quaternion from 1."""
 _GRAVITY_TOLERANCE = 0.5
 """Largest distance of the reported gravity from the standard one, m/s2."""
+_DIRECTION_TOLERANCE = 2.0
+"""Largest distance of the reported gravity from that of the quaternion, m/s2: 12 degrees, what a
+car turns at 20 rad/s while the chip renews one of them."""
+_GYRO_RANGE = 34.91
+"""Largest rate that the chip measures about an axis, rad/s (2000 degrees/s)."""
 
 
 class Register(IntEnum):
@@ -104,7 +111,7 @@ class Bno055Sample:
     temperature: int = 25
     calibration: tuple[int, ...] = (3, 3, 3, 3)
 
-    @property
+    @cached_property
     def rotation(self) -> np.ndarray:
         """(3, 3) chip axes to world axes."""
         w, x, y, z = self.quaternion
@@ -148,7 +155,8 @@ def decode_sample(data: bytes) -> Bno055Sample:
     """Decodes the sample in the burst of `make_sample_request`.
 
     Raises:
-        FrameError: another length, a quaternion that is none, or a gravity that is not the earth's.
+        FrameError: another length, a quaternion that is none, a gravity that is not the earth's or
+            points elsewhere than the quaternion says, or a rate beyond the range.
     """
     if len(data) != SAMPLE_BYTES:
         raise FrameError(f"BNO055 sample of {len(data)} bytes; allowed is {SAMPLE_BYTES}")
@@ -160,19 +168,26 @@ def decode_sample(data: bytes) -> Bno055Sample:
             f"BNO055 quaternion of length {norm:.3g}: the fusion does not run, or bytes were "
             "damaged"
         )
-    gravity = math.sqrt(sum((value / _ACCELERATION) ** 2 for value in numbers[13:16]))
+    reported = tuple(value / _ACCELERATION for value in numbers[13:16])
+    gravity = math.hypot(*reported)
     if abs(gravity - STANDARD_GRAVITY) > _GRAVITY_TOLERANCE:
         raise FrameError(
             f"BNO055 gravity of {gravity:.3g} m/s2; allowed is {STANDARD_GRAVITY:g} +- "
             f"{_GRAVITY_TOLERANCE:g}"
         )
-    return Bno055Sample(
+    rate = max(map(abs, numbers[0:3])) / _GYRO
+    if rate > _GYRO_RANGE:
+        raise FrameError(f"BNO055 rate of {rate:.3g} rad/s; allowed is {_GYRO_RANGE:g}")
+    sample = Bno055Sample(
         quaternion=quaternion,
         gyro=tuple(value / _GYRO for value in numbers[0:3]),
         acceleration=tuple(value / _ACCELERATION for value in numbers[10:13]),
         temperature=numbers[16],
         calibration=tuple(numbers[17] >> shift & 3 for shift in (6, 4, 2, 0)),
     )
+    if math.dist(reported, STANDARD_GRAVITY * sample.rotation[2]) > _DIRECTION_TOLERANCE:
+        raise FrameError("BNO055 gravity points elsewhere than its quaternion says")
+    return sample
 
 
 def encode_sample(sample: Bno055Sample) -> bytes:

@@ -22,6 +22,9 @@ from aerodima.hardware.protocol.xbee import ApiStream, make_transmit
 from aerodima.hardware.transport.serial_link import SerialLink
 
 IDLE = OperatorCommand(RadioMode.IDLE)
+_MAX_AHEAD = 64
+"""Most counts from one heartbeat to the next. Whoever counts upwards from anywhere meets that
+within 192 counts (9.6 s at 20 Hz); a shorter record that is sent for ever never does."""
 
 
 class RadioLink:
@@ -45,7 +48,8 @@ class RadioLink:
         self._operator = operator
         self._stream = ApiStream()
         self._sender: int | None = None
-        self._heartbeat: Heartbeat | None = None
+        self._counter: int | None = None
+        self._set_back = False
         self._command_time = -math.inf
         self._heartbeat_time = -math.inf
         self.command = IDLE
@@ -64,8 +68,8 @@ class RadioLink:
                     self._receive(packet.data, arrival, packet.sender)
 
     def age(self, now: float) -> float:
-        """Seconds since the older of command and changed heartbeat: what the dead-man switch looks
-        at.
+        """Seconds since the older of command and heartbeat that counts upwards: what the dead-man
+        switch looks at.
 
         Both are needed: a transmitter that repeats its last command or heartbeat for ever is not an
         operator.
@@ -85,7 +89,8 @@ class RadioLink:
                 text += f" ({self.rejected} frames rejected: {self.last_error})"
             return SourceFault.NO_SAMPLE_YET, text
         if age > self._silent:
-            return SourceFault.SILENT, f"the operator's radio is silent for {age:.2f} s"
+            again = "; its heartbeat does not count upwards" if self._set_back else ""
+            return SourceFault.SILENT, f"the operator's radio is silent for {age:.2f} s{again}"
         return SourceFault.NONE, ""
 
     def report(self, data: bytes) -> None:
@@ -110,8 +115,10 @@ class RadioLink:
         if isinstance(message, EmergencyStop):
             self.stopped = True
         elif isinstance(message, Heartbeat):
-            if message != self._heartbeat:
-                self._heartbeat = message
+            known = message.counter - 1 if self._counter is None else self._counter
+            self._set_back = not 0 < (message.counter - known) % 256 <= _MAX_AHEAD
+            if not self._set_back:
+                self._counter = message.counter
                 self._heartbeat_time = arrival
         else:
             self.command = message

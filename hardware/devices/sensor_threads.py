@@ -12,10 +12,12 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Generic, TypeVar
 
+from aerodima.hardware.devices.attitude_monitor import AttitudeMonitor
 from aerodima.hardware.devices.bno055 import (
     CHIP_ID,
     RADIANS,
     RATE,
+    SAMPLE_BYTES,
     WRITE_DONE,
     Answer,
     AnswerStream,
@@ -52,12 +54,18 @@ _LEAD = 0.006
 the chip adds to it."""
 _STATUS_EVERY = 100
 """Requests between two looks at the chip's own status."""
+_STATUS_LENGTHS = 8
+"""Lengths of the answer to such a look in turn: the registers behind error and status are other
+settings."""
 _MAX_EQUAL = 10
 """Samples in a row, or solutions of a moving car, that may be equal to the last bit: noise of gyro
 and accelerometer is above their steps (data sheet table 0-2), and the speed of a car that moves
 changes by more than 1 mm/s."""
 _MOVES = 0.5
 """m/s; a receiver at rest may go on saying 0."""
+_TURNS = 0.1
+"""rad/s; about any axis it changes the attitude by eight steps from sample to sample. At rest the
+attitude may stand."""
 _MAX_MISSED = 20
 """Requests in a row without an answer after which the chip is set up anew."""
 
@@ -86,10 +94,10 @@ class Session(Generic[T]):
 
 
 class FrozenSensorMonitor:
-    """Counts equal samples of a device in a row.
+    """Counts equal samples of a signal in a row.
 
     Args:
-        name: of the device.
+        name: of the signal.
         most: samples that may be alike; a living sensor differs in its last bits.
 
     Attributes:
@@ -103,12 +111,14 @@ class FrozenSensorMonitor:
         self._alike = 0
         self.fault_text = ""
 
-    def update(self, sample: object) -> None:
-        """Takes what it says; None is never a repetition."""
-        if sample is not None and sample == self._last:
-            self._alike += 1
-        else:
+    def update(self, sample: object, moves: bool = True) -> None:
+        """Takes a sample; None is never a repetition, and one of a signal that may stand now
+        (`moves` false) does not count.
+        """
+        if sample is None or sample != self._last:
             self._alike = 1
+        elif moves:
+            self._alike += 1
         self._last = sample
         self.fault_text = ""
         if self._alike > self._most:
@@ -222,27 +232,34 @@ class Bno055Session(Session[Bno055Sample]):
     """Requests one sample per period; asks once a second what the chip says of itself."""
 
     def __init__(self) -> None:
-        self._frozen = FrozenSensorMonitor("IMU", _MAX_EQUAL)
+        self._frozen = tuple(
+            FrozenSensorMonitor(f"{name} of the IMU", _MAX_EQUAL)
+            for name in ("gyro", "acceleration", "attitude")
+        )
+        self._attitude = AttitudeMonitor()
         self._reported = ""
         self._stream = AnswerStream()
         self._next = 0.0
         self._due = 0.0
         self._requests = 0
         self._missed_in_a_row = 0
+        self._in_step = True
 
     @property
     def fault_text(self) -> str:  # type: ignore[override]
-        """Fault that the chip reports of itself, or that it says the same for ever."""
-        return self._reported or self._frozen.fault_text
+        """Fault that the chip reports of itself, that one of its signals says the same for ever, or
+        that attitude and gyro differ.
+        """
+        frozen = (monitor.fault_text for monitor in self._frozen)
+        return next(filter(None, (self._reported, *frozen, self._attitude.fault_text)), "")
 
     def begin(self, port: Serial) -> None:
         """Checks the chip and switches its fusion on.
 
         Raises `HardwareError` if it is no BNO055 that answers.
         """
-        self._stream.forget()
         port.read(max(1, port.in_waiting))
-        chip_id = self._ask(port, make_read(Register.CHIP_ID, 1)).data
+        chip_id = self._ask(port, make_read(Register.CHIP_ID, 1), 1).data
         if chip_id != bytes([CHIP_ID]):
             raise HardwareError(
                 f"IMU: chip id {chip_id.hex() or 'none'}; a BNO055 has {CHIP_ID:02x}"
@@ -253,12 +270,13 @@ class Bno055Session(Session[Bno055Sample]):
             (Register.UNITS, RADIANS, 0.0),
             (Register.MODE, Mode.IMU, _MODE_CHANGE),
         ):
-            answer = self._ask(port, make_write(register, bytes([value])))
+            answer = self._ask(port, make_write(register, bytes([value])), 0)
             if answer.status != WRITE_DONE:
                 raise HardwareError(f"IMU: register {register:#04x} cannot be written ({answer})")
             time.sleep(wait)
         self._next = time.monotonic()
         self._missed_in_a_row = 0
+        self._in_step = True
 
     def align(self, due: float) -> None:
         """Requests are sent so that a sample is at hand at `due` (s, monotonic) and every period
@@ -269,21 +287,34 @@ class Bno055Session(Session[Bno055Sample]):
     def read(self, port: Serial) -> tuple[float, Bno055Sample] | None:
         """Waits for the next period and reads one sample, taken at the instant of the request at
         the latest.
+
+        After a sample that did not come in time the status is asked for first: the chip answers in
+        order, so a late sample comes before the status and is dropped.
         """
         time.sleep(max(0.0, self._next - time.monotonic()))
-        request_time = time.monotonic()
-        self._next = self._after(request_time)
+        self._next = self._after(time.monotonic())
         self._requests += 1
-        if self._requests % _STATUS_EVERY == 0:
-            self._check_status(port)
+        if self._requests % _STATUS_EVERY == 0 or not self._in_step:
+            self._in_step = self._check_status(port) or self._in_step
+        request_time = time.monotonic()
         try:
-            sample = decode_sample(self._ask(port, make_sample_request()).data)
+            if not self._in_step:
+                raise FrameError("BNO055: the answers are late")
+            sample = decode_sample(self._ask(port, make_sample_request(), SAMPLE_BYTES).data)
         except FrameError as error:
+            self._in_step = False
             self._miss(str(error))
             return None
         self._missed_in_a_row = 0
-        self._frozen.update((sample.quaternion, sample.gyro, sample.acceleration))
+        self._judge(request_time, sample)
         return request_time, sample
+
+    def _judge(self, time: float, sample: Bno055Sample) -> None:
+        gyro, acceleration, attitude = self._frozen
+        gyro.update(sample.gyro)
+        acceleration.update(sample.acceleration)
+        attitude.update(sample.quaternion, max(map(abs, sample.gyro)) > _TURNS)
+        self._attitude.update(time, sample)
 
     def _after(self, request_time: float) -> float:
         """Returns when the next sample is asked for: about a period later, in step with who wants
@@ -292,13 +323,19 @@ class Bno055Session(Session[Bno055Sample]):
         first = self._due - _LEAD
         return first + math.ceil((request_time + 0.5 * _PERIOD - first) / _PERIOD) * _PERIOD
 
-    def _check_status(self, port: Serial) -> None:
-        data = self._ask(port, make_read(Register.SYSTEM_STATUS, 2)).data
-        if len(data) == 2:
+    def _check_status(self, port: Serial) -> bool:
+        """Asks what the chip says of itself; returns whether it answered.
+
+        The length differs from that of the checks before, whose answers may still come.
+        """
+        length = 2 + self._requests % _STATUS_LENGTHS
+        data = self._ask(port, make_read(Register.SYSTEM_STATUS, length), length).data
+        if data:
             if data[0] == 1:
                 self._reported = f"the IMU reports system error {data[1]}"
             else:
                 self._reported = ""
+        return bool(data)
 
     def _miss(self, reason: str) -> None:
         self._missed_in_a_row += 1
@@ -307,15 +344,21 @@ class Bno055Session(Session[Bno055Sample]):
                 f"{self._missed_in_a_row} requests in a row without a sample: {reason}"
             )
 
-    def _ask(self, port: Serial, request: bytes) -> Answer:
-        """Returns the answer to a request; an empty one if none comes in time."""
+    def _ask(self, port: Serial, request: bytes, length: int) -> Answer:
+        """Returns the answer to a request, `length` bytes of data or a status code; an empty one if
+        none comes in time.
+
+        Data of another length answer an earlier request.
+        """
+        if stale := port.in_waiting:
+            port.read(stale)
         self._stream.forget()
         port.write(request)
         end = time.monotonic() + _ANSWER_TIME
         while time.monotonic() < end:
-            answers = self._stream.feed(port.read(max(1, port.in_waiting)))
-            if answers:
-                return answers[-1]
+            for answer in self._stream.feed(port.read(max(1, port.in_waiting))):
+                if len(answer.data) == length or answer.status is not None:
+                    return answer
         return Answer()
 
 
@@ -341,7 +384,7 @@ class GpsSession(Session[GpsSample]):
         else:
             samples = []
         for sample in samples:
-            self._frozen.update(sample.speed if sample.speed > _MOVES else None)
+            self._frozen.update(sample.speed, sample.speed > _MOVES)
         if samples:
             return (time.monotonic(), samples[-1])
         return None

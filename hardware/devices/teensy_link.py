@@ -13,9 +13,11 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
+from dataclasses import replace
 
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.protocol.ak70 import (
+    LONG_REPLY,
     NEUTRAL,
     FirmwareProfile,
     MitReply,
@@ -150,7 +152,7 @@ class TeensyLink:
         self._counters = dict.fromkeys(motor_ids, 0)
         self._servo = SERVO_PULSES[1]
         self._throttle = THROTTLE_PULSES[1]
-        self._attitude: tuple[float, float, float] | None = None
+        self._attitude: tuple[Attitude, float] | None = None
         self._reply_time: float | None = None
         self._clock = ClockAlignment()
         self.sail = math.nan
@@ -177,12 +179,14 @@ class TeensyLink:
         self._servo = servo
         self._throttle = throttle
 
-    def set_attitude(self, roll: float, pitch: float, taken: float) -> None:
-        """Sets the attitude (rad) for the next text frames, and when it was taken (s, monotonic);
-        ignored while it is not finite.
+    def set_attitude(
+        self, roll: float, pitch: float, taken: float, lean: float = 0.0, yaw_rate: float = 0.0
+    ) -> None:
+        """Sets the attitude (rad) for the next text frames, when it was taken (s, monotonic), the
+        lean by the accelerometer (rad) and the yaw rate (rad/s); ignored while one is not finite.
         """
-        if math.isfinite(roll) and math.isfinite(pitch) and math.isfinite(taken):
-            self._attitude = roll, pitch, taken
+        if all(map(math.isfinite, (roll, pitch, taken, lean, yaw_rate))):
+            self._attitude = Attitude(roll, pitch, 0, lean, yaw_rate), taken
 
     def send(self, frame: CanFrame, urgent: bool = False) -> bool:
         """Notes a motor's frame for the next text frame.
@@ -211,8 +215,9 @@ class TeensyLink:
         first, second = (self._next_order(motor_id) for motor_id in self._ids)
         attitude = None
         if self._attitude is not None:
-            roll, pitch, taken = self._attitude
-            attitude = Attitude(roll, pitch, round(1000.0 * max(0.0, time.monotonic() - taken)))
+            attitude, taken = self._attitude
+            age = round(1000.0 * max(0.0, time.monotonic() - taken))
+            attitude = replace(attitude, age=age)
         command = TeensyCommand((first, second), self._servo, self._throttle, attitude)
         self._link.write(make_command(command))
 
@@ -253,16 +258,17 @@ class TeensyLink:
         self.sent_time = self._clock.add(reply.clock, arrival)
 
     def _frame_of(self, report: MotorReport) -> CanFrame | None:
-        """Makes the frame of a report; None if the motor has not answered since the last one, or is
-        none of ours.
+        """Makes the frame of a report, in the form that motor and profile have; None if the motor
+        has not answered since the last one, or is none of ours.
         """
         if report.motor_id not in self._counters:
             return None
         if report.replies == self._counters[report.motor_id]:
             return None  # a counter that is 0 at the start: the motor has never answered
         self._counters[report.motor_id] = report.replies
-        measured = report.position, report.velocity, report.torque
-        state = MitReply(report.motor_id, *measured, float(report.temperature), report.fault)
+        state = MitReply(report.motor_id, report.position, report.velocity, report.torque)
+        if report.temperature is not None and LONG_REPLY in self._profile.reply_lengths:
+            state = replace(state, temperature=float(report.temperature), fault=report.fault)
         try:
             return make_reply(state, self._profile)
         except FrameError:

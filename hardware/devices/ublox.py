@@ -22,6 +22,9 @@ _MAX_PAYLOAD = 256
 frames for long."""
 _MAX_SPEED = 515.0
 """m/s; receivers stop at 1000 knots."""
+_MAX_ACCURACY = 1.0
+"""Largest standard deviation of a speed that is believed, m/s: a seventh of the limit of
+speed."""
 _FIXES = (2, 3, 4)
 """2D, 3D, GNSS with dead reckoning."""
 
@@ -32,7 +35,7 @@ class GpsSample:
 
     Attributes:
         speed: over ground, m/s; NaN without a fix.
-        fix: the receiver trusts its solution.
+        fix: the receiver trusts its solution, and its speed is accurate enough.
         time_of_day: UTC, s since midnight; None while it is not known.
     """
 
@@ -104,7 +107,8 @@ def decode_nav_pvt(frame: bytes) -> GpsSample:
     try:
         message = UBXReader.parse(frame)
         speed = message.gSpeed / 1000.0
-        fix = bool(message.gnssFixOk) and message.fixType in _FIXES
+        accurate = message.sAcc / 1000.0 <= _MAX_ACCURACY
+        fix = bool(message.gnssFixOk) and message.fixType in _FIXES and accurate
         known = bool(message.validTime)
         clock = message.hour * 3600.0 + message.min * 60.0 + message.second + message.nano * 1e-9
     except Exception as error:  # the library documents no closed set of exceptions

@@ -16,6 +16,7 @@ from aerodima.hardware.driving.car_guard import CarGuard, Stage
 from aerodima.hardware.driving.drive_checks import Say, report, standstill_checks
 from aerodima.hardware.driving.plain_loop import idle_until
 from aerodima.hardware.protocol.radio import OperatorPrompt, RadioMode
+from aerodima.workbench.control.user_law import in_words
 from aerodima.workbench.core.errors import HardwareError
 
 _PERMISSION_TIME = 3600.0
@@ -37,14 +38,20 @@ def await_permission(guard: CarGuard, confirm: Callable[[], bool] | None) -> Non
     if confirm is None:
         return
     answers: list[bool] = []
+    refusal = "nobody said that the car may be armed"
 
     def ask() -> None:
-        answers.append(confirm())
+        nonlocal refusal
+        try:
+            answers.append(confirm())
+        except Exception as error:
+            refusal = f"asking failed: {in_words(error)}"
+            answers.append(False)
 
     threading.Thread(target=ask, name="confirm", daemon=True).start()
     idle_until(guard, lambda: bool(answers or guard.reason), _PERMISSION_TIME)
     if guard.reason or not answers or not answers[0]:
-        raise HardwareError(f"not armed: {guard.reason or 'nobody said that the car may be armed'}")
+        raise HardwareError(f"not armed: {guard.reason or refusal}")
 
 
 def check_standstill(

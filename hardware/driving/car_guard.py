@@ -9,9 +9,10 @@
    |                                                       | after `after_exit`
    +--------------------- reset, by hand -------------- STOPPED
 ```
-Soft: the operator, the IMU or the GPS is silent, the operator takes the car out of AUTO, the car is
-too fast, the run is over. Hard: the operator's emergency stop, a fault of a motor, a bus or the
-Teensy, a car that has tipped over, a command that is not finite, a loop that comes too late, a
+Soft: the operator, the IMU or the GPS is silent, the GPS has lost its fix, the operator takes the
+car out of AUTO, the car is too fast, the run is over. Hard: the operator's emergency stop, a fault
+of a motor, a bus or the Teensy, a car that has tipped over (by its attitude or its accelerometer)
+or does not turn at full steering, a command that is not finite, a loop that comes too late, a
 signal. Every reason means throttle 0 and steering 0 in the same cycle, and stays until `reset`.
 
 A switch that is at AUTO, MANUAL or CONTROL during arming moves nothing: the operator must report
@@ -22,6 +23,7 @@ from __future__ import annotations
 
 import math
 from array import array
+from collections import deque
 from dataclasses import replace
 from enum import IntEnum
 
@@ -31,16 +33,12 @@ from aerodima.hardware.car.safety_settings import DriveSafety, load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import CarCommand, CarReading
 from aerodima.hardware.devices.device_states import SourceFault
-from aerodima.hardware.devices.motor_monitors import Debounce
+from aerodima.hardware.driving.drive_limits import DriveLimits
+from aerodima.hardware.driving.loop_delay import is_silence, with_delay
 from aerodima.hardware.protocol.radio import OperatorPrompt, RadioMode
 from aerodima.workbench.core.errors import HardwareError
-from aerodima.workbench.scenario.signal_table import IMU, STATUS, TAIL_STATE
+from aerodima.workbench.scenario.signal_table import STATUS, TAIL_STATE
 
-_ROLL = IMU.index("roll")
-_PITCH = IMU.index("pitch")
-
-_MAX_SPAN = 0.02
-"""s; after a pause of the loop the throttle does not jump."""
 _ARMED = STATUS.index("armed")
 _TAIL = (STATUS.index("tail_pitch_fault"), STATUS.index("tail_roll_fault"))
 _SAIL = STATUS.index("sail_fault")
@@ -51,70 +49,10 @@ _OPERATOR_AGE = STATUS.index("operator_age")
 _RATES = (TAIL_STATE.index("pitch_rate"), TAIL_STATE.index("roll_rate"))
 _GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
 _UNFITTED = (SourceFault.NONE, SourceFault.NOT_FITTED)
-
-
-class DriveLimits:
-    """Limits of one car. Times in s, monotonic."""
-
-    def __init__(self, safety: DriveSafety) -> None:
-        self._safety = safety
-        self._tilted = Debounce()
-        self._fast = Debounce()
-        self._throttle = 0.0
-        self._time = -math.inf
-
-    def reset_throttle(self) -> None:
-        """Resets the throttle to neutral."""
-        self._throttle = 0.0
-        self._time = -math.inf
-
-    def throttle(self, asked: float, now: float) -> float:
-        """Permitted part of a finite throttle: clipped, rises at a limited rate, falls at once."""
-        safety = self._safety
-        side = math.copysign(1.0, asked)
-        if math.isfinite(self._time):
-            span = min(max(0.0, now - self._time), _MAX_SPAN)
-        else:
-            span = 0.0
-        rise = safety.throttle_rate * span
-        present = max(0.0, side * self._throttle)
-        self._throttle = side * min(
-            abs(asked), safety.throttle_limit, max(present + rise, safety.throttle_start)
-        )
-        self._time = now
-        return self._throttle
-
-    def tilt(self, reading: CarReading, now: float) -> str:
-        """Reason to stop at once because the car has tipped over; empty while it stands."""
-        roll = float(reading.imu[_ROLL])
-        pitch = float(reading.imu[_PITCH])
-        limit = self._safety.attitude_limit
-        lasted = self._tilted.update(max(abs(roll), abs(pitch)) > limit, now)
-        if lasted == 0.0 or lasted < self._safety.attitude_time:
-            return ""
-        if abs(roll) >= abs(pitch):
-            name = "roll"
-            angle = roll
-        else:
-            name = "pitch"
-            angle = pitch
-        return (
-            f"the car has tipped over: {name} {math.degrees(angle):.0f} degrees; allowed is "
-            f"{math.degrees(limit):.0f}"
-        )
-
-    def too_fast(self, reading: CarReading, now: float) -> str:
-        """Reason to stop if the car is too fast; empty otherwise, or while the speed is unknown."""
-        speed = float(reading.speed[0])
-        limit = self._safety.speed_limit
-        known = reading.status[_SPEED] == SourceFault.NONE
-        if (
-            self._fast.update(known and speed > limit, now) < self._safety.speed_time
-            or not known
-            or speed <= limit
-        ):
-            return ""
-        return f"the car drives {speed:.1f} m/s; allowed is {limit:g}"
+_CYCLE = 0.01
+"""Time between two cycles, s."""
+_AFTERMATH = 30
+"""Cycles after a delay of the loop in which its devices seem silent for that."""
 
 
 class Stage(IntEnum):
@@ -143,6 +81,8 @@ class CarGuard:
         stage: see the picture above.
         reason: why the car stopped, empty before.
         hard: whether that reason was a hard one.
+        stop_time: when that reason came, s; NaN before.
+        silent: the reason is a silence, which a computer that falls behind makes as well.
         left: the operator has left the mode and reported while the car was being stopped. One who
             falls silent then has not chosen to end the drive: the console sends a car to rest whose
             page has gone.
@@ -164,13 +104,18 @@ class CarGuard:
         self.stage = Stage.READY
         self.reason = ""
         self.hard = False
+        self.stop_time = math.nan
+        self.silent = False
         self.left = False
         self.reading = CarReading()
         self.lateness = 0.0
         self.overruns = 0
         self._overruns_in_a_row = 0
+        self._read_time = math.inf
+        self._delays: deque[float] = deque(maxlen=_AFTERMATH)
         self.cycle_times = array("d")
         self.slow_ticks = array("d")
+        self._steering = 0.0
         self._since = 0.0
         self._was_armed = False
         self.was_idle = False
@@ -271,6 +216,7 @@ class CarGuard:
         if not self.reason:
             self.reason = reason
             self.hard = hard
+            self.stop_time = now
         if self.stage is Stage.READY:
             self._go(Stage.STOPPED, now)
         elif self.stage in _LIVE and hard:
@@ -309,7 +255,9 @@ class CarGuard:
         """Runs the second half: sends the command if the car drives, else throttle 0."""
         if self.stage is Stage.DRIVING and not command.finite:
             self.stop("the controller commands NaN or infinity", now, hard=True)
+        self._steering = 0.0
         if self.stage is Stage.DRIVING:
+            self._steering = command.steering_angle
             self.wiring.write(
                 replace(command, throttle=self._limits.throttle(command.throttle, now)), now
             )
@@ -339,6 +287,8 @@ class CarGuard:
             self.lateness = 0.0
         else:
             self.lateness = now - due
+        self._delays.append(max(self.lateness, now - self._read_time - _CYCLE))
+        self._read_time = now
         if self.stage is Stage.DRIVING:
             self.cycle_times.append(now)
         late = self.lateness > self._safety.overrun
@@ -348,10 +298,7 @@ class CarGuard:
         else:
             self._overruns_in_a_row = 0
         if self._overruns_in_a_row >= self._safety.most_overruns and self.stage in _LIVE:
-            text = (
-                f"the loop is {self.lateness * 1000:.0f} ms late for {self._overruns_in_a_row} "
-                "cycles"
-            )
+            text = with_delay(f"{self._overruns_in_a_row} late cycles in a row", self.lateness)
             self.stop(text, now, hard=True)
 
     def _check_idle(self, now: float) -> None:
@@ -367,10 +314,14 @@ class CarGuard:
 
     def _judge(self, now: float) -> None:
         hard, reason = self._reason(self.reading)
-        tilt = self._limits.tilt(self.reading, now)
-        speed = self._limits.too_fast(self.reading, now)
-        hard = hard or bool(tilt)
-        reason = reason or tilt or speed
+        silent = bool(reason) and is_silence(self.reading.status, self._has_tail)
+        if silent:
+            reason = with_delay(reason, max(self._delays))
+        fallen = self._limits.tilt(self.reading, now)
+        fallen = fallen or self._limits.straight(self.reading, self._steering, now)
+        speed = self._limits.too_fast(self.reading, now) or self._limits.blind(self.reading, now)
+        hard = hard or bool(fallen)
+        reason = reason or fallen or speed
         armed = self.reading.status[_ARMED] == 1.0
         if self.stage in _LIVE and self._has_tail and self._was_armed and not armed:
             hard = True
@@ -389,6 +340,8 @@ class CarGuard:
         # The stop latches before the car is armed too.
         stopped = self.reading.status[_OPERATOR] == SourceFault.STOPPED
         if reason and (self.stage in _LIVE or (stopped and self.stage is Stage.READY)):
+            if not self.reason:
+                self.silent = silent
             self.stop(reason, now, hard)
 
     def _reason(self, reading: CarReading) -> tuple[bool, str]:

@@ -7,15 +7,13 @@ and throttle 0 go out, and the log is readable up to there.
 from __future__ import annotations
 
 import math
-import sys
 import time
-from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from aerodima.hardware.car.car_ports import CarPorts, read_ports
+from aerodima.hardware.car.car_ports import CarPorts, emulator_delay, read_ports
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.devices.device_states import SourceFault
@@ -36,13 +34,16 @@ from aerodima.hardware.driving.drive_checks import (
     report,
     watchdog_check,
 )
+from aerodima.hardware.driving.drive_result import HOUR, DriveOptions, DriveResult
 from aerodima.hardware.driving.held_car import connect
 from aerodima.hardware.driving.interrupts import (
-    TickTimeout,
     TimedPilot,
+    leave,
+    stop_on_exit,
     stop_on_signals,
     time_limit,
 )
+from aerodima.hardware.driving.loop_delay import with_delay
 from aerodima.hardware.driving.plain_loop import (
     AutoPilot,
     ControlPilot,
@@ -51,7 +52,7 @@ from aerodima.hardware.driving.plain_loop import (
     idle_until,
     run_loop,
 )
-from aerodima.hardware.driving.run_journal import log_facts, open_run_journal
+from aerodima.hardware.driving.run_journal import RunJournal, log_facts, open_run_journal
 from aerodima.hardware.protocol.radio import RadioMode
 from aerodima.workbench.control.driver_law import refuse_simulated_only
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
@@ -68,6 +69,7 @@ from aerodima.workbench.core.realtime import (
     restore_latency,
     restore_ordinary,
 )
+from aerodima.workbench.core.terminal import await_reader, say_error
 from aerodima.workbench.logs.schema import DIAGRAM, DRIVEN_BY, TAIL_LAW
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import STATUS, UNARMED_SOURCES
@@ -76,8 +78,8 @@ if TYPE_CHECKING:
     from aerodima.workbench.car.car_diagram import Build
 
 RUN_OVER = "the run is over"
-_HOUR = 3600.0
-"""s; the longest drive by radio."""
+_LATE_BEFORE = 1.0
+"""s before a stop in which an emulator that fell behind may be its cause."""
 _WARM_UP_TIME = 10.0
 """s; a first tick may import what it needs."""
 _LATE_ANSWERS = (
@@ -88,56 +90,6 @@ _LATE_ANSWERS = (
 )
 """Faults of a device that may still answer. A Teensy that received nothing yet reports that its
 watchdog has acted; an IMU that is being set up counts as lost."""
-
-
-@dataclass(frozen=True)
-class DriveResult:
-    """End of a drive.
-
-    Attributes:
-        reason: `RUN_OVER`, or why it was stopped.
-        orderly: the run came to its end, or the operator ended it without an emergency and reported
-            until then.
-        log: the run log, elsewhere than was asked for when that place took none; None when none was
-            written.
-        signal: number of the signal that ended it; 0 for none.
-        traffic_error: why the log of the CAN traffic is not whole; empty if it is, or if there is
-            none.
-    """
-
-    reason: str
-    orderly: bool
-    log: Path | None
-    signal: int = 0
-    traffic_error: str = ""
-
-
-@dataclass(frozen=True)
-class DriveOptions:
-    """Options of a drive.
-
-    Attributes:
-        log: the run log to be written.
-        force: replace it.
-        dry_run: never arm; the sequence runs with the car switched off.
-        with_drake: the diagram in Drake's simulator, otherwise the plain loop.
-        confirm: asks somebody beside the car whether it may be armed; None arms without asking.
-        wait_for_operator: s until the operator must have chosen AUTO or MANUAL, out of IDLE.
-        law_name: for the log, of a tail law that the scenario does not name; empty for one that it
-            names.
-    """
-
-    log: str | Path
-    force: bool = False
-    dry_run: bool = False
-    with_drake: bool = True
-    confirm: Callable[[], bool] | None = None
-    wait_for_operator: float = _HOUR
-    law_name: str = ""
-
-
-def _print_error(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
 
 
 def drive(
@@ -151,7 +103,7 @@ def drive(
     dry_run: bool = False,
     force: bool = False,
     traffic: str | Path | None = None,
-    say: Say = _print_error,
+    say: Say = say_error,
 ) -> DriveResult:
     """Drives the car with a diagram of your own: check, arm, drive, disarm, write the log.
 
@@ -181,12 +133,13 @@ def drive(
     make_folder(Path(log).parent, LogError)
     car_ports = read_ports(ports)
     options = DriveOptions(log, force, dry_run, confirm=None if arm else _ask_to_arm)
-    car = connect(car_ports, scenario, wiring, traffic)
+    car = connect(ports, scenario, wiring, traffic)
     return DriveSession(car, scenario, car_ports, options, say, build=build).complete()
 
 
 def _ask_to_arm() -> bool:
-    return input("keep clear of the tail; type arm to switch the motors on: ") == "arm"
+    say_error("keep clear of the tail; type arm to switch the motors on:")
+    return input() == "arm"
 
 
 class DriveSession:
@@ -228,6 +181,7 @@ class DriveSession:
         self._build = build
         self._resources = ExitStack()
         self._mode = RadioMode.AUTO
+        self._journal: RunJournal | None = None
         self._log: Path | None = None
         self.signals: list[int] = []
         self.result = DriveResult("", False, None)
@@ -243,9 +197,9 @@ class DriveSession:
             self.check()
             if self.arm():
                 self.run()
-        except HardwareError:
+        except HardwareError as error:
             if not self.signals:  # otherwise it follows from the signal
-                raise
+                raise HardwareError(self._with_cause(str(error))) from None
         finally:
             self.stop()
         return self.result
@@ -264,7 +218,10 @@ class DriveSession:
         report(preflight_checks(scenario, Path(self._options.log).parent, self._safety), self._say)
         if not self._options.dry_run:
             self._car.authorise()
-        self.signals = self._resources.enter_context(stop_on_signals(self._stop_hard))
+        self.signals = self._resources.enter_context(
+            stop_on_signals(self._stop_hard, self._give_up)
+        )
+        self._resources.enter_context(stop_on_exit(self._stop_hard))
         scheduling = prefer_realtime(DRIVE_PRIORITY)
         self._resources.callback(restore_ordinary)
         self._resources.callback(restore_latency)
@@ -272,6 +229,9 @@ class DriveSession:
         self._resources.callback(self._stop_car)
         self._car.start()
         idle_until(self._guard, self._answers, self._safety.answer_timeout)
+        # A device that had not answered when the operator stopped the car is not to blame.
+        if self._guard.finished and not self._options.dry_run:
+            raise HardwareError(self._guard.reason)
         checks = device_checks(self._guard.reading, self._car.gps_time, self._safety)
         checks.append(watchdog_check(self._car.name, self._car.unwatched))
         report(checks, self._say, refuse=not self._options.dry_run)
@@ -280,6 +240,23 @@ class DriveSession:
 
     def _stop_hard(self, reason: str) -> None:
         self._guard.stop(reason, time.monotonic(), hard=True)
+
+    def _give_up(self) -> None:
+        """Ends drive and program within a controller that catches every exception and goes on."""
+        try:
+            self._stop_hard("the controller goes on after it was interrupted")
+            self._car.stop(self._guard.reason)
+            if self._journal is not None:
+                guard = self._guard
+                facts = log_facts(guard.reason, math.nan, guard.cycle_times, guard.overruns)
+                self._journal.add_facts(facts)
+                self._say(f"log: {self._journal.close()}")
+        except LogError as error:
+            self._say(str(error))
+        finally:
+            self._say(f"error: the car was stopped: {self._guard.reason}")
+            await_reader()
+            leave(1)
 
     def _stop_car(self) -> None:
         self._car.stop(self._guard.reason or "the drive is over")
@@ -296,20 +273,20 @@ class DriveSession:
         """Builds the pilot of AUTO, which takes time, and warms it up; returns it with the columns
         of a diagram's own.
         """
-        if not self._options.with_drake:
-            return AutoPilot(self._scenario, self._law), []
-        from aerodima.hardware.driving.drive_diagram import DiagramPilot
-
         try:
             with time_limit(_WARM_UP_TIME):
+                if not self._options.with_drake:
+                    return AutoPilot(self._scenario, self._law), []
+                from aerodima.hardware.driving.drive_diagram import DiagramPilot
+
                 pilot = DiagramPilot(self._scenario, self._law, self._build)
                 slowest = pilot.warm_up(self._guard.reading)
         except UserError:
             raise
-        except (Exception, TickTimeout) as error:
+        except BaseException as error:  # SystemExit too: it would end the program with status 0
             text, reason = traceback_and_reason(error)
             self._say(text)
-            raise HardwareError(f"the diagram fails before the car is armed: {reason}") from None
+            raise HardwareError(f"the controller fails before the car is armed: {reason}") from None
         slow = self._safety.slow_tick
         text = f"a tick of it takes {slowest * 1000:.1f} ms; more than {slow * 1000:g} ms are slow"
         self._say(str(Check("diagram", True if slowest <= slow else None, text)))
@@ -370,30 +347,41 @@ class DriveSession:
     def run(self) -> None:
         """Drives to the end of the run and writes the log, whatever happens."""
         guard = self._guard
+        journal = self._journal
+        assert journal is not None  # of `arm`
         by_radio = self._mode is not RadioMode.AUTO
-        length = _HOUR if by_radio else run_time(self._scenario)
-        pilot = TimedPilot(self._make_pilot(), self._safety.longest_tick)
+        length = HOUR if by_radio else run_time(self._scenario)
         stopped = math.nan
         begin = time.monotonic()
         busy = time.process_time()
         try:
-            stopped = run_loop(guard, pilot, self._scenario, length, self._journal)
+            pilot = TimedPilot(self._make_pilot(), self._safety.longest_tick)
+            stopped = run_loop(guard, pilot, self._scenario, length, journal)
             guard.stop(RUN_OVER, time.monotonic())
             await_stop(self._guard)
         except BaseException as error:
             self._stop_hard(f"{type(error).__name__}: {error}")
             self._car.stop(guard.reason)  # before anything else: writing a log may take its time
-            if isinstance(error, HardwareError | LogError) or not isinstance(
-                error, Exception | TickTimeout
-            ):
-                raise
+            # No signal raises: SystemExit and the like are the controller's, and end no program.
             text, guard.reason = traceback_and_reason(error)
             self._say(str(error) if isinstance(error, UserError) else text)
         finally:
             share = (time.process_time() - busy) / (time.monotonic() - begin)
-            self._add_facts(stopped, share)
-            log = self._journal.close()
-        self._log = log
+            guard.reason = self._with_cause(guard.reason)
+            self._add_facts(journal, stopped, share)
+            try:
+                self._log = journal.close()
+            except LogError as error:
+                raise LogError(f"{error}; the car was stopped: {guard.reason}") from None
+
+    def _with_cause(self, reason: str) -> str:
+        """Returns the reason of a stop, once with the delay of an emulated car as its cause."""
+        guard = self._guard
+        if not guard.silent:
+            return reason
+        guard.silent = False
+        delay = emulator_delay(self._ports.teensy.path, guard.stop_time - _LATE_BEFORE)
+        return with_delay(reason, delay)
 
     def _make_pilot(self) -> Pilot:
         if self._mode is RadioMode.AUTO:
@@ -402,7 +390,7 @@ class DriveSession:
             return ManualPilot(self._scenario)
         return ControlPilot(self._scenario, self._law)
 
-    def _add_facts(self, stopped: float, cpu_share: float) -> None:
+    def _add_facts(self, journal: RunJournal, stopped: float, cpu_share: float) -> None:
         """Writes to the log who drove and how it went; `stopped`: time of the run, s, or NaN."""
         guard = self._guard
         facts = log_facts(guard.reason, stopped, guard.cycle_times, guard.overruns)
@@ -415,13 +403,14 @@ class DriveSession:
             facts[DIAGRAM] = build_name(self._build)
         if self._options.law_name:
             facts[TAIL_LAW] = self._options.law_name
-        self._journal.add_facts(facts)
+        journal.add_facts(facts)
 
     # -- stop
 
     def stop(self) -> None:
         """Switches the motors off, closes the devices, gives signals and scheduling back."""
         guard = self._guard
+        guard.reason = self._with_cause(guard.reason)
         orderly = not guard.hard and (guard.reason == RUN_OVER or guard.left)
         self.result = DriveResult(
             guard.reason,

@@ -1,27 +1,65 @@
-"""Signals during a drive: those that end it, and the alarm that interrupts a slow controller."""
+"""Ends of a drive from outside or within its controller: signals, the alarm that interrupts a
+slow controller, and a controller that leaves the program.
+"""
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import NoReturn
 
 from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.driving.plain_loop import Pilot, PilotStep
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_MAX_INTERRUPTS = 3
+"""Interrupts of one tick after which the controller is given up: it catches them and goes on."""
+leave = os._exit
+"""Ends the program at once, whatever stands in its place while a controller runs."""
+_interrupts: list[int] = []
+"""Alarms since the last `time_limit` began."""
 
 
 class TickTimeout(BaseException):
     """Raised within a controller that takes too long; of no kind that it may want to catch."""
 
 
+class ControllerExit(BaseException):
+    """Raised in place of an `os._exit`, after which no log would be written and no reason given."""
+
+
 @contextmanager
-def stop_on_signals(stop: Callable[[str], None]) -> Iterator[list[int]]:
+def stop_on_exit(stop: Callable[[str], None]) -> Iterator[None]:
+    """Calls `stop` and raises `ControllerExit` where the block calls `os._exit`, on any thread;
+    processes that it forks end as ever.
+    """
+    owner = os.getpid()
+
+    def refuse(status: int) -> NoReturn:
+        if os.getpid() != owner:
+            leave(status)
+        text = f"os._exit({status}) was called"
+        stop(text)
+        raise ControllerExit(text)
+
+    os._exit = refuse
+    try:
+        yield
+    finally:
+        os._exit = leave
+
+
+@contextmanager
+def stop_on_signals(
+    stop: Callable[[str], None], give_up: Callable[[], None]
+) -> Iterator[list[int]]:
     """Calls `stop` with the name of a signal that ends a drive; yields the numbers that came.
 
-    Within the block SIGALRM raises `TickTimeout`, for `time_limit`.
+    Within the block SIGALRM raises `TickTimeout`, for `time_limit`, and calls `give_up` once that
+    was caught too often.
     """
     numbers: list[int] = []
 
@@ -31,6 +69,10 @@ def stop_on_signals(stop: Callable[[str], None]) -> Iterator[list[int]]:
         stop(signal.Signals(number).name)
 
     def interrupt(number: int, frame: FrameType | None) -> None:
+        _interrupts.append(number)
+        if len(_interrupts) >= _MAX_INTERRUPTS:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            give_up()
         raise TickTimeout("the controller does not come to an end")
 
     handlers = {number: signal.signal(number, handle) for number in _SIGNALS}
@@ -44,10 +86,11 @@ def stop_on_signals(stop: Callable[[str], None]) -> Iterator[list[int]]:
 
 @contextmanager
 def time_limit(seconds: float) -> Iterator[None]:
-    """Raises `TickTimeout` within the block, and again, once it takes longer; what no signal
-    reaches goes on.
+    """Raises `TickTimeout` within the block once it takes longer, and again each `seconds` or each
+    second; what no signal reaches goes on.
     """
-    signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
+    _interrupts.clear()
+    signal.setitimer(signal.ITIMER_REAL, seconds, min(seconds, 1.0))
     try:
         yield
     finally:

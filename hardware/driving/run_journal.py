@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike
 
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
-from aerodima.workbench.logs.journal import JournalWriter, read_journal
-from aerodima.workbench.logs.schema import run_metadata, write_table
+from aerodima.workbench.logs.journal import JournalWriter
+from aerodima.workbench.logs.schema import run_metadata
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import sensor_columns
 
@@ -33,7 +33,7 @@ _MAX_WAITING = 3000
 """Most rows that wait for the disk, or are kept after it has failed."""
 _FLUSH = 0.08
 """s; with the period of the loop, a killed drive loses less than 0.1 s."""
-_CHECK_PERIOD = 1.0
+_CHECK_PERIOD = 0.5
 """Time between two checks of the journal, s."""
 _LAST_WAIT = 5.0
 """Time for the disk at the end of the drive, s."""
@@ -49,11 +49,12 @@ class RunJournal(JournalWriter):
 
     The thread keeps the scheduling of the one that opens the journal. At ordinary priority another
     program could displace it while it holds the interpreter's lock, and the loop would wait for
-    both. About once a second it looks whether the journal is still where its name leads. Rows that
-    the disk does not take stay in memory.
+    both. Twice a second it looks whether the journal is still where its name leads, and holds what
+    was written (`JournalWriter.check`). Rows that the disk does not take stay in memory.
 
     Args:
-        say: receives errors of the log at once, in the thread.
+        say: receives errors and notes of the log at once, in the thread; it may fail (a terminal
+            that is gone): all of them are in the log, too.
 
     Attributes:
         columns: names, in order.
@@ -76,18 +77,27 @@ class RunJournal(JournalWriter):
         self._say = say or (lambda _: None)
         self._kept: list[FloatArray] = []
         self._check_due = time.monotonic() + _CHECK_PERIOD
-        self._gone = False
         self._waiting: queue.Queue[FloatArray | None] = queue.Queue(_MAX_WAITING)
         self._thread = threading.Thread(target=self._write, name="run-journal", daemon=True)
         self._thread.start()
 
     def append(self, row: ArrayLike) -> None:
-        """Takes one row and returns at once."""
+        """Takes one row and returns at once; LogError in a fork of the process that drives."""
+        if not self._open:
+            raise LogError(f"{self.journal}: closed already, or opened before a fork (os.fork)")
         try:
             self._waiting.put_nowait(np.array(row, dtype=float))
         except queue.Full:
             self.lost += 1
             self.error = self.error or f"{self.journal}: the disk is too slow"
+
+    def note(self, text: str) -> None:
+        """Says a sentence on the journal, and keeps it for the log, once."""
+        if text in self.notes:
+            return
+        super().note(text)
+        with contextlib.suppress(Exception):  # whoever listened has gone: the log has it
+            self._say(f"log: {text}")
 
     def close(self) -> Path:
         """Writes what waits and ends the log; its path, another than was asked for where that takes
@@ -112,9 +122,11 @@ class RunJournal(JournalWriter):
 
     def discard(self) -> None:
         """Ends a log of a drive that did not begin: nothing stays on the disk."""
-        self._finish()
-        self._remove()
-        super().abandon()
+        if self._open:
+            self._finish()
+            self._remove()
+            with contextlib.suppress(LogError):
+                self.abandon()
 
     def _finish(self) -> None:
         # A disk that takes nothing must not hold up the end of the program.
@@ -126,24 +138,30 @@ class RunJournal(JournalWriter):
 
     def _write_log(self) -> Path:
         """Writes what the open journal and the memory hold to the first place that takes it."""
-        table, _ = read_journal(self.journal, self._file.fileno())
+        if not self.error:
+            self._end()
+        if self.lost:
+            self.note(f"{self.journal}: {self.lost} rows are lost")
         unwritten = np.vstack([self._buffer[: self._filled], *self._kept])
         rest = pa.table(list(np.ascontiguousarray(unwritten.T)), schema=self._schema)
-        table = pa.concat_tables([table.slice(0, self.rows), rest])
+        table = pa.concat_tables([self._table(), rest])
         failed = ""
         for path in self._places():
             try:
-                write_table(table, self._metadata, path, self._force and path == self.path)
+                # Without the journal's name, a log of that name may be another run's.
+                may_replace = self._force and path == self.path and self.in_place
+                self._write_table(table, path, may_replace)
             except LogError as error:
                 failed = failed or str(error)
                 continue
-            if self._gone or self.error or path != self.path:
+            if self.error or self.notes or path != self.path:
                 reason = f"{failed}; " if failed else ""
-                self._say(f"log: {reason}the run of {table.num_rows} rows is in {path}")
+                self.note(f"{reason}the run of {table.num_rows} rows is in {path}")
             self.path = path
             self._remove()
-            with contextlib.suppress(OSError):  # of a disk that is full
-                self._release()
+            self._writer = 0
+            self._syncing.shutdown(wait=False)
+            self._file.close()
             return path
         raise LogError(
             f"{failed}; what was written can be rescued: aerodima log recover {self.journal}"
@@ -160,7 +178,8 @@ class RunJournal(JournalWriter):
 
     def _write(self) -> None:
         while True:
-            self._check_place()
+            with contextlib.suppress(Exception):  # the rows matter more
+                self._check_journal()
             try:
                 row = self._waiting.get(timeout=_CHECK_PERIOD)
             except queue.Empty:
@@ -173,8 +192,8 @@ class RunJournal(JournalWriter):
             try:
                 super().append(row)
             except Exception as error:  # whatever it is, the loop must learn of it and go on
-                self.error = " ".join(str(error).split())
-                self._say(f"log: {self.error}; the car stops, what comes now is kept in memory")
+                self.error = " ".join(str(error).split()) or type(error).__name__
+                self.note(f"{self.error}; the car stops, what comes now is kept in memory")
 
     def _keep(self, row: FloatArray) -> None:
         if len(self._kept) < _MAX_WAITING:
@@ -182,17 +201,18 @@ class RunJournal(JournalWriter):
         else:
             self.lost += 1
 
-    def _check_place(self) -> None:
+    def _check_journal(self) -> None:
         now = time.monotonic()
         if now < self._check_due:
             return
         self._check_due = now + _CHECK_PERIOD
-        if not self._gone and not self.in_place:
-            self._gone = True
-            self._say(
-                f"log: {self.journal} was removed or renamed; the drive goes on, and writes its "
-                "log at its end"
+        if not self.in_place:
+            self.note(
+                f"{self.journal} was removed, renamed or replaced; the drive goes on, and writes "
+                "its log at its end"
             )
+        if not self.error:
+            self.check()
 
 
 def open_run_journal(

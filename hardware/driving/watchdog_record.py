@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shlex
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -16,7 +17,7 @@ from pydantic import Field
 
 from aerodima.hardware.car.car_ports import JOINTS, CarPorts, is_emulated_port
 from aerodima.hardware.car.safety_settings import load_drive_safety
-from aerodima.hardware.car.wiring import WiringName
+from aerodima.hardware.commands.drive_commands import WiringName
 from aerodima.hardware.firmware.teensy_firmware import firmware_hash
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import HardwareError
@@ -128,7 +129,10 @@ def require_watchdog_test(
             profile, firmware, timing.
     """
     path = record_path(wiring, folder, ports)
-    again = f"make one with `aerodima drive watchdog-test SCENARIO --wiring {wiring}`"
+    place = shlex.quote(ports.file)
+    again = (
+        f"make one with `aerodima drive watchdog-test auto_turn --ports {place} --wiring {wiring}`"
+    )
     if not path.exists():
         raise HardwareError(f"no watchdog test of {wiring} is recorded ({path}); {again}")
     record = read_record(path)

@@ -261,11 +261,3 @@ class EventLog:
     def close(self) -> None:
         """Closes the file."""
         self._file.close()
-
-
-def read_events(path: str | Path) -> list[dict[str, Any]]:
-    """Reads the events so far, also while the emulator runs; a line that is not complete is left
-    out.
-    """
-    lines = Path(path).read_text(encoding="utf-8").split("\n")[:-1]
-    return [json.loads(line) for line in lines]

@@ -59,15 +59,15 @@ class _Config(Structure):
     _fields_ = (
         ("profile", Profile),
         ("limits", Limits * 2),
-        *fields(c_double, "attitude_limit throttle_start throttle_rate"),
+        *fields(c_double, "attitude_limit throttle_start throttle_rate least_yaw_rate"),
         ("owns_can", c_int32),
         *fields(
             c_uint32, "watchdog_ms exit_burst exit_cycles exit_cycle_ms reminder_ms reply_wait_ms"
         ),
-        *fields(c_uint32, "attitude_ms attitude_age_ms"),
+        *fields(c_uint32, "attitude_ms attitude_age_ms straight_ms"),
         ("sail_bits", c_int32),
         ("motor_ids", c_int32 * 2),
-        *fields(c_int32, "throttle_least throttle_most"),
+        *fields(c_int32, "throttle_least throttle_most full_servo driving_throttle"),
     )
 
 

@@ -21,7 +21,7 @@ from aerodima.hardware.car.wiring import wiring_name
 from aerodima.hardware.car.wirings import tail_motors
 from aerodima.hardware.devices.motor_settings import MotorSettings
 from aerodima.hardware.protocol.ak70 import FirmwareProfile
-from aerodima.hardware.protocol.teensy import THROTTLE_PULSES
+from aerodima.hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
 from aerodima.workbench.core.atomic_write import make_folder
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.scenario.scenario import Scenario
@@ -115,6 +115,7 @@ class FirmwareSettings:
         timing = self.timing
         safety = self.safety
         half = (highest - lowest) / 2
+        full = min(1.0, safety.full_steering / load_mounting().steering_range)
         times = {
             "watchdog": timing.watchdog_timeout,
             "exit_cycle": timing.exit_cycle,
@@ -122,6 +123,7 @@ class FirmwareSettings:
             "reply_wait": timing.reply_wait,
             "attitude": timing.attitude_time,
             "attitude_age": timing.attitude_age,
+            "straight": timing.straight_time,
         }
         return {
             **{f"{name}_ms": round(seconds * 1000.0) for name, seconds in times.items()},
@@ -129,6 +131,9 @@ class FirmwareSettings:
             "exit_burst": timing.exit_burst,
             "exit_cycles": timing.exit_cycles,
             "attitude_limit": safety.attitude_limit,
+            "full_servo": round(full * (SERVO_PULSES[2] - SERVO_PULSES[1])),
+            "driving_throttle": round(safety.driving_throttle * half),
+            "least_yaw_rate": safety.least_yaw_rate,
             "throttle_least": round(idle - safety.throttle_limit * (idle - lowest)),
             "throttle_most": round(idle + safety.throttle_limit * (highest - idle)),
             "throttle_start": safety.throttle_start * half,

@@ -52,7 +52,7 @@ _EXIT = b"\xfd"
 _ZERO = b"\xfe"
 _SHORT_REPLY = 6
 """Bytes of a reply without temperature and fault."""
-_LONG_REPLY = 8
+LONG_REPLY = 8
 """Bytes of a reply with both, and of a special frame."""
 
 
@@ -286,7 +286,7 @@ def unwrap(previous: float, reading: float, profile: FirmwareProfile) -> float:
 def is_special(data: bytes) -> bool:
     """Returns whether these are the bytes of an enter, exit or zero frame."""
     return (
-        len(data) == _LONG_REPLY
+        len(data) == LONG_REPLY
         and data.startswith(_RESERVED)
         and data[7:] in (_ENTER, _EXIT, _ZERO)
     )

@@ -99,7 +99,7 @@ class OperatorCommand:
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """The operator's station lives; `counter` (0 to 255, wraps) differs from frame to frame."""
+    """The operator's station lives; `counter` (0 to 255, wraps) counts upwards."""
 
     counter: int
 

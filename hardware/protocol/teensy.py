@@ -6,14 +6,16 @@ Printed command: `CAN MSG 1 ; CAN MSG 2 ; SERVO CMD ; THROTTLE CMD |`, each CAN 
 Printed reply: `ID 1 ; POS 1 ; VEL 1 ; CUR 1 ; ID 2 ; POS 2 ; VEL 2 ; CUR 2 ; ENC POS |`.
 
 These carry no checksum, no time, no fault and no sign that a motor has fallen silent. So the
-command goes on with the car's attitude, `;ROLL;PITCH;AGE` behind the throttle; the reply with, per
-motor, a counter of CAN replies, temperature and fault, then the Teensy's clock and its status; and
-before the last `|` of either stands `;*HH`, a CRC-8 over everything since the start of the text
-frame. The firmware reads commands and writes replies (`src/strings.cpp`).
+command goes on with how the car stands, `;ROLL;PITCH;AGE;LEAN;YAW RATE` behind the throttle; the
+reply with, per motor, a counter of CAN replies, temperature and fault (-1: the motor says neither),
+then the Teensy's clock and its status; and before the last `|` of either stands `;*HH`, a CRC-8
+over everything since the start of the text frame. The firmware reads commands and writes replies
+(`src/strings.cpp`).
 
 The attitude is sent since the IMU hangs on the computer: with it the Teensy stops a car that lies
-on its side although a drive goes on commanding. A chip of its own would have to be wired,
-calibrated and tested on the Teensy.
+on its side although a drive goes on commanding. The lean by the accelerometer and the yaw rate at
+full steering are further witnesses, for an attitude that hangs. A chip of its own would have to be
+wired, calibrated and tested on the Teensy.
 
 Units: rad, rad/s, N m/rad, N m s/rad, N m (the thesis calls the reply's field a current; it is the
 torque field of the motor's frame), pulses in us, sail angle in degrees, clock in ms.
@@ -42,6 +44,8 @@ _REPLY_FIELDS = 17
 """Fields of a reply."""
 _UNKNOWN_AGE = 65535
 """Age of an attitude that is not known, ms."""
+_UNKNOWN_FAULT = -1
+"""Fault of a motor whose replies carry neither temperature nor fault."""
 _MOTOR_FIELDS = ("position", "velocity", "kp", "kd", "torque")
 NUMBERS = {
     "position": (-100.0, 100.0, 5),
@@ -51,6 +55,8 @@ NUMBERS = {
     "torque": (-200.0, 200.0, 4),
     "roll": (-3.2, 3.2, 4),
     "pitch": (-3.2, 3.2, 4),
+    "lean": (0.0, 3.2, 4),
+    "yaw_rate": (-40.0, 40.0, 4),
     "sail": (0.0, 360.0, 3),
 }
 """Least and most value that is read or allowed, and decimals that are written. Those of the motors
@@ -74,8 +80,8 @@ class TeensyStatus(IntEnum):
     """Status of a reply: why the Teensy has switched everything off.
 
     WATCHDOG_ACTED: no text frame that can be obeyed, or a restart. ATTITUDE: the car lies on its
-    side, or its attitude is not known while it is to drive. HEARTBEAT_STOPPED: no heartbeat on the
-    bus while the motors are armed.
+    side, does not turn at full steering, or its attitude is not known while it is to drive.
+    HEARTBEAT_STOPPED: no heartbeat on the bus while the motors are armed.
     """
 
     RUNNING = 0
@@ -86,8 +92,8 @@ class TeensyStatus(IntEnum):
 
 SWITCHED_OFF = {
     TeensyStatus.WATCHDOG_ACTED: "the watchdog of the Teensy has acted",
-    TeensyStatus.ATTITUDE: "the Teensy has stopped the car: it lies on its side, or its attitude "
-    "is not known",
+    TeensyStatus.ATTITUDE: "the Teensy has stopped the car: it lies on its side, does not turn at "
+    "full steering, or its attitude is not known",
     TeensyStatus.HEARTBEAT_STOPPED: "the Teensy has switched the motors off: no heartbeat on the "
     "bus",
 }
@@ -112,12 +118,14 @@ class MotorOrder:
 @dataclass(frozen=True, slots=True)
 class Attitude:
     """Attitude of the car. roll, pitch: rad. age: of the sample, ms; a larger one than the field
-    holds is cut.
+    holds is cut. lean: by the accelerometer, rad from upright. yaw_rate: rad/s.
     """
 
     roll: float
     pitch: float
     age: int
+    lean: float = 0.0
+    yaw_rate: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,8 +148,8 @@ class MotorReport:
         velocity: rad/s.
         torque: N m.
         replies: CAN replies counted modulo 256.
-        temperature: degrees Celsius.
-        fault: fault byte.
+        temperature: degrees Celsius; None where the motor does not say it.
+        fault: fault byte; None where the motor does not say it.
     """
 
     motor_id: int
@@ -149,8 +157,8 @@ class MotorReport:
     velocity: float
     torque: float
     replies: int
-    temperature: int
-    fault: int
+    temperature: int | None
+    fault: int | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,7 +232,7 @@ _INTEGERS = {
     "id": (0, 255),
     "replies": (0, 255),
     "temperature": (-40, 255),
-    "fault": (0, 255),
+    "fault": (_UNKNOWN_FAULT, 255),
     "clock": (0, 2**32 - 1),
     "status": (0, max(TeensyStatus)),
 }
@@ -237,13 +245,16 @@ def _write_order(order: MotorOrder) -> str:
 
 def _write_attitude(attitude: Attitude | None) -> str:
     if attitude is None:
-        return f";0.0000;0.0000;{_UNKNOWN_AGE}"
-    for name, angle in (("roll", attitude.roll), ("pitch", attitude.pitch)):
+        return f";0.0000;0.0000;{_UNKNOWN_AGE};0.0000;0.0000"
+    numbers = []
+    for name in ("roll", "pitch", "lean", "yaw_rate"):
+        value = getattr(attitude, name)
         lowest, highest, _ = NUMBERS[name]
-        if not lowest <= angle <= highest:
-            raise FrameError(f"Teensy {name} {angle!r}: allowed is {lowest:g} to {highest:g} rad")
-    age = min(max(attitude.age, 0), _UNKNOWN_AGE - 1)
-    return f";{_number('roll', attitude.roll)};{_number('pitch', attitude.pitch)};{age}"
+        if not lowest <= value <= highest:
+            raise FrameError(f"Teensy {name} {value!r}: allowed is {lowest:g} to {highest:g}")
+        numbers.append(_number(name, value))
+    numbers.insert(2, str(min(max(attitude.age, 0), _UNKNOWN_AGE - 1)))
+    return ";" + ";".join(numbers)
 
 
 def _open(text: bytes) -> list[str]:
@@ -261,8 +272,9 @@ def _open(text: bytes) -> list[str]:
 
 def _read_report(fields: list[str], extra: list[str]) -> MotorReport:
     position, velocity, torque = map(_read_number, ("position", "velocity", "torque"), fields[1:])
-    health = map(_read_integer, ("replies", "temperature", "fault"), extra)
-    return MotorReport(_read_integer("id", fields[0]), position, velocity, torque, *health)
+    replies, degrees, code = map(_read_integer, ("replies", "temperature", "fault"), extra)
+    health = (None, None) if code == _UNKNOWN_FAULT else (degrees, code)
+    return MotorReport(_read_integer("id", fields[0]), position, velocity, torque, replies, *health)
 
 
 def _read_number(name: str, field: str) -> float:

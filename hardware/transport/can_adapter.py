@@ -38,6 +38,8 @@ _LINE = re.compile(rb"[^\r\a]*[\r\a]")
 """A line of slcan."""
 _MAX_LINE = 64
 """Most bytes that are kept without the end of their line: a frame takes 27."""
+_HEADS = {"t": 5, "T": 10}
+"""Characters of a line of slcan before its data, the last of them their number in bytes."""
 _CONTAINER_BYTES = 2048
 """A block goes to the disk when it holds that much: about 20 frames, a tenth of a second of two
 motors at 100 Hz."""
@@ -98,8 +100,9 @@ class _Slcan(slcanBus):
     """The slcan of python-can, which reads byte by byte and takes a quarter of a core at 400
     frames/s.
 
-    This one takes all bytes at hand at once. A line that is no text, or has no end, is dropped with
-    a `ValueError`.
+    This one takes all bytes at hand at once. A line that is no text, has no end, or carries another
+    number of bytes than it names (time stamps are never switched on) is dropped with a
+    `ValueError`.
     """
 
     def _read(self, timeout: float | None) -> str | None:
@@ -117,7 +120,11 @@ class _Slcan(slcanBus):
             late = time.monotonic() > end
         line = bytes(self._buffer[: found.end()])
         del self._buffer[: found.end()]
-        return line.decode()
+        text = line.decode()
+        head = _HEADS.get(text[0])
+        if head is not None and len(text) - 1 - head != 2 * int(text[head - 1 : head]):
+            raise ValueError(f"{text!r}: another number of bytes than it names")
+        return text
 
 
 def _reach(settings: CanSettings) -> None:

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from aerodima.hardware.protocol.can_frame import MAX_BYTES, CanFrame, TimedFrames
 from aerodima.hardware.transport.can_adapter import CanSettings, TrafficLog, can, open_bus
+from aerodima.hardware.transport.serial_link import reason_of
 from aerodima.workbench.core.errors import HardwareError
 
 _RECEIVE_TIMEOUT = 0.05
@@ -189,7 +190,7 @@ class CanBus:
 
     Args:
         bus: python-can's; this object owns and closes it. `CanBus.open` makes both.
-        traffic_log: takes all frames; this object closes it.
+        traffic_log: takes all frames; this object closes it. name: of the adapter, for messages.
         listen: standard ids that are kept; extended frames are always kept, since they betray V3
             firmware. None: all.
 
@@ -204,12 +205,11 @@ class CanBus:
         bus: can.BusABC,
         traffic_log: TrafficLog | None = None,
         listen: Collection[int] | None = None,
+        name: str = "CAN",
     ) -> None:
         self._bus = bus
-        if listen is None:
-            self._listen = None
-        else:
-            self._listen = frozenset(listen)
+        self._name = name
+        self._listen = None if listen is None else frozenset(listen)
         self.fault = BusFault.NONE
         self.fault_text = ""
         self.sent = 0
@@ -243,12 +243,9 @@ class CanBus:
         Raises:
             HardwareError: as `open_bus` and `TrafficLog.create` do.
         """
-        if traffic_log is None:
-            log = None
-        else:
-            log = TrafficLog.create(traffic_log)
+        log = None if traffic_log is None else TrafficLog.create(traffic_log)
         try:
-            return cls(open_bus(settings), log, listen)
+            return cls(open_bus(settings), log, listen, str(settings))
         except HardwareError:
             if log is not None:
                 log.close()
@@ -276,9 +273,7 @@ class CanBus:
         return True
 
     def poll(self) -> TimedFrames:
-        """Returns frames that came in since the last call, oldest first, each with its
-        `time.monotonic`.
-        """
+        """Returns frames since the last call, oldest first, each with its `time.monotonic`."""
         self._check_threads()
         return [self._inbox.popleft() for _ in range(len(self._inbox))]
 
@@ -309,6 +304,11 @@ class CanBus:
             self.fault_text = text
             self.fault = fault
 
+    def _set_failure(self, fault: BusFault, doing: str, error: Exception) -> None:
+        self._set_fault(
+            fault, f"{self._name}: {doing} failed: {reason_of(error.__cause__ or error)}"
+        )
+
     def _check_threads(self) -> None:
         if self._closing.is_set():
             return
@@ -331,7 +331,7 @@ class CanBus:
                 self._receiver_time = time.monotonic()
                 self._receive_one()
         except Exception as error:
-            self._set_fault(_fault_of(error, BusFault.RECEIVER_DEAD), f"receiving failed: {error}")
+            self._set_failure(_fault_of(error, BusFault.RECEIVER_DEAD), "receiving", error)
 
     def _receive_one(self) -> None:
         busy = time.thread_time()
@@ -354,7 +354,12 @@ class CanBus:
             self._log.add(message)
         if message.is_error_frame:
             self._take_error(message)
-        elif message.is_remote_frame or message.is_fd or len(message.data) > MAX_BYTES:
+        elif (
+            message.is_remote_frame
+            or message.is_fd
+            or len(message.data) > MAX_BYTES
+            or len(message.data) != message.dlc
+        ):
             self.garbage += 1
         else:
             self._take(now, message)
@@ -409,7 +414,7 @@ class CanBus:
                 blocked_since = now if blocked_since is None else blocked_since
                 fault = _fault_of(error, BusFault.SEND_BLOCKED)
                 if fault is not BusFault.SEND_BLOCKED or now - blocked_since > _SEND_BLOCKED:
-                    self._set_fault(fault, f"sending failed: {error}")
+                    self._set_failure(fault, "sending", error)
                 self._closing.wait(_SEND_RETRY)
                 self._outbox.put_back(frame, _may_have_left(error))
             else:

@@ -29,7 +29,7 @@ from aerodima.workbench.car.reduced.states import RATES, V, W
 from aerodima.workbench.car.reduced.turn_plans import TurnPlans
 from aerodima.workbench.car.reduced.turns import Turns, drive_turns
 from aerodima.workbench.car.turn_signals import turn_signals
-from aerodima.workbench.car.verdict import LOADED_FORCE
+from aerodima.workbench.car.verdict import is_loaded
 from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
@@ -227,7 +227,7 @@ def _motions(driven: Turns, x: FloatArray, z: FloatArray) -> list[Motion]:
     ahead = w_x * x + w_z * z
     acceleration = v_rate[:, 1] + w_z * v[:, 0] - w_x * v[:, 2]
     acceleration = acceleration + w_rate[:, 2] * x - w_rate[:, 0] * z + w[:, 1] * ahead
-    loaded = (driven.loads[:, LEFT] > LOADED_FORCE).all(axis=1)
+    loaded = is_loaded(driven.loads[:, LEFT]).all(axis=1)
     # States are those behind a step, loads those at its beginning.
     before = np.zeros((round(BEFORE / STEP) + 1, len(x)))
     yaw = np.concatenate([before, w_z[:-1]]).T
@@ -314,7 +314,7 @@ def _full_row(prior: CarPrior, turn: Turn, car: FloatArray, step: float | None) 
         if row["survived"]:
             grid = start - BEFORE + STEP * np.arange(round((BEFORE + AFTER) / STEP))
             values = [signals.yaw_rate, signals.lateral_acceleration, signals.roll_rate]
-            both = (signals.wheel_loads[:, LEFT] > LOADED_FORCE).all(axis=1)  # type: ignore[index]
+            both = is_loaded(signals.wheel_loads[:, LEFT]).all(axis=1)  # type: ignore[index]
             even = [np.interp(grid, signals.time, column) for column in (*values, 1.0 * both)]
             motion = Motion(even[0], even[1], even[2], even[3] > 0.5)
             row |= figures_of_motion(motion, turn, nuisances_of(prior, car))

@@ -307,19 +307,16 @@ def _result(model: CarModel, best: StartResult) -> FitResult:
     solution = Solution(problem, x, residual, jacobian, best, (best,))
     stepped = STEP_ERROR[1] * model.finer / model.divisors
     covariance = np.eye(residual.size) + np.outer(stepped, stepped)
-    intervals = uncertainty(solution, replace(model.noise, covariance=covariance))
+    free = model.parameters.free
+    limits = [OPEN * p.prior_std if p.name in UNITS else math.inf for p in free]
+    noise = replace(model.noise, covariance=covariance)
+    intervals = uncertainty(solution, noise, np.array(limits))
     warnings = [*model.drive.warnings]
     poor = [f"{name} by {scale:.2g}" for name, scale in model.scales.items() if scale > MISFIT]
     if poor:
         warnings.append(
             f"the model misses more than it may, and intervals are wider for it: {', '.join(poor)}"
         )
-    deviations = intervals.standard_deviation.tolist()
-    for p, deviation in zip(model.parameters.free, deviations, strict=True):
-        if p.name in UNITS and deviation > OPEN * p.prior_std:
-            warnings.append(
-                f"the log does not determine {p.name}; its interval is that of the prior"
-            )
     facts = {f"misfit_{name}": round(scale, 2) for name, scale in model.scales.items()}
     return make_result(solution, intervals, {}, facts, warnings)
 

@@ -19,9 +19,10 @@ from aerodima.workbench.car.turn_signals import STEERED
 from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE, DriverInput
 from aerodima.workbench.control.tail_law import Observation
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.errors import FitError, UserError
+from aerodima.workbench.core.errors import FitError, LogError, UserError
+from aerodima.workbench.logs.log_findings import refuse_inconsistent_rates
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.logs.signals import check_signals
+from aerodima.workbench.logs.signals import check_signals, median_step
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import IMU
 
@@ -239,7 +240,7 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
         raise FitError(f"column {DRIVER[0]!r} stays within {STEERED:g} rad; a fit needs a turn")
     turn = float(time[steered[0]])
     end = float(time[steered[-1]]) + REACH
-    warnings = []
+    warnings = _wrong_units(log)
     for reason, lost in _losses(scenario, signals, int(steered[0])).items():
         over = time[lost & (time >= turn)]
         if over.size and over[0] < end:
@@ -266,6 +267,15 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
             "needs a driven one"
         )
     return CarDrive(log.name, scenario, commands, channels, turn, line_speed, tuple(warnings))
+
+
+def _wrong_units(log: RunLog) -> list[str]:
+    """Warn of a sign, a unit or gravity in a sensor, which no constant of the car can make up."""
+    try:
+        refuse_inconsistent_rates(log.table, log.name)
+    except LogError as error:
+        return [str(error).removeprefix(f"{log.name}: ")]
+    return []
 
 
 def _losses(
@@ -296,8 +306,10 @@ def _channel(log: RunLog, name: str, scenario: Scenario, span: tuple[float, floa
     check_signals(time, {column: values[used], f"status_{source}_age_s": age[used]})
     taken = time - age[used]
     sensor = scenario.imu if source == "imu" else scenario.gps
-    new = np.diff(taken, prepend=-np.inf) > 0.5 / sensor.rate
-    count = np.count_nonzero(new)
+    # A log may hold a faster sensor than its scenario: then no age ever reaches that one's period.
+    period = min(1.0 / sensor.rate, float(np.ptp(age[used])) + median_step(time))
+    new = _fresh_rows(taken, 0.5 * period)
+    count = len(new)
     least = MIN_SAMPLES[source]
     if count < least:
         raise FitError(f"only {count} samples of {column!r} around the turn; a fit needs {least}")
@@ -314,3 +326,16 @@ def _channel(log: RunLog, name: str, scenario: Scenario, span: tuple[float, floa
     # Rounding is evenly spread.
     squares = noise**2 + step**2 / 12.0 + alike * np.square(MODEL_SHARE * size)
     return Channel(time, value, np.sqrt(np.maximum(squares, MIN_NOISE**2)))
+
+
+def _fresh_rows(taken: FloatArray, gap: float) -> list[int]:
+    """Rows whose sample was taken (n), s, later by more than the gap, s, than that of the fresh row
+    before.
+    """
+    rows: list[int] = []
+    last = -math.inf
+    for row, time in enumerate(taken.tolist()):
+        if time - last > gap:
+            rows.append(row)
+            last = time
+    return rows

@@ -18,7 +18,7 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from aerodima.optimisation.identify.fit_result import FitResult
-from aerodima.workbench.batch.dask_engine import run_batch
+from aerodima.workbench.batch.engine_factory import run_batch
 from aerodima.workbench.batch.row_store import (
     WORKER_RECORD,
     ProgressBar,
@@ -26,6 +26,7 @@ from aerodima.workbench.batch.row_store import (
     RowStore,
     no_progress,
     print_resume_hint,
+    read_rows,
 )
 from aerodima.workbench.core.errors import FitError, UserError
 from aerodima.workbench.logs.schema import software_versions
@@ -67,19 +68,22 @@ def fit_logs(
         work: fits the log of a path; a function of a module, or a `functools.partial` of one.
         logs: paths.
         out: output folder; made when it is not there.
-        settings: of the fit, JSON-able; results of other settings are refused unless `force`.
+        settings: of the fit, JSON-able; results of other ones are refused unless `force`.
         workers: processes.
         force: drop earlier results.
         progress: receives lines of progress.
 
     Raises:
-        FitError: a log is named twice, none is named, or the folder holds results of other
-            settings.
+        FitError: a log is named twice, or none, or the folder holds results of other settings.
     """
     names = _unique(logs)
     versions = json.dumps(software_versions(), sort_keys=True)
     keys = {name: _key(name, versions) for name in names}
-    with RowStore(out / JOURNAL, {"settings": settings}, force=force, error=FitError) as store:
+    identity = {"settings": settings}
+    head, *rows = read_rows(out / JOURNAL) or [identity]
+    if head != json.loads(json.dumps(identity)):
+        force = force or not any(row.get("result") for row in rows)
+    with RowStore(out / JOURNAL, identity, force=force, error=FitError) as store:
         done = {name: store.rows[key] for name, key in keys.items() if key in store.rows}
         missing = [name for name in names if name not in done]
         reused = len(done)

@@ -45,7 +45,7 @@ def plot_estimates(results: Sequence[FitResult]) -> Figure:
         points = []
         for index, result in enumerate(results):
             for e in result.free:
-                if e.name == name and e.identifiable:
+                if e.name == name and math.isfinite(e.upper - e.lower):
                     points.append((index, e.value, e.value - e.lower, e.upper - e.value))
         if points:
             indices, values, low, high = np.array(points).T

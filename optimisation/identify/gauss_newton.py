@@ -312,8 +312,8 @@ def bounded_step(
 ) -> FloatArray:
     """The step d (n) of least |R d + c|^2 / 2 + damping s^2 |d|^2 / 2 and costs of `terms`.
 
-    R is (n, n), c, low and high are (n), s is the least singular value of R. The step lies within
-    low <= d <= high and meets the constraints of `terms`.
+    R is (k, n), c is (k), low and high are (n), s is the least singular value of R that counts. The
+    step lies within low <= d <= high and meets the constraints of `terms`.
 
     The QP is posed in e = T d / size with T'T the Hessian and `size` the length of the free step:
     its own Hessian is then the identity, however differently the rows are weighted and however
@@ -327,7 +327,7 @@ def bounded_step(
     count = len(low)
     D = damping**0.5 * least * np.eye(count)
     A = np.vstack([R, D, terms.factor])
-    b = np.concatenate([c, np.zeros(len(A) - count)])
+    b = np.concatenate([c, np.zeros(len(A) - len(c))])
     Q, T = np.linalg.qr(A)
     free = -(Q.T @ b)
     if np.any(terms.slope):

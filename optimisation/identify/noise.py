@@ -27,7 +27,8 @@ class Noise:
 
     Attributes:
         covariance: (m x m), or its diagonal (m).
-        degrees_of_freedom: of the variance estimate; infinite when it is known.
+        degrees_of_freedom: of the variance estimate; infinite when it is known, zero when there are
+            no more residuals than unknowns and nothing is left to estimate it from.
         effective_samples: that the residual stands for.
         rounding: change of the residual (m) per half count of a reading that was rounded; its error
             is evenly spread, not normal. It is part of `covariance` (a third of its square).
@@ -89,11 +90,12 @@ def serial_noise(
         variance[channel] = power * (1.0 + slow * (correlation_time(part) - 1.0))
         effective += len(part) * (power / variance[channel][0] if power > 0.0 else 1.0)
     freedom = max(effective - unknowns, 1.0)
-    return Noise(variance * effective / freedom, freedom, effective)
+    known = freedom if len(residual) > unknowns else 0.0
+    return Noise(variance * effective / freedom, known, effective)
 
 
 def independent_noise(residual: FloatArray, unknowns: int) -> Noise:
     """Noise of rows that do not repeat each other (a table): one variance, from the residual."""
-    freedom = max(len(residual) - unknowns, 1)
-    variance = float(residual @ residual) / freedom
+    freedom = max(len(residual) - unknowns, 0)
+    variance = float(residual @ residual) / max(freedom, 1)
     return Noise(np.full(len(residual), variance), freedom, float(len(residual)))

@@ -8,7 +8,7 @@ which the tail would creep against its friction if the current did not hold it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -19,13 +19,19 @@ import numpy as np
 from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.fit_pipeline import fit
 from aerodima.optimisation.identify.fit_result import FitResult
+from aerodima.optimisation.identify.gauss_newton import solve
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution
 from aerodima.optimisation.identify.log_rig import differences
 from aerodima.optimisation.identify.noise import Noise
 from aerodima.optimisation.identify.rig_constants import BIASES, accuracies, shifted, speed_accuracy
 from aerodima.optimisation.identify.static_log import REACTIONS, StaticData, static_data
-from aerodima.optimisation.identify.uncertain_constants import UncertainRig
+from aerodima.optimisation.identify.uncertain_constants import (
+    MAX_SHIFT_SIGMA,
+    MISFITS,
+    UncertainRig,
+)
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.quantity import STANDARD_GRAVITY
 from aerodima.workbench.core.resources import published_table
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.rig.pendulum import StaticBalance
@@ -38,6 +44,16 @@ UNKNOWNS = {
 }
 """Within bounds that the published results themselves respect (they break the printed ones: ERRATA
 E5, E6)."""
+READING_FACTORS = {
+    -1.0: "the other sign of",
+    STANDARD_GRAVITY: "kgf in place of N in",
+    1.0 / STANDARD_GRAVITY: "a factor of 9.81 in",
+    1e3: "a factor of 1/1000 in",
+    1e-3: "a factor of 1000 in",
+}
+"""Factor that puts readings right -> what is wrong with them."""
+_MARGIN = 10.0
+"""By how much a mistake must be likelier than constants that are off, in -2 log likelihood."""
 _MAX_SIGMA = 3.0
 """Standard deviations beyond which a prediction is not that of the log."""
 _TURN = 1e-5
@@ -117,6 +133,10 @@ class StaticResidual:
 
     def noise(self, solution: Solution) -> Noise:
         """Noise from the errors of the force sensor and the encoder."""
+        return self.noise_at(solution.x)
+
+    def noise_at(self, x: FloatArray) -> Noise:
+        """The same at some unknowns (p)."""
         data = self._data
         rows = self._rows
         weights = self._weights
@@ -125,7 +145,7 @@ class StaticResidual:
         of_rows = data.covariance[np.ix_(rows, rows)]
         covariance[:count, :count] = of_rows / np.outer(weights, weights)
         covariance[count, count] = (data.speed_deviation / speed_accuracy()) ** 2
-        rounding = math.sqrt(3.0) * data.angle_deviation * self._angle_slope(solution.x)
+        rounding = math.sqrt(3.0) * data.angle_deviation * self._angle_slope(x)
         covariance = covariance + np.outer(rounding, rounding) / 3.0
         return Noise(covariance, np.inf, data.effective_samples, rounding)
 
@@ -165,7 +185,7 @@ def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:
     """Fit one hold.
 
     Raises:
-        FitError: fewer axes than unknowns, or the problem could not be solved.
+        FitError: the problem could not be solved.
     """
     problem = static_problem(data, options)
     residual = StaticResidual(data)
@@ -184,6 +204,10 @@ def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:
         rig=_uncertain_rig(data),
     )
     warnings = [*result.warnings, *_against_logged_current(result, data)]
+    others = [warning for warning in warnings if not warning.startswith(MISFITS)]
+    if len(others) < len(warnings) and not options.free:
+        mistake = _mistake(result, data, problem.parameters)
+        warnings = [*mistake, *others] if mistake else warnings
     if data.still and exposed > 0.0:
         warnings.append(
             "the readings change after the rest phase by no more than noise and drift can do, "
@@ -192,12 +216,66 @@ def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:
     return replace(result, rig=differences(data.scenario), warnings=tuple(warnings))
 
 
+def _without_biases(data: StaticData) -> StaticData:
+    """The hold whose biases are unknowns, and no noise."""
+    if not any(p.name in BIASES for p in data.constants):
+        return data
+    biases = np.diag(np.square(data.offset_deviation))
+    return replace(data, covariance=data.covariance - biases)
+
+
+def _mended(data: StaticData) -> Iterator[tuple[str, StaticData, FloatArray]]:
+    """Yield what can be wrong with the readings, the hold put right, and the factors of its rows
+    (m): signs, the weight, units.
+    """
+    groups = [*zip(REACTIONS, strict=True), REACTIONS[:3], REACTIONS[3:], REACTIONS]
+    if data.tare != data.angle:
+        text = f"the weight of the rig is{' not' * (data.tare is None)} in the readings"
+        tare = data.angle if data.tare is None else None
+        yield text, replace(data, tare=tare), np.ones(1 + np.count_nonzero(data.present))
+    for factor, text in READING_FACTORS.items():
+        for group in groups:
+            factors = np.where(np.isin(REACTIONS, group), factor, 1.0)
+            if not np.all(factors[data.present] == 1.0):
+                mended = replace(data, wrench=data.wrench * factors)
+                yield f"{text} {', '.join(group)}", mended, np.append(factors[data.present], 1.0)
+
+
+def _mistake(result: FitResult, data: StaticData, parameters: Parameters) -> list[str]:
+    """Name the mistake in the readings that explains them best, if it is likelier than constants of
+    the rig that are off.
+    """
+    exact = _without_biases(data)
+    residual = StaticResidual(exact)
+    x = np.array([result[name].value for name in UNKNOWNS])
+    noise = residual.noise_at(x).covariance
+    constants = result.constants.items()
+    ends = [StaticResidual(shifted_data(exact, {n: c["known_to"]}))(x) for n, c in constants]
+    shifts = (np.array(ends) - residual(x)).T
+    sizes = np.array([abs(c["shift"]) / c["known_to"] for _, c in constants])
+
+    off = np.where(sizes > MAX_SHIFT_SIGMA, sizes, 1.0)
+
+    def unlikelihood(hold: StaticData, factors: FloatArray, shifts: FloatArray) -> float:
+        """-2 log likelihood of the readings."""
+        covariance = noise * np.outer(factors, factors) + shifts @ shifts.T
+        whitening = np.linalg.inv(np.linalg.cholesky(covariance))
+        model = StaticResidual(hold)
+        best = solve(Problem(parameters, lambda x: whitening @ model(x))).best
+        size = np.linalg.slogdet(covariance)[1] - 2.0 * np.sum(np.log(np.abs(factors)))
+        return 2.0 * best.cost + float(size)
+
+    least, text = min(
+        (unlikelihood(hold, factors, shifts), text) for text, hold, factors in _mended(exact)
+    )
+    if least > unlikelihood(exact, np.ones(len(noise)), shifts * off) - _MARGIN:
+        return []
+    return [f"{text} explains the data better than constants of the rig that are off; check it"]
+
+
 def _uncertain_rig(data: StaticData) -> UncertainRig:
     """The hold with the rig's constants as unknowns; biases of the readings are then no noise."""
-    exact = data
-    if any(p.name in BIASES for p in data.constants):
-        biases = np.diag(np.square(data.offset_deviation))
-        exact = replace(data, covariance=data.covariance - biases)
+    exact = _without_biases(data)
 
     def problem(parameters: Parameters) -> Problem:
         def residual(x: FloatArray) -> FloatArray:
@@ -208,7 +286,7 @@ def _uncertain_rig(data: StaticData) -> UncertainRig:
         return Problem(parameters, residual, name=data.name)
 
     def noise(solution: Solution) -> Noise:
-        here = StaticResidual(exact).noise(replace(solution, x=solution.x[: len(UNKNOWNS)]))
+        here = StaticResidual(exact).noise_at(solution.x[: len(UNKNOWNS)])
         return replace(here, rounding=None)
 
     return UncertainRig(data.constants, problem, noise, noise)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc
 
+from aerodima.optimisation.identify.active_bounds import RANK_TOLERANCE
 from aerodima.optimisation.identify.fit_result import Channels, FitResult, make_result
 from aerodima.optimisation.identify.gauss_newton import solve
 from aerodima.optimisation.identify.huber import Loss, huber
@@ -28,7 +29,7 @@ _MAX_ITERATIONS = 4
 """Most fits with the noise taken anew."""
 _SETTLED = 0.1
 """Change of the logarithm of the noise's size below which it has settled."""
-_MAX_SHIFT_SIGMA = 3.5
+MAX_SHIFT_SIGMA = 3.5
 """Prior standard deviations beyond which the shift of a constant is reported."""
 _MISFIT_PROBABILITY = 1e-4
 """Probability of a misfit below which it is reported."""
@@ -36,6 +37,8 @@ _MAX_FREEDOM = 50
 """Most degrees of freedom that the data leave where such a misfit is reported."""
 _MIN_SHARE = 1e-3
 """Smallest share of a source that the budget names."""
+MISFITS = ("the data want ", "noise and constants ")
+"""Begin the warnings of constants that are far from their prior, and of what none explains."""
 NoiseModel = Callable[[Solution], Noise]
 
 
@@ -185,10 +188,10 @@ def _with_budget(
     fitted = [i for i, name in enumerate(names) if name not in known]
     sources = ["noise", *(name for name in names if name in known)]
     J = solution.jacobian * parameters.scales
-    parts = np.square(np.linalg.pinv(J))
+    parts = np.square(np.linalg.pinv(J, RANK_TOLERANCE))
     split = np.column_stack([parts[:, :rows].sum(axis=1), parts[:, rows:]])
-    shares = split / parts.sum(axis=1, keepdims=True)
-    exact = np.linalg.norm(np.linalg.pinv(J[:rows, fitted]), axis=1)
+    shares = split / np.maximum(parts.sum(axis=1, keepdims=True), 1e-300)
+    exact = np.linalg.norm(np.linalg.pinv(J[:rows, fitted], RANK_TOLERANCE), axis=1)
     estimates = {e.name: e for e in result.estimates}
     budget = {}
     for i, scaled in zip(fitted, exact.tolist(), strict=True):
@@ -210,9 +213,9 @@ def _misfit_warnings(
     """Warnings of constants far from their prior, and of a residual that nothing explains."""
     warnings = []
     for p, shift in zip(solution.problem.parameters.free, solution.x, strict=True):
-        if p.name in known and abs(shift) > _MAX_SHIFT_SIGMA * p.prior_std:
+        if p.name in known and abs(shift) > MAX_SHIFT_SIGMA * p.prior_std:
             warnings.append(
-                f"the data want {p.name} shifted by {shift:.3g}, "
+                f"{MISFITS[0]}{p.name} shifted by {shift:.3g}, "
                 f"{abs(shift) / p.prior_std:.1f} of its standard deviations "
                 f"({p.prior_std:.2g}): set it, or free it (--free {p.name})"
             )
@@ -220,7 +223,7 @@ def _misfit_warnings(
     power = float(solution.residual @ solution.residual)
     if 1 <= freedom <= _MAX_FREEDOM and chdtrc(freedom, power) <= _MISFIT_PROBABILITY:
         warnings.append(
-            f"noise and constants do not explain the data: what is left is {power / freedom:.3g} "
+            f"{MISFITS[1]}do not explain the data: what is left is {power / freedom:.3g} "
             "times what they allow; a constant is further off than its uncertainty says, or "
             "something else is wrong"
         )

@@ -2,7 +2,8 @@
 
 To first order the estimate is x = truth - J^+ e with e the error of the weighted residual, so Cov x
 = J^+ S J^+' with S the covariance of e. The pseudo-inverse leaves out the directions that are
-unidentifiable; a parameter with a part in one of them has an infinite interval.
+unidentifiable; a parameter with a part in one of them has an infinite interval, and so has one
+whose estimate follows another that is not determined through its bounds.
 
 `active_bounds` has what a bound does to the intervals, `noise` the covariance S.
 """
@@ -10,8 +11,10 @@ unidentifiable; a parameter with a part in one of them has an infinite interval.
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from scipy.special import ndtr, stdtrit
@@ -40,6 +43,14 @@ _MAX_UNIFORM_SHARE = 0.995
 _SHARE = 0.05
 """A parameter whose squared share in an unidentifiable direction exceeds the square of this is not
 determined."""
+_FOLLOWS = 0.2
+"""Part of half an interval by which an estimate may follow an unknown that is not determined."""
+_SAME = 1e-6
+"""Change of an estimate, in scales, that rounding of the solver makes."""
+_FAR = 10.0
+"""Distance, in scales, to which an unknown without bounds is taken."""
+_ROUNDS = 4
+"""Gauss-Newton steps with which the others follow it."""
 
 
 @dataclass(frozen=True)
@@ -70,14 +81,21 @@ class Uncertainty:
     effective_samples: float
 
 
-def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
+def uncertainty(
+    solution: Solution, noise: Noise, max_deviation: FloatArray | float = math.inf
+) -> Uncertainty:
     """Covariance and intervals at the solution.
 
     Every interval holds its estimate and is cut at the bounds. One of a parameter that stopped at a
     bound is one-sided, and those of the others take that into account. Not identifiable is a
     parameter with a part in an unidentifiable direction, one whose interval is wider than its
     bounds, and one whose interval would be another half as wide, or narrower, elsewhere within the
-    intervals of the parameters: there the linear theory does not hold.
+    intervals of the parameters: there the linear theory does not hold. Nor is one that another such
+    parameter moves within its bounds, and none where no residual is left to estimate the noise.
+
+    Args:
+        max_deviation: standard deviation (p) beyond which the data do not determine an unknown that
+            has a prior.
     """
     parameters = solution.problem.parameters
     scales = parameters.scales
@@ -97,25 +115,29 @@ def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
     deviation = _deviation(covariance)
     factor = _factors(inverse, noise, deviation / scales, freedom)
     down, up = _widths(active, scales, factor * deviation)
-    reach = active.reach * scales
-    deviation = np.where(sides != 0, reach / factor, deviation)
-    loose = seen & (down + up > parameters.upper - parameters.lower)
-    tight = seen & ~loose
-    curved = tight & _curved(solution, noise, alone, factor)
-    determined = tight & ~curved
-    deviation[~determined] = np.inf
-    covariance[np.diag_indices_from(covariance)] = np.square(deviation)
+    deviation = np.where(sides != 0, active.reach * scales / factor, deviation)
     names = np.array(parameters.names)
+    leading = ", ".join(names[_leading(hidden)])
+    reasons: dict[str, Any] = {
+        "within its bounds": down + up > parameters.upper - parameters.lower,
+        "(its interval depends on where it is)": _curved(solution, noise, alone, factor),
+        f"(it follows {leading})": _following(solution, hidden, np.maximum(down, up)),
+        "beyond its prior": deviation > max_deviation,
+        "(no residual is left to tell the noise)": np.array(noise.degrees_of_freedom <= 0.0),
+    }
     unidentifiable = [_in_words(direction, parameters.names) for direction in hidden]
-    unidentifiable += [f"{name} within its bounds" for name in names[loose]]
-    unidentifiable += [f"{name} (its interval depends on where it is)" for name in names[curved]]
+    for reason, flags in reasons.items():
+        unidentifiable += [f"{name} {reason}" for name in names[seen & flags]]
+        seen &= ~flags
+    deviation[~seen] = np.inf
+    covariance[np.diag_indices_from(covariance)] = np.square(deviation)
     return Uncertainty(
         covariance=covariance,
         standard_deviation=deviation,
-        lower=np.where(determined, np.maximum(x - down, parameters.lower), -np.inf),
-        upper=np.where(determined, np.minimum(x + up, parameters.upper), np.inf),
-        beyond=np.where(determined, active.beyond, np.nan),
-        identifiable=determined,
+        lower=np.where(seen, np.maximum(x - down, parameters.lower), -np.inf),
+        upper=np.where(seen, np.minimum(x + up, parameters.upper), np.inf),
+        beyond=np.where(seen, active.beyond, np.nan),
+        identifiable=seen,
         unidentifiable=tuple(unidentifiable),
         effective_samples=noise.effective_samples,
     )
@@ -188,9 +210,12 @@ def _rounded_factor(share: float) -> float:
 
 def _pseudo_inverse(jacobian: FloatArray, scales: FloatArray) -> tuple[FloatArray, FloatArray]:
     """J^+ in scaled unknowns (p x m), the unidentifiable directions (k x p)."""
-    U, s, Vt = np.linalg.svd(jacobian * scales, full_matrices=False)
+    rows, count = jacobian.shape
+    # Rows of zeros: with fewer residuals than unknowns all directions are needed, too.
+    padded = np.pad(jacobian * scales, ((0, max(count - rows, 0)), (0, 0)))
+    U, s, Vt = np.linalg.svd(padded, full_matrices=False)
     seen = s > RANK_TOLERANCE * max(float(s[0]), 1e-300)
-    inverse = (Vt[seen].T / s[seen]) @ U[:, seen].T
+    inverse = (Vt[seen].T / s[seen]) @ U[:rows, seen].T
     return inverse, _hidden_directions(Vt, seen)
 
 
@@ -232,6 +257,41 @@ def _curved(
             there = _deviation(_covariance(inverse, noise, scales))
             changed |= (there > _CURVED * deviation) | (there < deviation / _CURVED)
     return changed
+
+
+def _following(solution: Solution, hidden: FloatArray, half_width: FloatArray) -> np.ndarray:
+    """Flag unknowns whose estimate moves by a part of its interval when one that is not determined
+    goes through its bounds (p).
+
+    The linear theory knows the direction at the solution only; what it leaves out is found by
+    solving for the others.
+    """
+    problem = solution.problem
+    parameters = problem.parameters
+    scales = parameters.scales
+    follows = np.zeros(len(scales), bool)
+    for index in _leading(hidden):
+        reach = _FAR * scales[index] * np.array([-1.0, 0.0, 1.0])
+        places = []
+        for value in solution.x[index] + reach:
+            x = solution.x.copy()
+            x[index] = value
+            with suppress(FitError):  # the model ends on the way
+                for _ in range(_ROUNDS):
+                    x = np.clip(x, parameters.lower, parameters.upper)
+                    J = problem.central_jacobian(x) * scales
+                    J[:, index] = 0.0
+                    step = np.linalg.pinv(J, RANK_TOLERANCE) @ problem.finite_residual(x)
+                    x -= scales * step
+                places.append(x)
+        if places:
+            follows |= np.ptp(places, axis=0) > _FOLLOWS * half_width + _SAME * scales
+    return follows
+
+
+def _leading(hidden: FloatArray) -> list[int]:
+    """Indices of the unknowns that lead the directions (k)."""
+    return np.argmax(np.abs(hidden), axis=1).tolist() if len(hidden) else []
 
 
 def _hidden_directions(Vt: FloatArray, seen: np.ndarray) -> FloatArray:

@@ -13,7 +13,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from aerodima.workbench.car.verdict import EXIT_YAW_RATE, TWO_WHEELS
+import numpy as np
+
+from aerodima.workbench.car.verdict import goes_straight, keeps_path, keeps_sides_down
 
 MIN_LATERAL_SHARE = 0.9
 """Share of the tailless car's lateral acceleration that a candidate must reach."""
@@ -50,16 +52,16 @@ def failed_rule(row: Mapping[str, Any], rule: Rule, lateral: float, min_lateral:
         return f"{ERROR}the row has no {', '.join(missing)}"
     touched = row["touched_when_steered"]
     broken = {
-        "two wheels": row["side_lift_m"] > TWO_WHEELS,
+        "two wheels": not keeps_sides_down(row["side_lift_m"]),
         f"ground: {touched}": bool(touched),
         "flipped": row["outcome"] != "survived",
     }
     if rule == "path":
         off = row[OFF_PATH]
-        broken["path"] = off is None or not off <= 0.0
+        broken["path"] = off is None or not keeps_path(off)
         broken["end of the path"] = not row[PATH_END]
     else:
         last = row.get("last_yaw_rate_rad_per_s")
-        broken["exit"] = last is not None and not abs(last) <= EXIT_YAW_RATE
+        broken["exit"] = not goes_straight(last is None, np.nan if last is None else last)
         broken[LATERAL] = not lateral >= min_lateral
     return next((name for name, is_broken in broken.items() if is_broken), "")

@@ -229,7 +229,7 @@ def open_run_engine(
     """Opens `aerodima.workbench.open_engine`, whose workers are ready to simulate; with its
     options.
     """
-    from aerodima.workbench.batch.dask_engine import open_engine
+    from aerodima.workbench.batch.engine_factory import open_engine
 
     return open_engine(workers, scheduler, module="aerodima.workbench.car.car_run", **options)
 

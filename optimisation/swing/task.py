@@ -26,7 +26,13 @@ from aerodima.optimisation.studies.rollover_threshold import (
 from aerodima.optimisation.studies.runs import CachedRunner, step_settings
 from aerodima.workbench.core.errors import SweepError, UserError
 from aerodima.workbench.core.key_errors import nearest
-from aerodima.workbench.core.yaml_files import StrictModel, checked, find_file, read_yaml
+from aerodima.workbench.core.yaml_files import (
+    StrictModel,
+    checked,
+    find_file,
+    parse_yaml,
+    read_yaml,
+)
 from aerodima.workbench.scenario.ensemble import Member, load_ensemble
 from aerodima.workbench.scenario.scenario import load_scenario
 
@@ -155,7 +161,7 @@ def load_task(name_or_path: str, settings: Sequence[str] = ()) -> Task:
                 f"--set {setting}: must be KEY=VALUE; {nearest(key.strip(), known[1:])}"
             )
         try:
-            data[key.strip()] = yaml.safe_load(text)
+            data[key.strip()] = parse_yaml(text)
         except yaml.YAMLError:
             raise SweepError(f"--set {setting}: {text!r} is not a value") from None
     return checked(Task, data, str(path), SweepError, schema=SCHEMA)

@@ -15,7 +15,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from aerodima.workbench.car.car_plant import add_car_plant
 from aerodima.workbench.car.laws import shaft_gain
-from aerodima.workbench.car.termination import has_flipped
+from aerodima.workbench.car.termination import quaternion_flipped
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.port_wiring import multiply
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
@@ -146,6 +146,6 @@ def _flips_in_drake(scenario: Scenario, step: float) -> bool:
     quaternion = plant.GetBodyByName("chassis").floating_positions_start()
     for end in np.arange(LOOK, scenario.manoeuvre.duration, LOOK):
         simulator.AdvanceTo(end)
-        if has_flipped(plant.GetPositions(context)[quaternion : quaternion + 4]):
+        if quaternion_flipped(plant.GetPositions(context)[quaternion : quaternion + 4]):
             return True
     return False

@@ -11,8 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from aerodima.hardware.car.car_ports import EVENTS_FILE
-from aerodima.hardware.emulator.fault_script import read_events
+from aerodima.hardware.car.car_ports import EVENTS_FILE, read_events
 
 SETTINGS = ("simulation.step=0.004", "simulation.log_rate=250", "drive.governor=true")
 """Half the load of a step of 2 ms for a machine that runs car, drive and browser."""

@@ -204,7 +204,26 @@ def test_a_stop_that_was_pressed_without_connection_is_sent_when_it_is_back(page
     page.keyboard.press("Escape")
     assert "not connected" in page.inner_text("#banner")
     eventually(lambda: served.sent(EmergencyStop))
-    eventually(lambda: "EMERGENCY STOP by key" in page.inner_text("#banner"))
+    eventually(lambda: "EMERGENCY STOP by key: the car is not heard" in page.inner_text("#banner"))
+
+
+def test_the_first_click_on_a_page_without_the_keyboard_is_a_click(page, served):
+    page.goto(served.access.url)
+    eventually(lambda: page.evaluate(IN_CONTROL))
+    page.set_viewport_size({"width": 560, "height": 900})
+    page.evaluate(
+        "document.hasFocus = () => window.pressed;"
+        "addEventListener('pointerdown', () => { window.pressed = true; }, {capture: true});"
+    )
+    eventually(lambda: "does not have the keyboard" in page.inner_text("#banner"))
+    page.evaluate("get('centre').addEventListener('click', () => { window.clicked = true; })")
+    before = page.locator("#centre").bounding_box()
+    page.mouse.move(before["x"] + 5.0, before["y"] + 5.0)
+    page.mouse.down()
+    page.wait_for_timeout(300.0)
+    assert page.locator("#centre").bounding_box() == before
+    page.mouse.up()
+    assert page.evaluate("window.clicked")
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ the priors that the scenario's section `uncertainty` states; the fit knows nothi
 
 import math
 from dataclasses import fields, replace
+from functools import partial
 
 import numpy as np
 
@@ -30,19 +31,29 @@ def shifted(rig, rng):
     return replace(rig, pivot=tuple(pivot), wind_gain=1.0 + off["wind_speed"], **changes)
 
 
-def static(rig, rng):
-    """A hold at a random angle and wind, with rest."""
+def static(rig, rng, axes=lab.READINGS, degrees=(5.0, 45.0)):
+    """A hold at a random angle and wind, with rest, of a sensor with some axes."""
     rig = replace(
         rig,
         force_bias=rng.normal(size=6) * lab.ACCURACY,
         force_drift=rng.normal(size=6) * 2e-4 * lab.ACCURACY,
     )
     cd, cl, psi = rng.uniform([0.6, 0.05, -0.1], [1.2, 0.5, 0.1])
-    angle = rng.uniform(math.radians(5.0), math.radians(45.0))
+    angle = math.radians(rng.uniform(*degrees))
     wind = float(rng.choice([10.0, 20.0, 30.0]))
     seed = int(rng.integers(1 << 30))
     log = lab.hold(rig, cd=cd, cl=cl, psi=psi, angle=angle, wind=wind, duration=6.0, seed=seed)
-    return log, fit_static(static_data(log))
+    table = log.table.drop(columns=[name for name in lab.READINGS if name not in axes])
+    return log, fit_static(static_data(replace(log, table=table)))
+
+
+OPEN = {
+    "drag and lift": partial(static, axes=("force_y_n", "force_z_n")),
+    "drag": partial(static, axes=("force_y_n",)),
+    "side and torque": partial(static, axes=("force_x_n", "torque_x_n_m")),
+    "out of the jet": partial(static, degrees=(76.0, 85.0)),
+}
+"""Draws of holds that leave unknowns open."""
 
 
 def friction(rig, rng):
@@ -60,6 +71,26 @@ def added_mass(rig, rng):
     log = lab.flick(rig, added_mass=mass, angle=angle, duration=1.2, rate=250.0, seed=seed)
     options = FitOptions(settings=AIR)
     return log, fit_added_mass(swing_data(log, "swing", options=options), options)
+
+
+def held(draw, logs):
+    """Whether the finite intervals of the first logs hold their truth, and the number of infinite
+    ones.
+    """
+    finite = []
+    infinite = 0
+    for number in range(logs):
+        rng = np.random.default_rng([2, number])
+        log, result = draw(shifted(lab.LAB, rng), rng)
+        for name, truth in log.extra["truth"].items():
+            one = result[name]
+            assert one.identifiable == math.isfinite(one.upper - one.lower)
+            if one.identifiable:
+                finite.append(one.holds(truth))
+            else:
+                infinite += 1
+                assert any(name in text for text in result.unidentifiable)
+    return finite, infinite
 
 
 def scores(draw, logs):

@@ -1,7 +1,11 @@
 """What a reader of a fit's report sees: digits, order of the parameters, axes of the figures."""
 
+import math
+from dataclasses import replace
+
 import pandas as pd
 import pytest
+import yaml
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from aerodima.optimisation.identify.coefficient_averages import write_sets
@@ -42,6 +46,18 @@ def test_every_parameter_of_every_fit_has_a_row_with_what_noise_alone_would_give
     table = pd.read_csv(tmp_path / "fits.csv")
     assert table.cn_noise_std.tolist() == [0.04, 0.04]
     assert table.cn_std.tolist() == [0.1, 0.1]
+
+
+def test_an_infinite_interval_is_in_every_file_of_the_report(tmp_path):
+    known = result("a", "cd")
+    unknown = Estimate("cd", "1", 0.03, math.inf, -math.inf, math.inf, identifiable=False)
+    results = [known, replace(known, name="b", estimates=(unknown,), unidentifiable=("cd",))]
+    write_report(tmp_path, "Static fits", results)
+    assert pd.read_csv(tmp_path / "fits.csv").cd_upper95.tolist() == [2.2, math.inf]
+    fits = yaml.safe_load((tmp_path / "fits.yaml").read_text(encoding="utf-8"))["fits"]
+    assert fits[1]["estimates"][0]["lower"] == -math.inf
+    assert "not determined" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert (tmp_path / "estimates.png").is_file()
 
 
 def test_a_report_that_cannot_be_finished_leaves_the_earlier_one_whole(tmp_path, monkeypatch):

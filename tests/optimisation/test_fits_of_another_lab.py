@@ -30,7 +30,7 @@ from aerodima.workbench.logs.mapping import mapping_from
 from aerodima.workbench.rig.static_hold import simulate_static_log
 from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 from tests.optimisation import coverage_study
-from tests.optimisation.coverage import assert_standard
+from tests.optimisation.coverage import assert_held, assert_standard, draws
 from tests.optimisation.identify import other_lab as lab
 from tests.refusals import assert_refused
 
@@ -357,3 +357,42 @@ def test_intervals_hold_the_truth_when_the_constants_are_off(draw, number):
         assert_standard(found)
         if number >= 100:
             assert 0.90 <= np.mean(np.abs(found) < 1.96) <= 0.98
+
+
+KNOWN_OFFSETS = {"rest": 0.0, "offsets_uncertainty": [0.01, 0.01, 0.01, 0.001, 0.001, 0.001]}
+
+
+@pytest.mark.parametrize(
+    ("columns", "factor", "facts", "named"),
+    [
+        (["force_y_n"], -1.0, {}, "the other sign of fy"),
+        (list(lab.READINGS[:3]), 1.0 / 9.80665, {}, "kgf in place of N in fx, fy, fz"),
+        (["torque_x_n_m"], 9.80665, {}, "a factor of 9.81 in tx"),
+        ([], 1.0, KNOWN_OFFSETS, "the weight of the rig is not in the readings"),
+    ],
+)
+def test_a_sign_a_unit_and_the_weight_are_named_before_any_constant(columns, factor, facts, named):
+    log = lab.hold(duration=4.0, **facts)
+    table = log.table.copy()
+    table[columns] *= factor
+    if facts:
+        table[list(lab.READINGS)] -= lab.weight(lab.LAB, lab.HOLD_ANGLE)[0]
+    warnings = fit_static(static_data(replace(log, table=table))).warnings
+    assert warnings[0].startswith(named)
+    assert not any("shifted" in warning for warning in warnings)
+
+
+def test_a_pivot_that_is_off_is_no_mistake_of_the_readings():
+    rig = replace(lab.LAB, pivot=(0.11, -0.00011, 0.17138))
+    warnings = fit_static(static_data(lab.hold(rig, duration=4.0))).warnings
+    assert warnings[0].startswith("the data want pivot_x shifted by 0.01")
+
+
+@pytest.mark.slow
+@draws(5, 200)
+@pytest.mark.parametrize("kind", coverage_study.OPEN)
+def test_finite_intervals_hold_the_truth_where_the_log_leaves_unknowns_open(kind, number):
+    finite, infinite = coverage_study.held(coverage_study.OPEN[kind], number)
+    assert infinite >= number
+    if finite:
+        assert_held(finite)

@@ -2,8 +2,6 @@
 (`models/coefficients/`).
 """
 
-import math
-import warnings
 from abc import ABC, abstractmethod
 from functools import cached_property, partial
 from itertools import pairwise
@@ -14,7 +12,7 @@ import numpy as np
 import pandas as pd
 from pydantic import AfterValidator, ConfigDict, Field, PrivateAttr, Strict, model_validator
 
-from aerodima.workbench.aero.polar_law import MIN_DRAG, PolarLaw, RegularTable
+from aerodima.workbench.aero.polar_law import MIN_DRAG, PolarLaw, RegularTable, require_spanwise
 from aerodima.workbench.aero.section_laws import (
     NormalForceLaw,
     SectionLaw,
@@ -274,7 +272,7 @@ def load_coefficients(name_or_path: str | Path) -> CoefficientSet:
 
     Raises:
         ModelError: no such file or set, unknown or missing keys, wrong types, NaN, holes, doubled
-            or unsorted nodes.
+            or unsorted nodes, angles beyond pi/2.
     """
     path = find_file(name_or_path, _FOLDER, "coefficients", ModelError)
     if path.suffix == ".csv":
@@ -329,10 +327,5 @@ def coefficients_from_dict(content: Any, where: str) -> CoefficientSet:
     found = checked(model, content, where, ModelError, schema=SCHEMA)
     found._where = where
     largest = max([*(found.angle_range or ()), *found.nodes.get("angle_rad", ())], default=0.0)
-    if largest > math.pi:
-        warnings.warn(
-            f"{where}: an angle is {largest} rad, beyond pi: is the column in degrees?",
-            UserWarning,
-            stacklevel=2,
-        )
+    require_spanwise(largest, where)
     return found

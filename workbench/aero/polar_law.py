@@ -36,6 +36,17 @@ _ONE_DEGREE = math.radians(1.0)
 MIN_DRAG = -0.05
 """Lowest C_D of a table. A node may lie a little below zero: the fits scatter, and one published
 C_D is -0.012."""
+_MAX_ANGLE = math.radians(90.1)
+"""Largest |gamma| of a table, rad: air along the tail, with rounding."""
+
+
+def require_spanwise(angle: float, where: str) -> None:
+    """Raise ModelError for an angle of a table (rad) that |gamma| cannot have."""
+    if angle > _MAX_ANGLE:
+        raise ModelError(
+            f"{where}: an angle is {angle:g} rad, but |gamma| goes from air across the tail (0) to "
+            "air along it (pi/2); it is neither in degrees nor the angle of attack of the chord"
+        )
 
 
 @dataclass(frozen=True)
@@ -60,6 +71,7 @@ class RegularTable:
     def __post_init__(self) -> None:
         require_increasing("speeds", self.speeds, self.where)
         require_increasing("angles", self.angles, self.where)
+        require_spanwise(self.angles[-1], self.where)
         rows = {len(row) for row in self.values}
         if len(self.values) != len(self.speeds) or rows != {len(self.angles)}:
             raise ModelError(

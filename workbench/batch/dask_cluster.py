@@ -10,8 +10,8 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from ctypes.util import find_library
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, Any
 from aerodima.workbench.core.errors import UserError
 
 if TYPE_CHECKING:
-    from distributed import Client
+    import psutil
+    from distributed import Client, Future
 
 MAX_WORKERS = 64
 """Processes on one computer."""
@@ -70,7 +71,7 @@ def local_cluster(workers: int, memory: float | None = None) -> Iterator[Client]
         stack.enter_context(_environment_of_workers())
         with _ctrl_c_blocked():
             cluster = LocalCluster(
-                n_workers=workers,
+                n_workers=0,
                 threads_per_worker=1,
                 memory_limit="auto" if memory is None else int(memory),
                 processes=True,
@@ -82,6 +83,8 @@ def local_cluster(workers: int, memory: float | None = None) -> Iterator[Client]
             )
             stack.enter_context(cluster)
             client = stack.enter_context(Client(cluster))
+        stack.callback(lambda: kill_workers(stopped_workers()))  # they would not end
+        cluster.scale(workers)  # does not wait for them
         yield client
 
 
@@ -157,6 +160,49 @@ def _ctrl_c_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+def lost_scheduler(error: Exception) -> UserError:
+    """Make the error of a scheduler that is gone."""
+    reason = str(error) or type(error).__name__
+    return UserError(
+        f"the Dask scheduler does not answer any more ({reason}); what was done is kept"
+    )
+
+
+def submit_to(
+    client: Client, address: str, function: Callable[..., Any], *arguments: Any
+) -> Future:
+    """Submit a call to the worker at an address; UserError if the client lost its scheduler."""
+    from distributed.client import ClosedClientError
+
+    options: dict[str, Any] = {"workers": [address], "pure": False, "retries": 0}
+    try:
+        return client.submit(function, *arguments, **options)
+    except ClosedClientError as error:
+        raise lost_scheduler(error) from None
+
+
+def stopped_workers() -> set[psutil.Process]:
+    """Find the worker processes of this one that a signal stopped."""
+    import psutil
+
+    stopped = set()
+    for child in psutil.Process().children():
+        with suppress(psutil.Error):
+            is_worker = "spawn_main" in " ".join(child.cmdline())
+            if is_worker and child.status() == psutil.STATUS_STOPPED:
+                stopped.add(child)
+    return stopped
+
+
+def kill_workers(processes: Iterable[psutil.Process]) -> None:
+    """Kill processes that may have ended already."""
+    import psutil
+
+    for process in processes:
+        with suppress(psutil.Error):
+            process.kill()
+
+
 @dataclass
 class Worker:
     """State of one worker process; memory in bytes."""
@@ -169,7 +215,6 @@ class Worker:
     memory: float = 0.0
     pieces: int = 0
     status: str = "running"
-    stopped: int = 0
     idle: int = 0
 
     @property
@@ -179,18 +224,6 @@ class Worker:
         if self.limit:
             text += f" of {self.limit / _GIGABYTE:.2f}"
         return f"{text} GB"
-
-    def is_stopped(self) -> bool:
-        """Tell whether a signal stopped its process, which runs on this computer."""
-        import psutil
-
-        if not self.pid:
-            return False
-        try:
-            status = psutil.Process(self.pid).status()
-        except psutil.NoSuchProcess:
-            return False
-        return bool(status == psutil.STATUS_STOPPED)
 
     def __str__(self) -> str:
         return f"worker {self.name} (process {self.pid or 'unknown'})"

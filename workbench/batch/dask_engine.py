@@ -9,33 +9,32 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError
 from concurrent.futures import wait as wait_for
-from contextlib import contextmanager
-from pathlib import Path
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from aerodima.workbench.batch.dask_cluster import (
     Worker,
-    check_workers,
-    local_cluster,
+    kill_workers,
+    lost_scheduler,
     prepare_worker,
-    quiet_logs,
-    remote_cluster,
     run_piece,
+    stopped_workers,
+    submit_to,
 )
-from aerodima.workbench.batch.engine import Engine, Item, Result, StallMonitor, WorkerRecord
-from aerodima.workbench.batch.row_store import ProgressLine, print_progress
+from aerodima.workbench.batch.engine import Engine, StallMonitor, WorkerRecord
 from aerodima.workbench.core.errors import UserError
 
 if TYPE_CHECKING:
+    import psutil
     from distributed import Client, Future
 
 POLL_PERIOD = 1.0
 """Time between two polls of the workers, s."""
-STOPPED_POLLS = 5
-"""Polls in a row that find a process stopped (SIGSTOP) before it is killed and replaced."""
+STOPPED_POLLS = 3
+"""Polls from one search for stopped processes (SIGSTOP) to the next; those of both are killed."""
 PAUSED_POLLS = 5
 """Polls in a row that find a paused worker idle although it has a piece before it is replaced."""
 QUARANTINE = 60.0
@@ -44,72 +43,15 @@ RESULT_TIMEOUT = 30.0
 """Time in which a worker hands over a result, s; after that its piece is made once more."""
 WORKER_TIMEOUT = 300.0
 """Time without any worker after which the study ends, s."""
+ABSENCE_TIME = 8.0
+"""Time without any worker after which it is said, s; again after each doubling."""
+START_TIMEOUT = 120.0
+"""Time after which the workers that have not started are not waited for, s."""
 SCHEDULER_TIMEOUT = 30.0
 """Time in which the scheduler answers, s."""
 MAX_STARTUP_FAILURES = 3
 """Workers, as many for each that works, that die before any piece is done: then the pieces are not
 the reason."""
-
-
-@contextmanager
-def open_engine(
-    workers: int = 2,
-    scheduler: str | None = None,
-    *,
-    progress: ProgressLine = print_progress,
-    record: str | Path | None = None,
-    memory: float | None = None,
-    module: str | None = None,
-) -> Iterator[Engine]:
-    """Open an engine of worker processes on this computer, or of those of a Dask cluster.
-
-    Args:
-        workers: processes to start here, one BLAS thread each; not used with a scheduler.
-        scheduler: address of a running Dask scheduler, such as `tcp://127.0.0.1:8786`. Its workers
-            need this package.
-        progress: receives what happens to workers, a line each; stderr by default.
-        record: file for the same; usually `WORKER_RECORD` in the folder of the study.
-        memory: limit of each process here, bytes; by default an equal share of this computer's.
-        module: that a worker imports before its first piece.
-
-    Raises:
-        UserError: wrong number of workers; no scheduler at that address, or one without workers.
-    """
-    if scheduler is None:
-        check_workers(workers)
-    start = time.monotonic()
-    events = WorkerRecord(progress, None if record is None else Path(record))
-    if scheduler is None:
-        cluster = local_cluster(workers, memory)
-    else:
-        cluster = remote_cluster(scheduler)
-    with quiet_logs(), cluster as client:
-        engine = DaskEngine(client, events, is_local=scheduler is None, module=module)
-        engine.wait_until_ready()
-        engine.startup = time.monotonic() - start
-        try:
-            yield engine
-        finally:
-            events.close()
-
-
-def run_batch(
-    work: Callable[[Item], Result],
-    items: Sequence[Item],
-    workers: int,
-    done: Callable[[int, Result], None] | None = None,
-    lost: Callable[[Item], Result] | None = None,
-    *,
-    progress: ProgressLine = print_progress,
-    record: Path | None = None,
-) -> list[Result]:
-    """Map items on an engine of their own; one worker, or one item, runs in this process."""
-    check_workers(workers)
-    number = min(workers, len(items))
-    if number <= 1:
-        return Engine(progress, record).map(work, items, done, lost)
-    with open_engine(number, progress=progress, record=record) as engine:
-        return engine.map(work, items, done, lost)
 
 
 class DaskEngine(Engine):
@@ -127,6 +69,10 @@ class DaskEngine(Engine):
         """Address -> when a worker that the scheduler may still list was given up; monotonic, s."""
         self._polled = -POLL_PERIOD
         self._staffed = time.monotonic()
+        self._absence_limit = START_TIMEOUT
+        self._stopped_due = 0.0
+        self._stopped: set[psutil.Process] = set()
+        self._never_started = 0
         self._failures = 0
         self._has_results = False
         self._pending: dict[Future, tuple[str, int | None]] = {}
@@ -137,12 +83,21 @@ class DaskEngine(Engine):
         """Pieces to make again for a reason that is not theirs."""
         self._stall = StallMonitor(record, self._busy_workers)
 
-    def wait_until_ready(self) -> None:
-        """Wait until every worker has imported what it needs."""
-        while self._pending or not self._workers:
+    def wait_until_ready(self, workers: int) -> None:
+        """Wait until so many workers, or all but those that cannot start, have imported what they
+        need; UserError if there is none in `START_TIMEOUT`.
+        """
+        until = time.monotonic() + START_TIMEOUT
+        while self._pending or len(self._workers) < workers - self._never_started:
             self._poll()
             for future in self._finished():
                 self._collect(future)
+            if time.monotonic() > until:
+                text = f"not all of {workers} workers have started in {START_TIMEOUT:g} s"
+                self._record.event("still", f"{text}: the work begins without the others")
+                break
+        if not self._workers:
+            raise UserError("no worker process has started; try again")
 
     def map(
         self,
@@ -225,7 +180,7 @@ class DaskEngine(Engine):
     def _submit(
         self, address: str, index: int | None, function: Callable[..., Any], *arguments: Any
     ) -> None:
-        future = self._client.submit(function, *arguments, workers=[address], pure=False, retries=0)
+        future = submit_to(self._client, address, function, *arguments)
         self._pending[future] = address, index
 
     def _finished(self) -> list[Future]:
@@ -235,10 +190,9 @@ class DaskEngine(Engine):
         if not self._pending:
             time.sleep(0.1)
             return []
-        try:
+        # Futures are cancelled when the scheduler is lost.
+        with suppress(TimeoutError, CancelledError):
             wait(list(self._pending), timeout=POLL_PERIOD, return_when="FIRST_COMPLETED")
-        except TimeoutError:
-            return []
         return [future for future in self._pending if future.done()]
 
     def _collect(self, future: Future) -> tuple[int | None, Any]:
@@ -312,8 +266,7 @@ class DaskEngine(Engine):
         self._polled = now
         # Not `scheduler_info`: the client's own refresh may put an answer without workers in its
         # place.
-        identity: Any = self._client.scheduler.identity
-        answer = self._ask(identity, n_workers=-1, callback_timeout=SCHEDULER_TIMEOUT)
+        answer = self._ask("identity", n_workers=-1, callback_timeout=SCHEDULER_TIMEOUT)
         present: dict[str, Any] = answer["workers"]
         # A new worker may get the port of an old one.
         self._retired = {
@@ -326,16 +279,43 @@ class DaskEngine(Engine):
         for address, facts in present.items():
             if address not in self._retired:
                 self._update(address, facts)
+        absent = now - self._staffed
         if self._workers:
             self._staffed = now
-        elif now - self._staffed > WORKER_TIMEOUT:
+            self._absence_limit = ABSENCE_TIME
+        elif absent > WORKER_TIMEOUT:
             raise UserError(f"no worker process for {WORKER_TIMEOUT:g} s; what was done is kept")
+        elif absent > self._absence_limit:
+            self._absence_limit = 2.0 * absent
+            text = f"no worker process for {absent:.0f} s; after {WORKER_TIMEOUT:g} s the work ends"
+            self._record.event("still", text)
+        if self._is_local and now > self._stopped_due:
+            self._stopped_due = now + STOPPED_POLLS * POLL_PERIOD
+            self._kill_stopped()
         threads = sum(worker.threads for worker in self._workers.values())
         self.workers = max(self.workers, threads)
         self._stall.poll()
 
+    def _kill_stopped(self) -> None:
+        """Kill the processes that have been stopped since the last search; a nanny replaces each,
+        unless it was the first one to start there.
+        """
+        stopped = stopped_workers()
+        lasting = stopped & self._stopped
+        self._stopped = stopped
+        kill_workers(lasting)
+        workers = {worker.pid: address for address, worker in self._workers.items()}
+        for pid in [process.pid for process in lasting]:
+            if pid in workers:
+                text = f"{self._workers[workers[pid]]} was stopped: it is killed and replaced"
+                self._retire(workers[pid], "stopped", text, self._orphans)
+            else:
+                self._never_started += 1
+                text = f"a worker (process {pid}) was stopped while it started: it is killed"
+                self._record.event("stopped", text, process=pid)
+
     def _update(self, address: str, facts: dict[str, Any]) -> None:
-        """Prepare a worker that is new; replace one that Dask paused, or whose process stopped."""
+        """Prepare a worker that is new; replace one that Dask paused."""
         if address not in self._workers:
             self._workers[address] = Worker(
                 str(facts["name"]),
@@ -358,14 +338,6 @@ class DaskEngine(Engine):
         worker.idle = 0 if is_executing else worker.idle + 1
         if worker.status == "paused" and worker.idle >= (PAUSED_POLLS if has_piece else 1):
             self._replace_paused(address)
-            return
-        worker.stopped = worker.stopped + 1 if self._is_local and worker.is_stopped() else 0
-        if worker.stopped >= STOPPED_POLLS:
-            text = (
-                f"{worker} has been stopped for {STOPPED_POLLS * POLL_PERIOD:g} s: it is killed "
-                "and replaced, its run is made again"
-            )
-            self._replace(address, "stopped", text)
 
     def _replace_paused(self, address: str) -> None:
         worker = self._workers[address]
@@ -373,20 +345,19 @@ class DaskEngine(Engine):
             self._count_failure(f"{worker} is paused before it has ended a single run")
         if worker.has_nanny:
             text = f"{worker} is replaced after {worker.pieces} runs: it was paused"
-            self._replace(address, "replaced", text)
+            self._replace(address, text)
         elif worker.idle % 60 == PAUSED_POLLS:
             text = f"{worker} is paused and cannot be replaced: it was started without a nanny"
             self._record_event("still", worker, text)
 
-    def _replace(self, address: str, kind: str, text: str) -> None:
-        """End a worker; its nanny starts another, which the next poll finds.
+    def _replace(self, address: str, text: str) -> None:
+        """End a paused worker; its nanny starts another, which the next poll finds.
 
         What it worked on is done again.
         """
-        self._retire(address, kind, text, self._withdrawn)
-        restart: Any = self._client.scheduler.restart_workers
+        self._retire(address, "replaced", text, self._withdrawn)
         self._ask(
-            restart,
+            "restart_workers",
             workers=[address],
             timeout=30.0,
             wait_for_workers=False,
@@ -395,12 +366,13 @@ class DaskEngine(Engine):
             callback_timeout=2.0 * SCHEDULER_TIMEOUT,
         )
 
-    def _ask(self, question: Any, **arguments: Any) -> Any:
+    def _ask(self, question: str, **arguments: Any) -> Any:
         """Return the scheduler's answer; UserError without one."""
+        scheduler: Any = self._client.scheduler
         try:
-            return self._client.sync(question, **arguments)
-        except (OSError, TimeoutError) as error:
-            raise UserError(f"the Dask scheduler does not answer any more ({error})") from None
+            return self._client.sync(getattr(scheduler, question), **arguments)
+        except Exception as error:  # Dask has many for a connection that is closed
+            raise lost_scheduler(error) from None
 
     def _remove_lost(self, address: str) -> None:
         worker = self._workers[address]
@@ -423,7 +395,8 @@ class DaskEngine(Engine):
     def _withdraw(self, future: Future, indices: list[int]) -> None:
         """Cancel a future; its piece joins `indices`."""
         _, index = self._pending.pop(future)
-        self._client.cancel([future], force=True)
+        with suppress(Exception):  # a scheduler that is lost has nothing to cancel
+            self._client.cancel([future], force=True)
         if index is not None:
             indices.append(index)
 

@@ -1,9 +1,9 @@
 """Resumable work: its rows in a file, a line of JSON each, locked by one process; its progress.
 
 Work that was cut off at any time (Ctrl-C, a killed process, a full disk) goes on with what its file
-does not hold. The first line says what all rows have in common, and each row has a key of
-everything else that determines it: a row of other inputs is never taken for one of these. A line
-that was cut off, or is damaged, costs its own row alone.
+does not hold. The first two lines say, both of them, what all rows have in common, and each row has
+a key of everything else that determines it: a row of other inputs is never taken for one of these.
+A line that was cut off, or is damaged, costs its own row alone.
 """
 
 from __future__ import annotations
@@ -107,20 +107,22 @@ class RowStore:
             ) from None
 
     def _read(self, identity: Row) -> dict[str, Row]:
-        head, *rows = read_rows(self.path) or [identity]
-        differing = [key for key in {**identity, **head} if head.get(key) != identity.get(key)]
-        if differing:
+        lines = read_rows(self.path)
+        heads = [line for line in lines if "key" not in line]
+        if lines and identity not in heads:
+            head = (heads or [{}])[0]
+            differing = [key for key in {**identity, **head} if head.get(key) != identity.get(key)]
             raise self._error(
                 f"{self.path}: holds results of other parameters, settings or versions "
-                f"({', '.join(differing)}); "
+                f"({', '.join(differing)}), or its head is damaged; "
                 "choose another --out, or drop them: --force, or remove this file"
             )
         content = self.path.read_bytes()
         if content and not content.endswith(b"\n"):
             self._write(b"\n")
-        if head is identity:
+        for _ in range(heads.count(identity), 2):
             self._append(identity)
-        return {row.pop("key"): row for row in rows if "key" in row}
+        return {line.pop("key"): line for line in lines if isinstance(line.get("key"), str)}
 
     def _append(self, line: Row) -> None:
         self._write((json.dumps(line, default=_plain) + "\n").encode())
@@ -134,14 +136,14 @@ class RowStore:
 
 
 def read_rows(path: Path) -> list[Row]:
-    """Read head and rows of a `RowStore`, without damaged lines; none if there is no file."""
+    """Read heads and rows of a `RowStore`, without damaged lines; none if there is no file."""
     lines: list[Row] = []
     if not path.is_file():
         return lines
     for text in path.read_text(encoding="utf-8", errors="replace").splitlines():
         try:
             line = json.loads(text)
-        except ValueError:
+        except (ValueError, RecursionError):
             continue
         if isinstance(line, dict):
             lines.append(line)

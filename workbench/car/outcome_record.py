@@ -18,7 +18,7 @@ from pydrake.systems.primitives import VectorLogSink
 from aerodima.workbench.car.car_sensors import ChassisMotion, felt_at, in_body
 from aerodima.workbench.car.car_station import simulated_car
 from aerodima.workbench.car.ground_loads import GroundLoads
-from aerodima.workbench.car.termination import STOPPED, has_flipped
+from aerodima.workbench.car.termination import STOPPED, quaternion_flipped
 from aerodima.workbench.car.tip_up import LIFT_COLUMNS
 from aerodima.workbench.car.turn_signals import settled_row
 from aerodima.workbench.car.verdict import CALM_FOR, CALM_SPIN
@@ -161,7 +161,7 @@ class OutcomeRecord:
     def _over(self, state: FloatArray, time: FloatArray, stop_after: float) -> NDArray[np.bool_]:
         """Returns at which rows the run of a car that has flipped is over."""
         rotations = state[self._quaternion][:, self._steps(time)]
-        over: NDArray[np.bool_] = np.logical_or.accumulate(has_flipped(rotations)) & (
+        over: NDArray[np.bool_] = np.logical_or.accumulate(quaternion_flipped(rotations)) & (
             time >= stop_after
         )
         return over

@@ -10,13 +10,12 @@ instant (`TailForce`, port `wind_direction`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 from pydrake.multibody.tree import UnitInertia
 
-from aerodima.workbench.car.laws import joint_friction
+from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.aero.tail_geometry import Plate, TailArm, TailGeometry
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.sdf_model import Inertial, SdfModel
@@ -47,13 +46,6 @@ ADDED_MASS_PARTS = 5
 LEAST_INERTIA_LEFT = 0.03
 """Share of every inertia that a negative `tail.added_mass` must leave: a swing of the default tail
 with 3 % is the same at steps of 2 ms and 0.5 ms, with less than 1 % Drake's solver gives up."""
-FrictionLaw = Callable[[float], float]
-"""Joint rate (rad/s) to friction torque (N m), which opposes it."""
-
-
-def smooth_friction(coulomb: float, viscous: float, tanh_gain: float) -> FrictionLaw:
-    """Returns `laws.joint_friction` with these numbers as a function of the rate alone."""
-    return partial(joint_friction, coulomb=coulomb, viscous=viscous, tanh_gain=tanh_gain)
 
 
 class ArmInertia(NamedTuple):
@@ -123,7 +115,7 @@ def tail_geometry(tail: TailParameters) -> TailGeometry:
     Raises:
         ModelError: the tail file is missing or wrong.
     """
-    from aerodima.workbench.aero.tail_geometry import Plate, TailArm, TailGeometry
+    from aerodima.workbench.aero.tail_geometry import TailGeometry
 
     if tail.has_own_geometry:
         from aerodima.workbench.car.tail_file import read_tail

@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
 from pydrake.systems.framework import (
     Context,
     Diagram,
@@ -14,7 +13,7 @@ from pydrake.systems.framework import (
 )
 
 from aerodima.workbench.car.car_station import simulated_car
-from aerodima.workbench.car.verdict import FLIP_TILT
+from aerodima.workbench.car.verdict import is_beyond_flip
 from aerodima.workbench.control.manoeuvre import (
     angle_to_straighten,
     run_time,
@@ -30,8 +29,6 @@ _TIME_MARGIN = 1e-9
 CHECK_RATE = 50.0
 """Rate, Hz, at which a trial is checked for a certain outcome; its table ends at the row of the
 flip all the same."""
-COS_FLIP = float(np.cos(FLIP_TILT))
-"""Cosine of the tilt beyond which a car has flipped."""
 STOPPED = "stopped_at_flip_s"
 """Key in `extra` of a log that ends at a flip: the time of its last row, s."""
 
@@ -123,7 +120,7 @@ class FlipWatch(LeafSystem):
 
     def _update(self, context: Context) -> EventStatus:
         state = vector_of(self._state, context)
-        self._flipped = self._flipped or has_flipped(
+        self._flipped = self._flipped or quaternion_flipped(
             state[self._quaternion : self._quaternion + 4].tolist()
         )
         time = nominal_time(context.get_time(), self._rate)
@@ -133,9 +130,9 @@ class FlipWatch(LeafSystem):
         return EventStatus.ReachedTermination(self, "the car has flipped")
 
 
-def has_flipped(quaternion: Any) -> Any:
+def quaternion_flipped(quaternion: Any) -> Any:
     """Returns whether a body of this orientation w, x, y, z has tilted beyond the angle of a flip;
     for arrays row by row.
     """
     w, x, y, z = quaternion
-    return 1.0 - 2.0 * (x * x + y * y) / (w * w + x * x + y * y + z * z) < COS_FLIP
+    return is_beyond_flip(1.0 - 2.0 * (x * x + y * y) / (w * w + x * x + y * y + z * z))

@@ -50,6 +50,11 @@ _ROUNDING = 1e-9
 """Rounding of a time, s."""
 
 
+def is_beyond_flip(up_z: Any) -> Any:
+    """Returns whether a car has tilted beyond `FLIP_TILT`, from the cosine of its tilt."""
+    return up_z < COS_FLIP_TILT
+
+
 def has_flipped(max_tilt_passed: Any, end_tilt: Any, wheel_lifted: Any) -> Any:
     """Returns whether a car has rolled over, or lies at the end.
 

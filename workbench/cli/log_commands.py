@@ -65,12 +65,18 @@ def recover(
     ] = None,
     force: cli.Force = False,
 ) -> None:
-    """Make a log of what a cut-off run left behind."""
+    """Make a log of what a cut-off run left behind.
+
+    Rows of damaged batches are left out; what is damaged or missing is printed, and kept in the
+    log's metadata.
+    """
     from aerodima.workbench.logs.journal import recover as recover_journal
 
     recovery = recover_journal(journal, out, force=force)
-    state = "none was lost" if recovery.complete else "the last ones were lost with the process"
+    state = "none was lost" if recovery.complete else "not all is whole"
     typer.echo(f"{recovery.path}: {recovery.rows} rows recovered; {state}")
+    for damage in recovery.damage:
+        typer.echo(f"note: {damage}", err=True)
 
 
 def import_(

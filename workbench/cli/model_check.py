@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 
+from pydrake.geometry import SceneGraph
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
@@ -102,10 +103,12 @@ def refuse_ignored_attributes(path: Path) -> None:
 
 
 def load_strictly(path: Path) -> None:
-    """Parse a file into an empty plant; raises ModelError when Drake warns, fails, or an inertia
-    is not physical.
+    """Parse a file into an empty plant with geometry; raises ModelError when Drake warns, fails,
+    misses a mesh, or an inertia is not physical.
     """
     plant = MultibodyPlant(0.001)
+    scene = SceneGraph()
+    plant.RegisterAsSourceForSceneGraph(scene)
     parser = Parser(plant)
     parser.package_map().Add(MODELS_PACKAGE, str(models_dir()))
     parser.SetStrictParsing()

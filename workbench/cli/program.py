@@ -9,9 +9,11 @@ Exit statuses are those of `options.Status`.
 
 from __future__ import annotations
 
+import errno
 import sys
 import traceback
 from importlib.metadata import entry_points
+from io import TextIOWrapper
 from typing import Annotated, Any
 
 import typer
@@ -19,8 +21,11 @@ from typer.core import TyperGroup
 
 from aerodima.workbench.cli.options import SECTIONS, Status
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.terminal import say
 
 ENTRY_POINT_GROUP = "aerodima.commands"
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors of a disk that takes no more, with or without the name of a file."""
 
 
 class ErrorBoundary(TyperGroup):
@@ -35,14 +40,14 @@ class ErrorBoundary(TyperGroup):
             cause: Exception = error
         except OSError as error:
             # Such an error is not about a file that the user named: closed pipe, lost network.
-            if error.filename is None:
+            if error.filename is None and error.errno not in FULL:
                 raise
-            message = f"{error.filename}: {error.strerror}"
+            message = f"{error.filename or 'disk'}: {error.strerror}"
             cause = error
         except KeyboardInterrupt as error:
-            print("interrupted", file=sys.stderr)
+            say("interrupted", err=True)
             raise typer.Exit(Status.INTERRUPTED) from error
-        print(f"error: {message}", file=sys.stderr)
+        say(f"error: {message}", err=True)
         raise typer.Exit(Status.WRONG) from cause
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
@@ -111,7 +116,9 @@ def build_app() -> typer.Typer:
 
 
 def main() -> None:
-    """Run the console command."""
+    """Run the console command; a sign that the terminal's encoding lacks becomes an escape."""
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         build_app()()
     except KeyboardInterrupt:  # before a command began

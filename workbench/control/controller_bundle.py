@@ -10,6 +10,7 @@ from aerodima.workbench.control.swing_library import SWING, swing_facts
 from aerodima.workbench.control.swing_player import SwingPlayer
 from aerodima.workbench.control.tail_law import TailLaw
 from aerodima.workbench.core.errors import ScenarioError
+from aerodima.workbench.core.file_reading import read_text, reading
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario, scenario_from_dict
 from aerodima.workbench.scenario.swing_file import (
     swing_from_dict,
@@ -45,12 +46,8 @@ def load_drive(name_or_path: str, settings: Sequence[str] = ()) -> tuple[Scenari
         raise ScenarioError(
             f"--set {' '.join(settings)}: {path} is a bundle; allowed: set it before the export"
         )
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ScenarioError(f"{path}: no such file") from None
-    except (OSError, ValueError) as error:
-        raise ScenarioError(f"{path}: cannot be read as JSON: {error}") from None
+    with reading(path, "JSON", ScenarioError):
+        data = json.loads(read_text(path))
     if not isinstance(data, dict):
         raise ScenarioError(
             f"{path}: holds a {type(data).__name__}; allowed is a bundle of `aerodima models "

@@ -34,7 +34,7 @@ def load_law(place: str, scenario: Scenario) -> TailLaw:
             law = maker.from_scenario(scenario)
         else:
             law = maker()
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise UserError(f"--law {place}: {name}() failed: {in_words(error)}") from error
     missing = [member for member in _MEMBERS if not hasattr(law, member)]
     if missing:
@@ -80,7 +80,7 @@ def _run_file(flag: str, path: Path) -> Any:
     sys.modules[module_name] = module  # dataclasses look there for the names in annotations
     try:
         specification.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise UserError(f"{flag} {path}: running it failed: {in_words(error)}") from error
     return module
 

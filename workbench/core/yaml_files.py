@@ -1,5 +1,6 @@
 """YAML files: found by name, read, and checked against a model; errors name the place."""
 
+from collections import Counter
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -7,10 +8,13 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from aerodima.workbench.core.errors import ScenarioError, UserError
+from aerodima.workbench.core.file_reading import read_text, reading
 from aerodima.workbench.core.key_errors import lines_of, nearest
 from aerodima.workbench.core.resources import models_dir
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
+MAX_DEPTH = 100
+"""Deepest nesting of mappings and lists; libyaml recurses, and ends the process at some 20,000."""
 
 
 class StrictModel(BaseModel):
@@ -26,9 +30,9 @@ class UniqueKeyLoader(yaml.CSafeLoader):
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         """Read one mapping; raises yaml.constructor.ConstructorError for a duplicate key."""
-        keys = [key.value for key, _ in node.value]
-        for key in keys:
-            if keys.count(key) > 1:
+        keys = Counter(str(key.value) for key, _ in node.value)
+        for key, count in keys.items():
+            if count > 1:
                 raise yaml.constructor.ConstructorError(
                     None, None, f"duplicate key: {key}", node.start_mark
                 )
@@ -64,16 +68,48 @@ def read_yaml(path: Path, error: type[UserError] = ScenarioError) -> dict[str, A
     """Read a YAML mapping; an empty file is an empty one.
 
     Raises:
-        UserError (of the class `error`): a missing file, bad syntax, a key named twice or another
-            kind of content.
+        UserError (of the class `error`): a missing file, bad syntax, a key named twice, another
+            kind of content, too long or too deep.
     """
-    try:
-        data = yaml.load(path.read_text(encoding="utf-8"), Loader=UniqueKeyLoader)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as cause:
-        raise error(f"{path}: cannot be read as YAML: {cause}") from None
+    with reading(path, "YAML", error):
+        data = parse_yaml(read_text(path))
     if data is None:
         return {}
     return require_mapping(data, str(path), error)
+
+
+def parse_yaml(text: str) -> Any:
+    """Parse YAML text.
+
+    Raises:
+        yaml.YAMLError: bad syntax, a key named twice, nested deeper than `MAX_DEPTH`, aliases
+            within what an alias repeats (a few lines would stand for gigabytes), a number of
+            thousands of digits, a date that is none.
+    """
+    _refuse_nesting(text)
+    try:
+        return yaml.load(text, Loader=UniqueKeyLoader)
+    except (ValueError, RecursionError) as cause:
+        raise yaml.YAMLError(str(cause)) from None
+
+
+def _refuse_nesting(text: str) -> None:
+    """Raise yaml.YAMLError as `parse_yaml` says; only a text with many brackets, long lines or
+    aliases is looked through.
+    """
+    brackets = text.count("[") + text.count("{")
+    longest = max(map(len, text.splitlines()), default=0)  # a level of a block takes a column
+    if brackets + longest < 10 * MAX_DEPTH and "*" not in text:
+        return
+    anchors: list[bool] = []
+    for event in yaml.parse(text, Loader=yaml.CSafeLoader):
+        if isinstance(event, yaml.CollectionStartEvent):
+            anchors.append(event.anchor is not None)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            anchors.pop()
+        if len(anchors) > MAX_DEPTH or (isinstance(event, yaml.AliasEvent) and any(anchors)):
+            limit = f"more than {MAX_DEPTH} levels, or an alias within an anchor"
+            raise yaml.YAMLError(f"{limit}{event.start_mark}")
 
 
 def require_mapping(data: Any, where: str, error: type[UserError]) -> dict[str, Any]:

@@ -3,19 +3,26 @@
 They are in whatever unit and rate they were written; `logs.importers` makes a run log of them. MAT
 files of version 5 to 7 are read with SciPy, of version 7.3, which is HDF5, with h5py (extra
 `logs`). Vectors become columns. A struct field is called `data.force`, the second column of a
-matrix `force(2)`. Objects such as `timeseries` are stored in a form that only MATLAB reads: they
-are listed as unreadable.
+matrix `force(2)`, or its second row where a sample is a column, as Simulink's To File writes them.
+Objects such as `timeseries` are stored in a form that only MATLAB reads.
 
 MCAP files (https://mcap.dev, extra `logs`) are read where their messages are JSON: a number becomes
 the column `<topic>.<field>`, one in a list `<topic>.<field>(1)`. The times at which a topic was
 logged are the column `<topic>@log_time`, those at which it was published `<topic>@publish_time`,
-both s. Text is left out.
+both s.
+
+What is no number (text, objects, lists of any length) is listed as unreadable with the reason.
+Checksums of a file are compared. What a parser raises of a damaged file, `logs.importers` turns
+into one error.
 """
 
 import json
+import re
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -31,10 +38,16 @@ from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.logs.mapping import CsvFormat
 
 MAX_COLUMNS = 64
-"""A matrix with more columns than this (and than rows) is a picture or a table of something else,
-not a log; so is a list with more numbers."""
+"""A matrix with more columns than this (and than rows) has its channels in rows; a list with more
+numbers is a picture or a table of something else, not a log."""
+MAX_TEXT_LOG = 4 * 2**30
+"""Size of the longest CSV that is read, bytes."""
 NANOSECOND = 1e-9
 """One nanosecond, s."""
+_NAN = ("NaN", "nan", "NAN", "NA", "null", "")
+"""Texts that stand for a number that is not there."""
+_VALUE = re.compile(r"[-+]?[\d.,]*\d[.,]?(e[-+]?\d+)?|nan|[-+]?inf|\d{4}-\d\d-\d\d.*", re.I)
+"""A number or a date."""
 _OBJECT = (
     "a MATLAB object or cell; save it as a struct of vectors (for a timeseries: its Time and Data)"
 )
@@ -60,14 +73,18 @@ class ForeignLog:
         """Reads a column as float64, empty cells as NaN.
 
         Raises:
-            LogError: no such column (names the nearest), a cell that is not a number (names its
-                row, from 1).
+            LogError: no such column (names the nearest), dates or durations, a cell that is not a
+                number (names its row, from 1).
         """
         series = self._series(name)
         if series.dtype.kind in "fiub":
             return series.to_numpy(float)
+        if series.dtype.kind in "mM":
+            raise LogError(
+                f"{self.path}: column {name!r}: dates or durations, not numbers; map it as a `time`"
+            )
         numbers = pd.to_numeric(series, errors="coerce")
-        bad = np.flatnonzero(numbers.isna() & series.notna())
+        bad = np.flatnonzero(numbers.isna() & series.notna() & ~series.isin(_NAN))
         if bad.size:
             text = str(series.iloc[bad[0]])
             raise LogError(
@@ -75,16 +92,21 @@ class ForeignLog:
             )
         return numbers.to_numpy(float)
 
-    def times(self, name: str) -> FloatArray:
-        """Reads a column of times: numbers as they are, dates (ISO 8601) as seconds since 1970."""
+    def times(self, name: str, unit: float) -> FloatArray:
+        """Reads a column of times, s: numbers in a unit of so many seconds; durations, and dates
+        (ISO 8601) since 1970, have their own.
+        """
         series = self._series(name)
-        if series.dtype.kind in "fiub":
-            return self.numbers(name)
-        form = None if series.dtype.kind == "M" else "ISO8601"
+        if series.dtype.kind == "m":
+            return series.dt.total_seconds().to_numpy(float)
         try:
-            dates = pd.to_datetime(series, utc=True, format=form)
-        except (ValueError, TypeError):
-            return self.numbers(name)
+            return unit * self.numbers(name)
+        except LogError as error:
+            form = None if series.dtype.kind == "M" else "ISO8601"
+            try:
+                dates = pd.to_datetime(series, utc=True, format=form)
+            except (ValueError, TypeError):
+                raise error from None
         seconds = (dates - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1)
         return np.asarray(seconds, float)
 
@@ -114,30 +136,44 @@ def joined(logs: list[ForeignLog]) -> ForeignLog:
 
 
 def read_csv(path: Path, form: CsvFormat) -> ForeignLog:
-    """Reads the columns of a CSV; LogError when it is not a table that can be read."""
-    first = form.skip_lines + 1
-    skipped = [*range(form.skip_lines), *range(first, first + form.skip_after_names)]
+    """Reads the columns of a CSV.
+
+    Raises:
+        LogError: no line of names, rows with more values than names, one column only.
+    """
+    if path.stat().st_size > MAX_TEXT_LOG:
+        raise LogError(f"{path}: longer than {MAX_TEXT_LOG // 2**30} GiB; cut it into parts")
+    read: Any = partial(
+        pd.read_csv,
+        path,
+        sep=form.delimiter,
+        decimal=form.decimal,
+        comment=form.comment,
+        encoding=form.encoding,
+        skipinitialspace=True,
+        index_col=False,
+    )
+    start = form.skip_lines
+    first = start
+    if form.names is None:
+        first = start + 1
+        head = read(header=None, skiprows=start, nrows=1, dtype=str, keep_default_na=False)
+        _refuse_values(path, [cell.strip() for cell in head.iloc[0]])
+    skipped = [*range(start), *range(first, first + form.skip_after_names)]
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # values would be dropped
-            table = pd.read_csv(
-                path,
-                sep=form.delimiter,
-                decimal=form.decimal,
+            table = read(
+                header=0 if form.names is None else None,
+                names=form.names,
                 skiprows=skipped,
-                comment=form.comment,
-                encoding=form.encoding,
-                skipinitialspace=True,
-                index_col=False,
                 low_memory=False,
             )
     except pd.errors.ParserWarning as cause:
         raise LogError(
-            f"{path}: its rows hold more values than its first line has names; are `csv.delimiter` "
+            f"{path}: its rows hold more values than there are names; are `csv.delimiter` "
             f"{form.delimiter!r} and `csv.decimal` {form.decimal!r} right?"
         ) from cause
-    except (ValueError, LookupError, pd.errors.ParserError) as cause:
-        raise LogError(f"{path}: not a table that can be read: {_one_line(cause)}") from cause
     if table.shape[1] < 2:
         raise LogError(
             f"{path}: one column only, {str(table.columns[0])!r}; is `csv.delimiter` "
@@ -146,40 +182,60 @@ def read_csv(path: Path, form: CsvFormat) -> ForeignLog:
     return ForeignLog(str(path), {str(name).strip(): table[name] for name in table.columns})
 
 
-def _one_line(cause: Exception) -> str:
-    """Joins the lines of a parser's message."""
-    return " ".join(str(cause).split())
+def _refuse_values(path: Path, names: list[str]) -> None:
+    """Raises LogError when names are values: numbers and dates only, or one that is not a whole
+    number, as the name of a channel may be.
+    """
+    values = [name for name in names if _VALUE.fullmatch(name)]
+    if len(values) == len(names) or not all(map(str.isdigit, values)):
+        raise LogError(
+            f"{path}: {values[:1]} where a line has the names of the columns; state `csv.names` in "
+            "the mapping, a list, or correct `csv.skip_lines`"
+        )
 
 
 def read_parquet(path: Path) -> ForeignLog:
-    """Reads the columns of a Parquet file; LogError when it is damaged."""
-    try:
-        table = pq.read_table(path)
-    except (pa.ArrowException, OSError) as cause:
-        raise LogError(f"{path}: cut off, damaged or not a Parquet file") from cause
-    frame = table.to_pandas(ignore_metadata=True)
-    return ForeignLog(str(path), {str(name): frame[name] for name in frame.columns})
+    """Reads the columns of a Parquet file whose checksums, where it has any, are right."""
+    columns: dict[str, pd.Series] = {}
+    unreadable: dict[str, str] = {}
+    with pq.ParquetFile(path, page_checksum_verification=True) as file:
+        table = file.read()
+    for name, values in zip(table.column_names, table.columns, strict=True):
+        if name in columns:
+            unreadable[f"{name} (again)"] = "two columns have this name"
+        elif pa.types.is_nested(values.type):
+            unreadable[name] = f"its values are {values.type}"
+        else:
+            columns[name] = values.to_pandas()
+    return ForeignLog(str(path), columns, unreadable=unreadable)
 
 
 def read_mat(path: Path) -> ForeignLog:
     """Reads the columns of a MAT file.
 
     Raises:
-        LogError: damaged or not a MAT file; h5py is not installed and the file is of version 7.3.
+        LogError: h5py is not installed and the file is of version 7.3.
     """
+    if is_version_7_3(path):
+        require_packages(path, "h5py")
+        import h5py
+
+        with h5py.File(path, "r") as file:
+            leaves = dict(_walk("", file))
+    else:
+        from scipy.io import loadmat
+
+        leaves = dict(_walk("", loadmat(path, simplify_cells=True)))
     columns: dict[str, pd.Series] = {}
     unreadable: dict[str, str] = {}
-    leaves = _leaves_7_3(path) if is_version_7_3(path) else _leaves_5(path)
-    for name, value in leaves:
-        if isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
-            columns |= _vectors(name, value)
-        elif isinstance(value, int | float | np.number) and not isinstance(value, bool):
-            columns[name] = pd.Series([float(value)])
-        elif not isinstance(value, str | bytes):
-            unreadable[name] = _OBJECT
-    if not columns:
-        objects = f"; {', '.join(unreadable)}: {_OBJECT}" if unreadable else ""
-        raise LogError(f"{path}: no vectors of numbers{objects}")
+    for name, value in leaves.items():
+        kind = "O" if isinstance(value, list) else np.asarray(value).dtype.kind
+        if kind not in "fiub":
+            unreadable[name] = "text" if kind in "US" else _OBJECT
+        elif np.squeeze(value).ndim > 2:
+            unreadable[name] = f"an array of {np.shape(value)} is no table of channels"
+        else:
+            columns |= _vectors(name, np.squeeze(value).astype(float))
     return ForeignLog(str(path), columns, unreadable=unreadable)
 
 
@@ -193,35 +249,12 @@ def is_version_7_3(path: Path) -> bool:
 
 
 def _vectors(name: str, value: NDArray) -> dict[str, pd.Series]:
-    """Splits an array into its columns; none of what is no table."""
-    value = np.squeeze(value).astype(float)
+    """Splits an array into its columns; into its rows where these are far fewer."""
     if value.ndim <= 1:
         return {name: pd.Series(np.atleast_1d(value))}
-    if value.ndim > 2 or value.shape[1] > max(MAX_COLUMNS, value.shape[0]):
-        return {}
+    if value.shape[1] > max(MAX_COLUMNS, value.shape[0]):
+        value = value.T  # a block To File of Simulink writes a sample a column
     return {f"{name}({number})": pd.Series(column) for number, column in enumerate(value.T, 1)}
-
-
-def _leaves_5(path: Path) -> Iterator[tuple[str, Any]]:
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
-
-    errors = (ValueError, TypeError, MatReadError, NotImplementedError, OSError, LookupError)
-    try:
-        yield from _walk("", loadmat(path, simplify_cells=True))
-    except errors as cause:
-        raise LogError(f"{path}: damaged or not a MAT file ({_one_line(cause)})") from cause
-
-
-def _leaves_7_3(path: Path) -> Iterator[tuple[str, Any]]:
-    require_packages(path, "h5py")
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            yield from _walk("", file)
-    except OSError as cause:
-        raise LogError(f"{path}: damaged or not a MAT file of version 7.3") from cause
 
 
 def _walk(prefix: str, struct: Any) -> Iterator[tuple[str, Any]]:
@@ -250,63 +283,78 @@ def _content(dataset: Any) -> NDArray | str | None:
 
 
 def read_mcap(path: Path) -> ForeignLog:
-    """Reads the columns of an MCAP file.
+    """Reads the columns of an MCAP file whose checksums are right.
+
+    The file is read from its beginning to its end: its index may be damaged, and its messages are
+    counted.
 
     Raises:
-        LogError: a package is not installed, the file is cut off or damaged, no topic can be read.
+        LogError: a package is not installed, a message is missing.
     """
     require_packages(path, "mcap")
-    from mcap.exceptions import McapError
-    from mcap.reader import make_reader
+    from mcap.records import Channel, Message, Statistics
+    from mcap.stream_reader import StreamReader
 
     unreadable: dict[str, str] = {}
     messages: dict[str, list[dict[str, Any]]] = {}
-    try:
-        with open(path, "rb") as stream:
-            for _, channel, message in make_reader(stream).iter_messages():
-                topic = channel.topic
-                encoding = channel.message_encoding
-                if encoding != "json":
-                    unreadable[topic] = f"its messages are {encoding!r}; read are 'json'"
-                    continue
-                row = {
-                    topic: json.loads(message.data),
-                    f"{topic}@log_time": message.log_time * NANOSECOND,
-                    f"{topic}@publish_time": message.publish_time * NANOSECOND,
-                }
-                messages.setdefault(topic, []).append(row)
-    except (McapError, ValueError, EOFError) as cause:
-        raise LogError(
-            f"{path}: cut off, damaged or not an MCAP file ({str(cause) or repr(cause)})"
-        ) from cause
-    if not messages:
-        reasons = "; ".join(f"{topic}: {reason}" for topic, reason in unreadable.items())
-        raise LogError(f"{path}: no messages that can be read ({reasons or 'the file is empty'})")
+    channels: dict[int, Channel] = {}
+    count = 0
+    with open(path, "rb") as stream:
+        reader = StreamReader(stream, validate_crcs=True, record_size_limit=path.stat().st_size)
+        for record in reader.records:
+            if isinstance(record, Channel):
+                channels[record.id] = record
+                if record.message_encoding != "json":
+                    reason = f"its messages are {record.message_encoding!r}; read are 'json'"
+                    unreadable[record.topic] = reason
+            elif isinstance(record, Message):
+                count += 1
+                topic = channels[record.channel_id].topic
+                if topic not in unreadable:
+                    row = {
+                        topic: json.loads(record.data),
+                        f"{topic}@log_time": record.log_time * NANOSECOND,
+                        f"{topic}@publish_time": record.publish_time * NANOSECOND,
+                    }
+                    messages.setdefault(topic, []).append(row)
+            elif isinstance(record, Statistics) and record.message_count != count:
+                raise LogError(
+                    f"{path}: {count} messages are there of {record.message_count} that were "
+                    "written; it is damaged, copy it again"
+                )
     columns: dict[str, pd.Series] = {}
     time_of: dict[str, str] = {}
     for topic, rows in messages.items():
-        numbers = dict(_numbers(pd.json_normalize(rows)))
+        time = f"{topic}@log_time"
+        rows.sort(key=itemgetter(time))
+        numbers: dict[str, pd.Series] = {}
+        _add_numbers(pd.json_normalize(rows), numbers, unreadable)
         columns |= numbers
-        time_of |= dict.fromkeys(numbers, f"{topic}@log_time")
+        time_of |= dict.fromkeys(numbers, time)
     return ForeignLog(str(path), columns, time_of, unreadable)
 
 
-def _numbers(table: pd.DataFrame) -> Iterator[tuple[str, pd.Series]]:
-    """Selects every column of numbers by name, null as NaN; a list gives one for each of its
-    places.
+def _add_numbers(
+    table: pd.DataFrame, columns: dict[str, pd.Series], unreadable: dict[str, str]
+) -> None:
+    """Adds every column with a number, those of a list by their places; the others to those that
+    cannot be read. A number that JSON has not may be text, "NaN".
     """
     for name, values in table.items():
-        is_list = values.map(lambda value: isinstance(value, list))
-        if values.dtype.kind in "fiub" or values.isna().all():
-            yield str(name), values.astype(np.float64)
-        elif is_list.any():
-            lists = pd.DataFrame(
-                values.where(is_list, None).map(lambda value: value or []).tolist()
-            )
-            numbers = range(1, lists.shape[1] + 1)
-            lists.columns = [f"{name}({number})" for number in numbers]
+        cells = values.map(lambda value: str(value) if isinstance(value, dict) else value)
+        if cells.map(lambda cell: isinstance(cell, list)).any():
+            lists = pd.DataFrame([cell if isinstance(cell, list) else [cell] for cell in cells])
+            lists.columns = [f"{name}({number})" for number in range(1, lists.shape[1] + 1)]
             if lists.shape[1] <= MAX_COLUMNS:
-                yield from _numbers(lists)
+                _add_numbers(lists, columns, unreadable)
+            else:
+                unreadable[str(name)] = f"lists of up to {lists.shape[1]} values"
+            continue
+        stated = cells.dropna()
+        if stated.empty or pd.to_numeric(stated, errors="coerce").notna().any():
+            columns[str(name)] = cells
+        else:
+            unreadable[str(name)] = f"no number, but {stated.iloc[0]!r}"
 
 
 def require_packages(path: Path | str, *packages: str) -> None:

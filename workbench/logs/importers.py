@@ -6,15 +6,17 @@ would have seen it. Nothing is filtered or filled in: gaps and NaN stay in the l
 `aerodima.workbench.logs.signals` deals with them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, IntArray
 from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.core.file_reading import reading
 from aerodima.workbench.logs.foreign_files import (
     ForeignLog,
     joined,
@@ -44,9 +46,15 @@ from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.signal_table import RIG_KINDS, TIME
 
 _TEXT_FILES = (".csv", ".txt", ".tsv")
-_READERS = {".parquet": read_parquet, ".mat": read_mat, ".mcap": read_mcap}
+_READERS: dict[str, Callable[[Path], ForeignLog]] = {
+    ".parquet": read_parquet,
+    ".mat": read_mat,
+    ".mcap": read_mcap,
+}
+_REMEDY = "; is it cut off or damaged? Of a text: is it written as `csv` in the mapping says?"
+_EQUAL_TIMES = " (`time.repeated: first`, or last, in the mapping keeps one of equal times)"
 
-CONTINUOUS = ("imu_yaw_rad",)
+CONTINUOUS = ("imu_yaw_rad", "yaw_truth_rad")
 """Angles whose jumps of a whole turn are taken out, as in a log of this project."""
 
 
@@ -95,12 +103,16 @@ def read_foreign_log(path: Path, csv: CsvFormat) -> ForeignLog:
     suffix = path.suffix.lower()
     if not path.is_file():
         raise LogError(f"{path}: no such file")
-    if suffix in _TEXT_FILES:
-        return read_csv(path, csv)
-    if suffix in _READERS:
-        return _READERS[suffix](path)
-    allowed = " ".join((*_TEXT_FILES, *_READERS))
-    raise LogError(f"{path}: {suffix or 'a file without ending'} is not read; must be {allowed}")
+    readers = _READERS | dict.fromkeys(_TEXT_FILES, partial(read_csv, form=csv))
+    if suffix not in readers:
+        found = suffix or "a file without ending"
+        raise LogError(f"{path}: {found} is not read; must be {' '.join(readers)}")
+    with reading(path, f"a {suffix} file", LogError, _REMEDY):
+        foreign = readers[suffix](path)
+    if not foreign.columns:
+        reasons = [f"{name}: {reason}" for name, reason in foreign.unreadable.items()]
+        raise LogError(f"{path}: no column of numbers; {'; '.join(reasons) or 'it is empty'}")
+    return foreign
 
 
 def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, list[LogFinding]]:
@@ -110,7 +122,7 @@ def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, l
         LogError: as for `import_log`, apart from the checks of units.
     """
     findings: list[LogFinding] = []
-    time = _times(foreign, mapping.time.from_, mapping.time.unit)
+    time, rows = _times(foreign, mapping, mapping.time.from_, mapping.time.unit, findings)
     columns = {TIME: time}
     held = []
     known = {None, *foreign.columns, *foreign.unreadable}
@@ -120,7 +132,7 @@ def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, l
             text = f"left out: the file has no column {source.from_!r}; it has {there}"
             findings.append(LogFinding(name, None, text))
             continue
-        values, other_times = _column(foreign, mapping, name, time, findings)
+        values, other_times = _column(foreign, mapping, name, (time, rows), findings)
         if not np.isfinite(values).any():
             findings.append(LogFinding(name, None, "left out: not one sample is a number"))
             continue
@@ -145,12 +157,13 @@ def _column(
     foreign: ForeignLog,
     mapping: Mapping,
     name: str,
-    time: FloatArray,
+    grid: tuple[FloatArray, IntArray],
     findings: list[LogFinding],
 ) -> tuple[FloatArray, bool]:
-    """Puts one of our columns on the grid `time`; says whether its own times differ and it is
-    held.
+    """Puts one of our columns on the grid, times (s) and the rows that have them; says whether its
+    own times differ and it is held.
     """
+    time, rows = grid
     source = mapping.columns[name]
     if source.from_ is None:
         return np.full(time.size, float(source.constant or 0.0)), False
@@ -160,13 +173,15 @@ def _column(
     sample_time = time
     if own != mapping.time.from_:
         unit = source.time_unit or (mapping.time.unit if source.time else "s")
-        sample_time = _times(foreign, own, unit)
+        sample_time, rows = _times(foreign, mapping, own, unit, findings)
     where = f"{foreign.path}: column {source.from_!r}"
-    if values.size != sample_time.size:
+    samples = foreign.columns[own].size
+    if values.size != samples:
         raise LogError(
-            f"{where} has {values.size} samples for {sample_time.size} times of {own!r}; name the "
-            "column with its own times as `time`"
+            f"{where} has {values.size} samples for {samples} times of {own!r}; name the column "
+            "with its own times as `time`"
         )
+    values = values[rows]
     if mapping.sparse:
         sampled = np.isfinite(values)
         sample_time = sample_time[sampled]
@@ -191,13 +206,24 @@ def _column(
     return hold_last(time, sample_time, values), True
 
 
-def _times(foreign: ForeignLog, name: str, unit: str) -> FloatArray:
-    time = foreign.times(name) * unit_factor(unit, "s", name)
+def _times(
+    foreign: ForeignLog, mapping: Mapping, name: str, unit: str, findings: list[LogFinding]
+) -> tuple[FloatArray, IntArray]:
+    """Reads a column of times, s, and the rows of the file that count: one of those with the same
+    time if the mapping says which.
+    """
+    time = foreign.times(name, unit_factor(unit, "s", name))
+    rows = np.arange(time.size)
+    if mapping.time.repeated is not None:
+        rows = pd.Series(time).drop_duplicates(keep=mapping.time.repeated).index.to_numpy()
+        if rows.size < time.size:
+            text = f"left out: {time.size - rows.size} row(s) with the time of another"
+            findings.append(LogFinding(name, None, text))
     try:
-        check_time(time, name)
+        check_time(time[rows], name)
     except LogError as error:
-        raise LogError(f"{foreign.path}: {error}") from None
-    return time
+        raise LogError(f"{foreign.path}: {error}{_EQUAL_TIMES}") from None
+    return time[rows], rows
 
 
 def _unused(foreign: ForeignLog, mapping: Mapping) -> list[LogFinding]:

@@ -1,19 +1,21 @@
-"""Crash-safe journal of a run: an Arrow IPC stream on disk that becomes Parquet when the run ends
-well.
+"""Crash-safe journal of a run: batches with checksums on disk that become Parquet when the run
+ends well.
 
 A Parquet file without its footer is unreadable, so a run that dies would be lost. The journal is
-appended in record batches instead, each complete in itself: after a crash every batch that reached
-the file is still there, and `recover` turns them into a run log. `run.parquet` has the journal
-`run.parquet.journal`.
+appended in batches instead, each complete in itself: after a crash, or damage by others, every
+batch that is whole is found (`journal_frames`), and `recover` turns them into a run log.
+`run.parquet` has the journal `run.parquet.journal`.
 """
 
+import errno
+import fcntl
 import os
 import time
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Self
+from typing import Self
 
 import numpy as np
 import pyarrow as pa
@@ -21,6 +23,7 @@ from numpy.typing import ArrayLike
 
 from aerodima.workbench.core.atomic_write import make_folder, refuse_existing
 from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.logs.journal_frames import END, HEAD, ROWS, make_frame, read_content
 from aerodima.workbench.logs.schema import (
     METADATA_KEY,
     Facts,
@@ -33,6 +36,10 @@ from aerodima.workbench.logs.schema import (
 )
 
 JOURNAL_SUFFIX = ".journal"
+_CHECKED = 4_000_000
+"""Bytes that `check` compares while the run goes on, the last ones: a minute of a drive."""
+_SYNC_LIMIT = 30.0
+"""Time for the disk to confirm the last rows at the end of the run, s."""
 
 
 @dataclass(frozen=True)
@@ -42,12 +49,17 @@ class Recovery:
     Attributes:
         path: the run log that was written.
         rows: complete rows in it.
-        complete: whether the journal had been closed in order, so that nothing was lost.
+        damage: sentences on what is damaged, missing or in doubt.
     """
 
     path: Path
     rows: int
-    complete: bool
+    damage: tuple[str, ...]
+
+    @property
+    def complete(self) -> bool:
+        """Whether the journal had been closed in order and is whole, so that nothing was lost."""
+        return not self.damage
 
 
 def journal_path(path: Path | str) -> Path:
@@ -62,10 +74,16 @@ class JournalWriter:
     As a context manager it closes after an orderly end. After an exception it keeps the journal,
     with every row that was appended.
 
-    A batch goes to the operating system when it is full or `flush_interval` old, so a killed
-    process loses at most that much. The shorter it is, the larger the journal: a batch of 60
-    columns costs about 10 kB beside its numbers. Every `sync_interval` a thread asks the disk to
-    keep it, so that a power cut loses little and the loop never waits.
+    The first row, and then a batch that is full or `flush_interval` old, goes to the operating
+    system, so a killed process loses at most that much. Every `sync_interval` a thread asks the
+    disk to keep it, so that a power cut loses little and the loop never waits.
+
+    One process writes a journal: it holds a lock, and a fork of it is refused. What it wrote stays
+    in memory, too (200 MB for a drive of an hour): `check` finds what others changed in the file
+    and writes it again, and the log is made of the copy.
+
+    Attributes:
+        notes: what befell the journal; in the log as `journal_notes` of `extra`.
 
     Args:
         path: name of the Parquet file to be.
@@ -77,7 +95,8 @@ class JournalWriter:
         sync_interval: time between two requests to the disk, s.
 
     Raises:
-        LogError: log or journal exists, folder unusable, columns missing or named twice.
+        LogError: log or journal exists, another process writes it, folder unusable, columns missing
+            or named twice.
     """
 
     def __init__(
@@ -87,37 +106,35 @@ class JournalWriter:
         metadata: Facts,
         force: bool = False,
         rows_per_batch: int = 250,
-        flush_interval: float = 1.0,
+        flush_interval: float = 0.1,
         sync_interval: float = 2.0,
     ) -> None:
         self.path = Path(path)
         self.journal = journal_path(path)
         self.rows = 0
+        self.notes: list[str] = []
         self._metadata = dict(metadata)
         self._force = force
         self._width = len(columns)
         self._buffer = np.empty((rows_per_batch, self._width))
         self._filled = 0
         self._refuse(columns)
-        encoded = encode_metadata(metadata)
         self._schema = pa.schema(
-            [(name, pa.float64()) for name in columns], metadata={METADATA_KEY: encoded}
+            [(name, pa.float64()) for name in columns],
+            metadata={METADATA_KEY: encode_metadata(metadata)},
         )
         make_folder(self.path.parent, LogError)
-        try:
-            self._file = open(self.journal, "w+b" if force else "x+b")  # noqa: SIM115 - open for as long as the run lasts
-        except OSError as cause:
-            raise LogError(f"{self.journal}: cannot be written ({cause.strerror})") from cause
-        self._stream = pa.ipc.new_stream(self._file, self._schema)
-        self._file.flush()
+        self._run = os.urandom(8)
+        self._copy = bytearray()
+        self._open_file()
         self._syncing = ThreadPoolExecutor(max_workers=1, thread_name_prefix="journal")
         self._sync: Future[None] | None = None
         self._sync_interval = sync_interval
         now = time.monotonic()
         self._flush_interval = flush_interval
-        self._flush_due = now + flush_interval
+        self._flush_due = now
         self._sync_due = now + sync_interval
-        self._open = True
+        self._writer = os.getpid()
 
     def append(self, row: ArrayLike) -> None:
         """Takes one row, shape (number of columns,), in the order of the columns."""
@@ -132,10 +149,15 @@ class JournalWriter:
         """Adds to `extra` of the log what only the run's end knows; the journal goes without."""
         self._metadata["extra"] = {**self._metadata.get("extra", {}), **facts}
 
+    def note(self, text: str) -> None:
+        """Keeps a sentence on the journal for the log, once."""
+        if text not in self.notes:
+            self.notes.append(text)
+
     def flush(self) -> None:
         """Hands the rows so far to the operating system; LogError if it refuses (disk full)."""
         if not self._open:
-            raise LogError(f"{self.journal}: closed already")
+            raise LogError(f"{self.journal}: closed already, or opened before a fork (os.fork)")
         try:
             self._write_batch()
             self._request_sync()
@@ -144,25 +166,42 @@ class JournalWriter:
                 f"{self.journal}: cannot be written after {self.rows} rows ({cause})"
             ) from cause
 
+    @property
+    def _open(self) -> bool:
+        """Whether it takes rows; never in a fork of the process that opened it."""
+        return self._writer == os.getpid()
+
+    def check(self, size: int = _CHECKED) -> None:
+        """Compares the last `size` bytes with the copy; writes again, with a note, what others
+        changed.
+        """
+        content = self._copy[-size:]
+        place = len(self._copy) - len(content)
+        if os.pread(self._file.fileno(), len(content), place) != content:
+            os.pwrite(self._file.fileno(), content, place)
+            self.note(f"{self.journal}: changed by somebody else; it is written again, all rows")
+
     def close(self) -> Path:
         """Ends the journal, writes the Parquet file, removes the journal; returns the name of the
         Parquet file.
 
-        The rows are read through the open file: it holds them also when its folder has been removed
+        The rows come from the copy in memory: they are there also when the folder has been removed
         or renamed.
+
+        Raises:
+            LogError: the log cannot be written; the journal is kept.
         """
         if self._open:
             self.flush()
             with self._file:
-                self._end_stream()
-                table, _ = read_journal(self.journal, self._file.fileno())
-                write_table(table, self._metadata, self.path, self._force)
+                self._end()
+                self._write_table(self._table(), self.path, self._force)
                 self._remove()
         return self.path
 
     @property
     def in_place(self) -> bool:
-        """Says whether the name of the journal still leads to the file that is being written."""
+        """Whether the name of the journal still leads to the file that is being written."""
         try:
             return os.path.samestat(os.stat(self.journal), os.fstat(self._file.fileno()))
         except OSError:
@@ -172,17 +211,33 @@ class JournalWriter:
         if self.in_place:  # another run may have begun a journal of that name
             self.journal.unlink()
 
+    def _table(self) -> pa.Table:
+        """Returns the rows that were written."""
+        return read_content(self._copy, str(self.journal))[0]
+
+    def _write_table(self, table: pa.Table, path: Path, force: bool) -> None:
+        if self.notes:
+            self.add_facts({"journal_notes": self.notes})
+        write_table(table, self._metadata, path, force)
+
     def run_log(self) -> RunLog:
         """Reads the log that was written."""
         return read_run_log(self.path)
 
     def abandon(self) -> Path:
-        """Flushes a run that failed and leaves its journal for `recover`; returns its name."""
+        """Flushes a run that failed and leaves its journal for `recover`; returns its name.
+
+        Raises:
+            LogError: the disk did not take the last rows.
+        """
         if self._open:
-            try:
-                self.flush()
-            finally:
-                self._release()
+            with self._file:
+                try:
+                    self.flush()
+                finally:
+                    failure = self._end()
+                if failure:
+                    raise LogError(failure)
         return self.journal
 
     def __enter__(self) -> Self:
@@ -202,18 +257,40 @@ class JournalWriter:
         refuse_existing(self.path, self._force, LogError)
         if self.journal.exists() and not self._force:
             raise LogError(
-                f"{self.journal}: holds a run that was cut off; rescue it with `aerodima log "
-                "recover` or use --force"
+                f"{self.journal}: holds a run that goes on or was cut off; rescue it with "
+                "`aerodima log recover` or use --force"
             )
+
+    def _open_file(self) -> None:
+        """Opens the journal and locks it; the end of the process unlocks it, however it ends."""
+        try:
+            self.journal.touch(exist_ok=self._force)
+            self._file = open(self.journal, "r+b", buffering=0)  # noqa: SIM115 - open for as long as the run lasts
+        except OSError as cause:
+            raise LogError(f"{self.journal}: cannot be written ({cause.strerror})") from cause
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._file.truncate(0)
+            for _ in range(2):
+                self._write_frame(HEAD, self._schema.serialize().to_pybytes())
+        except OSError as cause:
+            self._file.close()
+            reason = f"cannot be written ({cause.strerror})"
+            if isinstance(cause, BlockingIOError):
+                reason = "another process writes it; wait for its end, or choose another name"
+            raise LogError(f"{self.journal}: {reason}") from cause
+
+    def _write_frame(self, kind: bytes, content: bytes = b"") -> None:
+        frame = make_frame(kind, self._run, self.rows, content)
+        if os.pwrite(self._file.fileno(), frame, len(self._copy)) != len(frame):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        self._copy += frame
 
     def _write_batch(self) -> None:
         self._flush_due = time.monotonic() + self._flush_interval
         if self._filled == 0:
             return
-        by_column = np.ascontiguousarray(self._buffer[: self._filled].T)
-        batch = pa.record_batch([pa.array(values) for values in by_column], schema=self._schema)
-        self._stream.write_batch(batch)
-        self._file.flush()
+        self._write_frame(ROWS, self._buffer[: self._filled].tobytes())
         self.rows += self._filled
         self._filled = 0
 
@@ -225,67 +302,43 @@ class JournalWriter:
         self._sync = self._syncing.submit(os.fsync, self._file.fileno())
         self._sync_due = time.monotonic() + self._sync_interval
 
-    def _release(self) -> None:
-        with self._file:
-            self._end_stream()
+    def _end(self) -> str:
+        """Writes the end mark and waits for the disk; returns, and notes, what it did not take."""
+        self._writer = 0
+        self._syncing.shutdown(wait=False)
+        try:
+            self.check(len(self._copy))
+            self._write_frame(END)
+            if self._sync is not None:
+                self._sync.result(_SYNC_LIMIT)
+        except OSError as cause:
+            failure = f"{self.journal}: the disk does not confirm the last rows ({cause!r})"
+            self.note(failure)
+            return failure
+        return ""
 
-    def _end_stream(self) -> None:
-        self._open = False
-        self._syncing.shutdown(wait=True)
-        self._stream.close()
-        self._file.flush()
 
+def read_journal(path: Path | str) -> tuple[pa.Table, list[str]]:
+    """Reads the rows of the whole batches of a journal, and names what is damaged, missing or in
+    doubt: nothing for one that was closed in order.
 
-def read_journal(path: Path | str, descriptor: int | None = None) -> tuple[pa.Table, bool]:
-    """Reads the complete batches of a journal and whether it had been ended in order.
-
-    The cut may be anywhere: a batch that is not whole is left out, with all that comes after it.
-
-    Args:
-        descriptor: of the open journal, read instead of the file at `path`, which may have gone.
+    Journals of version 0.3 and before have no checksums: their values are always in doubt.
 
     Raises:
-        LogError: no such file, cut off before the end of its header, not a journal, another schema
-            version.
+        LogError: no such file, no whole head, not a journal, another schema version.
     """
     path = Path(path)
-    if descriptor is None and not path.is_file():
+    if not path.is_file():
         raise LogError(f"{path}: no such journal")
-    batches: list[pa.RecordBatch] = []
-    with open(path if descriptor is None else os.dup(descriptor), "rb") as file:
-        ended = _has_end_mark(file)
-        file.seek(0)
-        try:
-            stream = pa.ipc.open_stream(file)
-        except (pa.ArrowException, OSError) as cause:
-            raise LogError(
-                f"{path}: cut off in its header, or not a journal; nothing to rescue"
-            ) from cause
-        decode_metadata(stream.schema.metadata, str(path))
-        while True:
-            try:
-                batches.append(stream.read_next_batch())
-            except StopIteration:
-                break
-            except (pa.ArrowException, OSError):
-                ended = False
-                break
-    return pa.Table.from_batches(batches, schema=stream.schema), ended
-
-
-def _has_end_mark(file: BinaryIO) -> bool:
-    """Says whether the file ends with Arrow's end-of-stream mark (continuation 0xFFFFFFFF, length
-    0).
-    """
-    size = file.seek(0, os.SEEK_END)
-    file.seek(max(0, size - 8))
-    return file.read() == b"\xff\xff\xff\xff\x00\x00\x00\x00"
+    return read_content(path.read_bytes(), str(path))
 
 
 def recover(
     journal: Path | str, out_path: Path | str | None = None, force: bool = False
 ) -> Recovery:
-    """Writes the complete batches of a cut-off journal as a run log; the journal stays where it is.
+    """Writes the whole batches of a journal as a run log; the journal stays where it is.
+
+    What is not whole is named, and is in the log as `journal_notes` of `extra`.
 
     Args:
         journal: the journal, `run.parquet.journal`.
@@ -303,9 +356,11 @@ def recover(
                 "write"
             )
         out_path = journal.with_suffix("")
-    table, complete = read_journal(journal)
+    table, damage = read_journal(journal)
     if table.num_rows == 0:
         raise LogError(f"{journal}: no complete batch in it; nothing to rescue")
     metadata = decode_metadata(table.schema.metadata, str(journal))
-    metadata["extra"] = {**metadata.get("extra", {}), "recovered_rows": table.num_rows}
-    return Recovery(write_table(table, metadata, Path(out_path), force), table.num_rows, complete)
+    facts = {"recovered_rows": table.num_rows, "journal_notes": damage}
+    metadata["extra"] = {**metadata.get("extra", {}), **facts}
+    path = write_table(table, metadata, Path(out_path), force)
+    return Recovery(path, table.num_rows, tuple(damage))

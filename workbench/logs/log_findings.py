@@ -22,14 +22,23 @@ MIN_SAMPLES = 32
 """Fewer rows than this cannot be filtered and hold no experiment."""
 STEP_RANGE = (1e-5, 1.0)
 """Median time step (s) of a plausible log; beyond it the unit of the times is wrong."""
+_SPEED = "speed_m_per_s"
+_YAW_RATE = "imu_gyro_z_rad_per_s"
+_VERTICAL = "imu_acceleration_z_m_per_s2"
+_SIDEWAYS = "integral of speed times yaw rate"
 RATE_OF = {
     "angular_velocity_rad_per_s": "angle_rad",
     "tail_pitch_rate_rad_per_s": "tail_pitch_angle_rad",
     "tail_roll_rate_rad_per_s": "tail_roll_angle_rad",
     "sail_rate_rad_per_s": "sail_angle_rad",
-    "imu_gyro_z_rad_per_s": "imu_yaw_rad",
+    _YAW_RATE: "imu_yaw_rad",
+    "imu_acceleration_x_m_per_s2": _SPEED,
+    "imu_acceleration_y_m_per_s2": _SIDEWAYS,
 }
-"""Rate column to the angle that it is the derivative of (for the IMU: while the car is level)."""
+"""Rate column to the angle or speed that it is the derivative of (of the IMU: while the car is
+level and does not slide)."""
+MAX_MEDIAN_VERTICAL = 0.8
+"""Largest plausible median of the vertical acceleration, m/s2: a car stays on the ground."""
 _MAX_OF_UNIT = {
     "rad/s": 60.0,
     "A": 60.0,
@@ -146,21 +155,32 @@ def refuse_implausible(
 
 
 def refuse_inconsistent_rates(table: pd.DataFrame, where: str) -> None:
-    """Raises LogError when a rate is plainly not the derivative of its angle: other unit, or other
-    sign.
+    """Raises LogError when a rate is plainly not the derivative of its angle, or an acceleration
+    not that of the car: other unit, other sign, or gravity in it.
 
     Compared are the angle and the integral of the rate, without their straight lines (bias of a
     gyro). Signals that have little to do with each other (noise, a car that rolls) are left alone.
     """
+    off = "(`check_rates: false` in the mapping turns this check off)"
+    vertical = table.get(_VERTICAL, pd.Series(0.0)).median()
+    if abs(vertical) > MAX_MEDIAN_VERTICAL:
+        raise LogError(
+            f"{where}: column {_VERTICAL!r}: {vertical:.3g} m/s2 in the median; gravity must be "
+            f"taken out of all accelerations {off}"
+        )
+    if {_SPEED, _YAW_RATE} <= {*table}:
+        lateral = table[_SPEED] * table[_YAW_RATE]
+        table = table.assign(**{_SIDEWAYS: cumulative_trapezoid(lateral, table[TIME], initial=0.0)})
     for rate, angle in RATE_OF.items():
         if rate not in table or angle not in table:
             continue
         ratio = _rate_ratio(*table[[TIME, angle, rate]].to_numpy(float).T)
-        if ratio is not None and not 0.6 <= ratio <= 1.6:
+        # A car that slides accelerates by other than its speed and yaw rate say.
+        low, high = (0.3, 3.0) if "acceleration" in rate else (0.6, 1.6)
+        if ratio is not None and not low <= ratio <= high:
             raise LogError(
                 f"{where}: column {rate!r}: {ratio:.3g} times the derivative of {angle!r}; one of "
-                "the two has a wrong unit or sign (`check_rates: false` in the mapping turns this "
-                "check off)"
+                f"the two has a wrong unit or sign {off}"
             )
 
 

@@ -112,6 +112,9 @@ class TimeSource(StrictModel):
     starts_at: Number | None = Field(
         None, description="shift times so that the first row has this one, s"
     )
+    repeated: Literal["first", "last"] | None = Field(
+        None, description="which of rows with the same time counts; an error when left out"
+    )
 
 
 class MetadataValue(StrictModel):
@@ -128,6 +131,9 @@ class CsvFormat(StrictModel):
         default=",", description="between cells; `\\t` for tabulators", min_length=1, max_length=1
     )
     decimal: Literal[".", ","] = Field(default=".", description="decimal sign")
+    names: tuple[str, ...] | None = Field(
+        default=None, description="of the columns of a file without a line of names", min_length=2
+    )
     skip_lines: int = Field(default=0, description="lines before the line with the names", ge=0)
     skip_after_names: int = Field(
         default=0, description="lines after it, with units for example", ge=0

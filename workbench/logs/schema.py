@@ -26,6 +26,7 @@ from pydantic import BaseModel, ConfigDict, field_validator
 
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.core.file_reading import reading
 from aerodima.workbench.core.yaml_files import checked
 from aerodima.workbench.scenario.signal_table import (
     CAR_TRUTH,
@@ -250,12 +251,19 @@ def write_table(table: pa.Table, metadata: Facts, path: Path, force: bool) -> Pa
     from aerodima.workbench.core.atomic_write import write_atomically  # who reads a log writes none
 
     refuse_missing(table.column_names, metadata, str(path))
-    table = table.replace_schema_metadata({METADATA_KEY: encode_metadata(metadata)})
+    # Without marks of missing values: they would stand in the head of a page, outside its checksum.
+    fields = [column.with_nullable(False) for column in table.schema]
+    table = table.cast(pa.schema(fields, metadata={METADATA_KEY: encode_metadata(metadata)}))
 
     def write(temporary: Path) -> None:
         # Floating-point signals seldom repeat: a dictionary would cost time and save nothing.
         pq.write_table(
-            table, temporary, compression="zstd", compression_level=1, use_dictionary=False
+            table,
+            temporary,
+            compression="zstd",
+            compression_level=1,
+            use_dictionary=False,
+            write_page_checksum=True,
         )
 
     return write_atomically(path, write, force, LogError)
@@ -273,17 +281,17 @@ def read_run_log(path: Path | str) -> RunLog:
         raise LogError(f"{path}: is a folder; must be the Parquet file of a run")
     if not path.is_file():
         raise LogError(f"{path}: no such run log" + _journal_hint(path))
-    try:
-        with pq.ParquetFile(path) as file:
-            metadata = decode_metadata(file.schema_arrow.metadata, str(path))
-            table = file.read()
-    except (pa.ArrowException, OSError) as cause:
-        hint = _journal_hint(path) or (
-            "; a run that was cut off leaves a *.journal for `aerodima log recover`"
-        )
-        raise LogError(f"{path}: cut off, damaged or not a Parquet file{hint}") from cause
-    refuse_missing(table.column_names, metadata, str(path))
-    frame = table.to_pandas(ignore_metadata=True)
+    hint = _journal_hint(path) or (
+        "; a run that was cut off leaves a *.journal for `aerodima log recover`"
+    )
+    with (
+        reading(path, "a run log", LogError, f"; cut off, damaged or not Parquet{hint}"),
+        pq.ParquetFile(path, page_checksum_verification=True) as file,
+    ):
+        metadata = decode_metadata(file.schema_arrow.metadata, str(path))
+        table = file.read()
+        refuse_missing(table.column_names, metadata, str(path))
+        frame = table.to_pandas(ignore_metadata=True).astype(np.float64)
     if metadata["kind"] == "car_run":
         optional = [column.name for column in sensor_columns() if column.optional]
         absent = [name for name in optional if name not in frame]
@@ -310,7 +318,7 @@ def decode_metadata(schema_metadata: Mapping[bytes, bytes] | None, source: str) 
         raise LogError(f"{source}: not a run log (no {METADATA_KEY.decode()!r} metadata)")
     try:
         metadata = json.loads(raw)
-    except ValueError as cause:
+    except (ValueError, RecursionError) as cause:
         raise LogError(f"{source}: metadata are not readable JSON ({cause})") from cause
     schema = metadata.get("schema") if isinstance(metadata, dict) else None
     if schema != SCHEMA:

@@ -65,17 +65,21 @@ RIG_FILTER = LowPass(order=6, cutoff_hz=20.0)
 
 
 def check_time(time: FloatArray, column: str = TIME) -> None:
-    """Raises LogError unless times are finite, strictly increasing and at least two."""
+    """Raises LogError, with the row from 1, unless times are finite, strictly increasing and at
+    least two.
+    """
     if len(time) < 2:
         raise LogError(f"column {column!r}: {len(time)} sample(s), at least 2 are needed")
     bad = np.flatnonzero(~np.isfinite(time))
     if bad.size:
-        raise LogError(f"column {column!r}: {time[bad[0]]} in row {bad[0]}; times must be finite")
+        raise LogError(
+            f"column {column!r}: {time[bad[0]]} in row {bad[0] + 1}; times must be finite"
+        )
     back = np.flatnonzero(np.diff(time) <= 0.0)
     if back.size:
         row = int(back[0]) + 1
         raise LogError(
-            f"column {column!r}: not increasing in row {row}, {time[row]:g} s after "
+            f"column {column!r}: not increasing in row {row + 1}, {time[row]:g} s after "
             f"{time[row - 1]:g} s"
         )
 
@@ -148,10 +152,10 @@ def low_pass(
 
     check_signals(time, {column: signal})
     step = (time[-1] - time[0]) / (len(time) - 1)
-    if design.cutoff_hz >= 0.5 / step:
+    if not 0.0 < design.cutoff_hz < 0.5 / step:
         raise LogError(
-            f"column {column!r}: cut-off {design.cutoff_hz:g} Hz needs more than "
-            f"{2 * design.cutoff_hz:g} samples per second, there are {1 / step:.4g}"
+            f"column {column!r}: cut-off {design.cutoff_hz:g} Hz must be above 0 and below half of "
+            f"the {1 / step:.4g} samples per second"
         )
     even = bool(np.all(np.abs(np.diff(time) - step) <= _JITTER * step))
     grid = np.linspace(time[0], time[-1], len(time))
@@ -228,9 +232,11 @@ def fill_gaps(run_log: RunLog, longest: float) -> RunLog:
     their last value.
 
     Raises:
-        LogError: a longer one (names column and time), or NaN before the first or after the last
-            number of a column.
+        LogError: a longer one (names column and time), NaN before the first or after the last
+            number of a column, or `longest` is no length.
     """
+    if not 0.0 <= longest < np.inf:
+        raise LogError(f"{run_log.name}: gaps of {longest:g} s cannot be filled; must be >= 0 s")
     time = run_log.time
     with _naming(run_log):
         check_time(time)

@@ -17,7 +17,8 @@ import numpy as np
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.section_laws import LineMotion, SectionLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
-from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS, smooth_friction
+from aerodima.workbench.car.laws import joint_friction
+from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.core.sdf_model import Inertial
@@ -288,9 +289,8 @@ def air_torque(scenario: RigScenario, law: SectionLaw | None = None) -> Torque |
 
 
 def friction_torque(coulomb: float, viscous: float, tanh_gain: float) -> Torque:
-    """`smooth_friction` as a torque of the motion."""
-    friction = smooth_friction(coulomb, viscous, tanh_gain)
-    return lambda angle, rate: friction(rate)
+    """`joint_friction` as a torque of the motion."""
+    return lambda angle, rate: joint_friction(rate, coulomb, viscous, tanh_gain)
 
 
 def known_friction(scenario: RigScenario) -> Torque:

@@ -34,13 +34,15 @@ from aerodima.workbench.aero.sections import Air
 from aerodima.workbench.aero.tail_force import add_tail_force, connect_spatial_forces
 from aerodima.workbench.aero.wind import WindModel, add_wind
 from aerodima.workbench.car.car_plant import add_plant, parse_model
-from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS, FrictionLaw, smooth_friction
+from aerodima.workbench.car.laws import joint_friction
+from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_wiring import add_and_connect, declare_spatial_forces, vector_of
 from aerodima.workbench.core.system_lifetime import weak_callback
 from aerodima.workbench.rig.rig_layout import bar_layout, rig_jet, rig_law, tail_layout
 from aerodima.workbench.rig.rig_model import cheetah_rig_sdf, robot_rig_sdf
 from aerodima.workbench.scenario.rig_scenario import RigScenario
+from aerodima.workbench.scenario.tail_parameters import FrictionParameters
 
 
 @dataclass(frozen=True)
@@ -119,8 +121,7 @@ def add_rig_plant(
 
 def _add_torques(builder: DiagramBuilder, plant: MultibodyPlant, scenario: RigScenario) -> Adder:
     """Friction and an open input for the motor, added into the actuation."""
-    settings = scenario.joint_friction
-    law = smooth_friction(settings.coulomb, settings.viscous, settings.tanh_gain)
+    law = scenario.joint_friction
     friction = add_and_connect(
         builder, JointFriction(law), "friction", joint_state=plant.get_state_output_port()
     )
@@ -352,7 +353,7 @@ class SpanwiseBalance(LeafSystem):
 
 
 class JointFriction(LeafSystem):
-    """Friction torque of a joint.
+    """Friction torque of a joint, by `joint_friction`.
 
     Input ports:
         joint_state (2): angle rad, rate rad/s.
@@ -360,7 +361,7 @@ class JointFriction(LeafSystem):
         torque (1): N m, opposing the rate.
     """
 
-    def __init__(self, law: FrictionLaw):
+    def __init__(self, law: FrictionParameters):
         super().__init__()
         self._law = law
         self._state = self.DeclareVectorInputPort("joint_state", 2)
@@ -372,4 +373,6 @@ class JointFriction(LeafSystem):
         )
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
-        output[0] = self._law(float(vector_of(self._state, context)[1]))
+        rate = float(vector_of(self._state, context)[1])
+        law = self._law
+        output[0] = joint_friction(rate, law.coulomb, law.viscous, law.tanh_gain)

@@ -104,5 +104,5 @@ class ManoeuvreParameters(QuantityModel):
 class SimulationParameters(QuantityModel):
     """Numerics of the discrete plant (design sections 7 and 13)."""
 
-    step: float = quantity("s", "step of the plant", "(0, 0.01]")
+    step: float = quantity("s", "step of the plant", "[1e-5, 0.01]")
     log_rate: float = quantity("Hz", "rows per second in the run log, at most 1/step", "(0, 20000]")

@@ -276,7 +276,7 @@ class RobotRigParameters(QuantityModel):
 class RigSimulationParameters(QuantityModel):
     """Numerics of the continuous plant."""
 
-    step: float = quantity("s", "fixed step of the integrator", gt=0, le=0.01)
+    step: float = quantity("s", "fixed step of the integrator", ge=1e-5, le=0.01)
     log_rate: float = quantity("Hz", "rows per second in the log, at most 1/step", gt=0, le=20000)
 
 

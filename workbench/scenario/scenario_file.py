@@ -22,6 +22,7 @@ from aerodima.workbench.core.yaml_files import (
     StrictModel,
     checked,
     find_file,
+    parse_yaml,
     read_yaml,
     require_mapping,
     shipped_names,
@@ -268,7 +269,7 @@ class ScenarioFile(StrictModel):
                 f"--set {setting}: must be section.key=value, such as {cls.example}"
             )
         try:
-            value = yaml.safe_load(text)
+            value = parse_yaml(text)
         except yaml.YAMLError:
             raise ScenarioError(f"--set {setting}: {text!r} is not a value") from None
         for section in sections:

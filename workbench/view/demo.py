@@ -12,7 +12,7 @@ from pathlib import Path
 import pandas as pd
 
 from aerodima.workbench.batch.dask_cluster import check_workers
-from aerodima.workbench.batch.dask_engine import run_batch
+from aerodima.workbench.batch.engine_factory import run_batch
 from aerodima.workbench.batch.row_store import (
     WORKER_RECORD,
     ProgressBar,

@@ -15,7 +15,7 @@ const seconds = () => performance.now() / 1000;
 const sliders = new Sliders(get("sliders"));
 const plots = makePlots(get("plots"), get("channels"));
 const news = new News(), gamepads = new Gamepads();
-let socket = null, state = null, count = 0, mode = "rest", padStops = 0, problem = "", failure = "", wasArmed = false, pendingStop = "";
+let socket = null, state = null, count = 0, mode = "rest", padStops = 0, problem = "", failure = "", wasArmed = false, pendingStop = "", pressing = false;
 
 const hasTail = () => state?.radio.report?.has_tail !== false;  // until the car says otherwise
 const channels = () => CHANNELS_OF[mode].filter((key) => hasTail() || !TAIL.includes(key));
@@ -163,7 +163,7 @@ function show() {
   get("disarm").disabled = !controls || !car?.driving;
   get("reset").disabled = !controls || !stopped || mode !== "rest";
   setText("said", !known ? "" : car ? (car.said ? `Drive: ${car.said}` : "Arm starts a drive: it checks the car first.")
-    : "This car is armed beside it, with aerodima drive run.");
+    : "This car is armed by the drive on its own computer.");
   for (const input of document.querySelectorAll("input[name=mode]"))
     input.disabled = !controls || stopped || (input.value !== "rest" && !armed && mode === "rest");
   showTail();
@@ -199,8 +199,7 @@ function bannerText(known) {
   if (pendingStop) return `EMERGENCY STOP pressed; the console has not answered yet. ${power}`;
   if (radio?.stopped_by && radio.fault && !radio.confirmed)
     return `EMERGENCY STOP by ${radio.stopped_by} NOT SENT. Cut the car's power. (${radio.fault})`;
-  if (radio?.stopped_by)
-    return `EMERGENCY STOP by ${radio.stopped_by}: ${radio.confirmed ? "the car has reported it" : "sending until the car reports it"}.`;
+  if (radio?.stopped_by) return `EMERGENCY STOP by ${radio.stopped_by}: ${stopText(known, power)}`;
   if (state && !known) {
     const before = state.radio.stopped_by ? ` An emergency stop by ${state.radio.stopped_by} stood before.` : "";
     return `The console has been silent for ${Math.floor(news.age(seconds()))} s: what it showed is old and is not shown. The mode is rest.${before}`;
@@ -210,8 +209,16 @@ function bannerText(known) {
   return known && !document.hasFocus() ? "This window does not have the keyboard: Escape does not reach it. Click here." : "";
 }
 
+function stopText(known, power) {
+  if (known.radio.confirmed) return "the car has reported it.";
+  if (known.car && !known.car.driving) return "no drive runs, so no car reports it. It stays until it is reset.";
+  if (!known.radio.heard) return `the car is not heard, and may have no drive that hears it. It is sent until the car reports it. ${power}`;
+  return "sending until the car reports it.";
+}
+
 function showBanner(known) {
   const text = bannerText(known);
+  if (pressing && !text) return;  // nothing moves under a pointer between press and click
   get("banner").hidden = !text;
   get("banner").className = pendingStop || known?.radio.stopped_by ? "stopped" : "";
   setText("banner", text);
@@ -241,6 +248,9 @@ const stepChannel = () => document.querySelector("input[name=step-channel]:check
 
 get("stop").addEventListener("pointerdown", (event) => { if (event.button === 0) stop("button"); });
 get("stop").addEventListener("click", (event) => { if (event.detail === 0) stop("button"); });  // by keyboard
+window.addEventListener("pointerdown", () => { pressing = true; }, {capture: true});
+for (const end of ["pointerup", "pointercancel"])
+  window.addEventListener(end, () => { pressing = false; }, {capture: true});
 window.addEventListener("keydown", (event) => {
   if (event.key !== "Escape" || event.repeat) return;
   event.preventDefault();

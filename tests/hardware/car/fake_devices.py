@@ -44,8 +44,8 @@ class FakeTeensyLink:
     def set_pulses(self, servo, throttle):
         self.noted = (servo, throttle)
 
-    def set_attitude(self, roll, pitch, taken):
-        self.attitude = roll, pitch, taken
+    def set_attitude(self, *attitude):
+        self.attitude = attitude
 
     def commit(self):
         self.pulses.append(self.noted)

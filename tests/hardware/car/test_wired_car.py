@@ -11,12 +11,14 @@ import pytest
 from aerodima.hardware.car.mounting import load_mounting
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import CarCommand
+from aerodima.hardware.devices.bno055 import Bno055Sample
 from aerodima.hardware.devices.device_states import MotorFault, SourceFault
 from aerodima.hardware.devices.ublox import GpsSample
 from aerodima.hardware.driving.car_guard import CarGuard
 from aerodima.hardware.protocol.ak70 import make_exit
 from aerodima.hardware.protocol.radio import decode_report
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.quantity import STANDARD_GRAVITY
 from aerodima.workbench.scenario.signal_table import STATUS
 from tests.hardware.car.fake_devices import CarOnTheBench
 from tests.refusals import assert_refused
@@ -251,10 +253,27 @@ def test_a_car_without_a_tail_has_no_motors_and_says_so():
     assert status(bench.cycle(CarCommand(), 2)).armed == 0.0
 
 
+def test_the_lean_is_that_of_the_accelerometer_whatever_the_attitude_says(bench):
+    """An attitude that hangs upright: in a turn at 1.2 g, and while the car lies on its side."""
+    limit = load_drive_safety().attitude_limit
+    for felt, cycles in (((0.0, 12.0, 0.0), 200), ((0.0, STANDARD_GRAVITY, -STANDARD_GRAVITY), 25)):
+        sample = Bno055Sample((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), felt)
+        leans = []
+        for _ in range(cycles):
+            bench.imu.newest = (bench.now, sample)
+            leans.append(bench.cycle(CarCommand()).lean)
+        assert (max(leans) > limit) is (felt[2] != 0.0)
+    assert bench.teensy.attitude[3:] == (leans[-1], 0.0)
+
+
 def test_the_attitude_goes_to_the_teensy_with_its_time_and_the_sail_rate_is_of_its_clock(bench):
     bench.imu.newest = (9.99, mounted(0.3, -0.2))
     bench.cycle(CarCommand())
-    assert bench.teensy.attitude == pytest.approx((0.3, -0.2, 9.99))
+    assert bench.teensy.attitude[:3] == pytest.approx((0.3, -0.2, 9.99))
+    bench.imu.code = SourceFault.REPORTED
+    bench.imu.newest = (10.0, mounted(0.0, 0.0))
+    bench.cycle(CarCommand())
+    assert bench.teensy.attitude[2] == 9.99, "one that is not believed is not passed on"
     rates = []
     for step in range(30):  # over the half turn of the encoder and the whole turn of the sail
         bench.teensy.sent_time = 5.0 + 0.01 * step

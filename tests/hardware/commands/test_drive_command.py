@@ -51,7 +51,10 @@ REFUSED = {
         ["run", "auto_turn", "--traffic", "a.blf"], {}, "--traffic", "watched_can"
     ),
     "rate": (["run", "auto_turn", "--set", "controller.rate=50"], {}, "controller.rate", "50"),
-    "no watchdog test": (["run", "auto_turn"], {}, "teensy_bridge"),
+    "no watchdog test": (
+        ["run", "auto_turn"], {},
+        "`aerodima drive watchdog-test auto_turn --ports ports.json --wiring teensy_bridge`",
+    ),
     "missing device": (["check", "auto_turn"], {}, "teensy", "/dev/no-teensy"),
     "missing adapter": (["check", "auto_turn", *WATCHED], {}, "slcan", "/dev/no-can"),
     "no terminal": (["watchdog-test", "auto_turn"], {}),

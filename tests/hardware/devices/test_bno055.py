@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import struct
 
 import numpy as np
 import pytest
@@ -63,7 +64,11 @@ def test_a_turn_to_the_left_carries_the_chips_x_axis_to_the_worlds_y_axis():
 def test_a_chip_without_fusion_is_refused():
     lifted = bytearray(encode_sample(LEVEL))
     lifted[31] ^= 0x04  # gravity
-    for data in (bytes(SAMPLE_BYTES), bytes(lifted), encode_sample(LEVEL)[:-1]):
+    leaning = bytearray(encode_sample(LEVEL))
+    leaning[26:32] = struct.pack("<3h", 0, 340, 920)  # 20 degrees
+    fast = encode_sample(dataclasses.replace(LEVEL, gyro=(0.0, -35.0, 0.0)))
+    short = encode_sample(LEVEL)[:-1]
+    for data in (bytes(SAMPLE_BYTES), bytes(lifted), bytes(leaning), fast, short):
         assert_refused(lambda data=data: decode_sample(data), FrameError)
     broken = dataclasses.replace(LEVEL, gyro=(math.nan, 0.0, 0.0))
     assert_refused(lambda: encode_sample(broken), FrameError, "nan")
@@ -127,6 +132,9 @@ def test_a_sensor_that_says_the_same_to_the_last_bit_has_frozen():
     assert "IMU" in repeats.fault_text
     assert "11" in repeats.fault_text
     repeats.update((1.0, 0.5001))
+    assert repeats.fault_text == ""
+    for _ in range(20):
+        repeats.update((1.0, 0.5001), moves=False)
     assert repeats.fault_text == ""
     for _ in range(20):
         repeats.update(None)

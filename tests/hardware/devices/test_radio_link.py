@@ -83,6 +83,30 @@ def test_one_of_both_is_not_enough(radio, alive):
     assert radio.age == pytest.approx(0.3)
 
 
+@pytest.mark.parametrize("first", [17, 200, 250])
+@pytest.mark.parametrize("length", [2, 20, 180])
+def test_a_recorded_piece_of_radio_that_is_sent_for_ever_is_no_operator(radio, first, length):
+    record = [make_heartbeat(first + count) for count in range(length)]
+    radio.take(make_command(COMMAND), *record)
+    assert radio.fault is SourceFault.NONE, "a living counter wraps"
+    for beat in 5 * record:
+        radio.wait(0.05)
+        radio.take(make_command(COMMAND), beat)
+    assert radio.age == pytest.approx(5 * length * 0.05)
+    assert "upwards" in radio.link.fault(radio.wire.now)[1]
+
+
+@pytest.mark.parametrize(("last", "first", "refused"), [(30, 1, 30), (150, 1, 150), (2, 250, 9)])
+def test_a_station_that_was_started_again_counts_once_it_passed_the_old_counter(
+    radio, last, first, refused
+):
+    radio.take(make_command(COMMAND), make_heartbeat(last))
+    for count in range(refused + 1):
+        radio.wait(0.05)
+        radio.take(make_command(COMMAND), make_heartbeat(first + count))
+        assert (radio.age == 0.0) is (count == refused)
+
+
 def test_emergency_stop_latches_until_it_is_cleared_by_hand(radio):
     radio.take(make_command(COMMAND), make_emergency_stop(), make_command(COMMAND))
     radio.take(make_heartbeat(9))

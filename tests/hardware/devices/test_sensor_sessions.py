@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from aerodima.hardware.devices import sensor_threads
 from aerodima.hardware.devices.bno055 import Bno055Chip, Bno055Sample, Register, make_write
@@ -75,8 +76,8 @@ def test_what_the_chip_says_of_itself_is_a_fault_until_it_is_well(clock, chip):
     for status, faulty in (([1, 3], True), ([5, 0], False)):
         chip.feed(make_write(Register.SYSTEM_STATUS, bytes(status)))
         for count in range(100):
-            acceleration = (0.01 * (count % 5), 0.0, 0.0)  # it lives
-            chip.set_sample(Bno055Sample((1.0, 0.0, 0.0, 0.0), (0.0,) * 3, acceleration))
+            noise = (0.01 * (count % 5), 0.0, 0.0)  # it lives
+            chip.set_sample(Bno055Sample((1.0, 0.0, 0.0, 0.0), noise, noise))
             session.read(port)
         assert ("3" in session.fault_text) is faulty
 
@@ -96,6 +97,103 @@ def test_a_chip_that_answers_nothing_is_set_up_anew_and_another_one_is_refused(c
     assert_refused(lambda: session.read(port), HardwareError, "20")
     port.answer = lambda data: b"\xbb\x01\x55"
     assert_refused(lambda: session.begin(port), HardwareError, "55")
+
+
+def time_to_fault(clock, rate, attitude=1.0, gyro=1.0, frozen=None):
+    """When a session reports a fault of a car that turns at `rate` (3), rad/s, and in which words.
+
+    `attitude` and `gyro` are the fractions of the motion that they show; what is `frozen` stands.
+    """
+    chip = Bno055Chip()
+    session = Bno055Session()
+    port = Port(clock, chip.feed)
+    session.begin(port)
+    noise = np.random.default_rng(4)
+    begin = clock.now
+    kept = {}
+    while not session.fault_text and clock.now < begin + 3.0:
+        turned = Rotation.from_rotvec(attitude * np.array(rate) * (clock.now - begin))
+        signals = {
+            "quaternion": tuple(np.roll(turned.as_quat(), 1)),
+            "gyro": tuple(gyro * np.array(rate) + noise.normal(0.0, 0.005, 3)),
+            "acceleration": tuple(noise.normal(0.0, 0.05, 3)),
+        }
+        kept = kept or {frozen: signals[frozen]} if frozen else {}
+        chip.set_sample(Bno055Sample(**signals | kept))
+        session.read(port)
+    return clock.now - begin, session.fault_text
+
+
+@pytest.mark.parametrize(
+    ("what", "most", "word"),
+    [
+        ({"rate": (0.5, 0.0, 0.0), "frozen": "quaternion"}, 0.13, "attitude"),
+        ({"rate": (0.0, -1.0, 0.5), "frozen": "gyro"}, 0.13, "gyro"),
+        ({"rate": (0.0, 0.0, 2.0), "frozen": "acceleration"}, 0.13, "acceleration"),
+        ({"rate": (1.0, 0.0, 0.0), "attitude": 0.01}, 0.8, "differ"),
+        ({"rate": (1.0, 0.5, -1.0), "attitude": 0.5}, 1.0, "differ"),
+        ({"rate": (0.0, 0.0, 0.5), "gyro": 10.0}, 0.4, "differ"),
+        ({"rate": (0.0, 0.0, 1.0), "gyro": -1.0}, 0.5, "differ"),
+    ],
+)
+def test_every_signal_of_the_imu_has_a_witness(clock, what, most, word):
+    when, text = time_to_fault(clock, **what)
+    assert word in text
+    assert when <= most
+
+
+@pytest.mark.parametrize("rate", [(0.0, 0.0, 0.0), (0.0, 0.0, 4.0), (8.0, -5.0, 3.0)])
+def test_a_living_imu_has_no_fault_at_rest_and_at_any_rate(clock, rate):
+    assert time_to_fault(clock, rate)[1] == ""
+
+
+class LatePort(Port):
+    """A chip that answers in order, `delays[n]` s after its n-th request (None: never), 4 ms after
+    others.
+    """
+
+    def __init__(self, clock, answer, delays):
+        super().__init__(clock, answer)
+        self.delays = delays
+        self.requests = 0
+        self.queue = []
+
+    def write(self, data):
+        delay = self.delays.get(self.requests, 0.004)
+        self.requests += 1
+        answer = self.answer(data)
+        if delay is not None:
+            last = self.queue[-1][0] if self.queue else 0.0
+            self.queue.append((max(self.clock.now + delay, last + 0.001), answer))
+
+    def read(self, size):
+        self.clock.now += 0.001
+        due = [data for when, data in self.queue if when <= self.clock.now]
+        self.queue = self.queue[len(due) :]
+        return b"".join(due)
+
+
+@pytest.mark.parametrize("late", [24, 103, 104])  # samples, and the chip's own status
+@pytest.mark.parametrize("delay", [0.055, 0.1, 0.13, 0.19, None])
+def test_no_answer_is_taken_for_that_of_another_request(clock, chip, late, delay):
+    requests = []
+
+    def answer(data):
+        requests.append(clock.now)
+        chip.set_sample(
+            Bno055Sample((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.01 * len(requests)), (0.0,) * 3)
+        )
+        return chip.feed(data)
+
+    session = Bno055Session()
+    port = LatePort(clock, answer, {late: delay})
+    session.begin(port)
+    session.align(30.0)
+    readings = [session.read(port) for _ in range(130)]
+    assert readings.count(None) <= 3
+    for reading in filter(None, readings):
+        when, sample = reading
+        assert requests[round(100 * sample.gyro[2]) - 1] == pytest.approx(when, abs=1e-9)
 
 
 @pytest.mark.parametrize(("speed", "frozen"), [(3.2, True), (0.0, False)])

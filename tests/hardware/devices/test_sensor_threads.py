@@ -18,7 +18,7 @@ from tests.hardware.fake_can import wait_until
 
 pytestmark = pytest.mark.realtime  # threads and deadlines on the wall clock
 
-LEVEL = Bno055Sample((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.5), (0.0, 0.0, 0.0))
+LEVEL = Bno055Sample((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 class Terminal:
@@ -63,8 +63,8 @@ def imu(tmp_path):
     count = itertools.count()
 
     def living(data):
-        acceleration = (0.01 * (next(count) % 5), 0.0, 0.0)
-        chip.set_sample(dataclasses.replace(LEVEL, acceleration=acceleration))
+        noise = (0.01 * (next(count) % 5), 0.0, 0.0)
+        chip.set_sample(dataclasses.replace(LEVEL, gyro=noise, acceleration=noise))
         return chip.feed(data)
 
     terminal = Terminal(tmp_path, living)

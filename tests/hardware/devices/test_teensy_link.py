@@ -12,7 +12,13 @@ from aerodima.hardware.devices import teensy_link
 from aerodima.hardware.devices.device_states import MotorFault, MotorState, SourceFault
 from aerodima.hardware.devices.motor_group import MotorGroup
 from aerodima.hardware.devices.teensy_link import TeensyLink, pulse
-from aerodima.hardware.protocol.ak70 import make_enter, make_exit, make_neutral
+from aerodima.hardware.protocol.ak70 import (
+    PROFILES,
+    decode_reply,
+    make_enter,
+    make_exit,
+    make_neutral,
+)
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.teensy import (
     SERVO_PULSES,
@@ -179,6 +185,17 @@ def test_a_position_beyond_the_profile_is_no_reply(car):
     assert car.link._frame_of(report) is None
     inside = replace(report, position=0.0, replies=100)
     assert car.link._frame_of(inside).data[1:3] == make_neutral(1, PROFILE).data[:2]
+
+
+@pytest.mark.parametrize("profile", PROFILES.values(), ids=PROFILES)
+@pytest.mark.parametrize("health", [(31, 2), (None, None)])
+def test_a_reply_has_the_form_of_its_profile_and_unknown_stays_unknown(profile, health):
+    link = TeensyLink(FakeLink(), (1, 2), profile)
+    frame = link._frame_of(MotorReport(1, 0.5, 1.0, 0.5, 1, *health))
+    reply = decode_reply(frame, profile)
+    known = 8 in profile.reply_lengths
+    assert (reply.temperature, reply.fault) == (health if known else (None, None))
+    assert reply.position == pytest.approx(0.5, abs=2e-3)
 
 
 def test_motor_fault_comes_through(car):

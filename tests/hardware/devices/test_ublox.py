@@ -23,13 +23,14 @@ RMC = b"$GNRMC,010203.00,A,0000.00000,N,00000.00000,E,6.479,,010126,,,A*72\r\n"
 SAMPLE = GpsSample(3.333, True, 3723.5)
 
 
-def nav_pvt(speed, flags=0x01, fix=3):
-    """A NAV-PVT by the offsets of UBX-13003221: fixType 20, flags 21, gSpeed 60."""
+def nav_pvt(speed, flags=0x01, fix=3, accuracy=100):
+    """A NAV-PVT by the offsets of UBX-13003221: fixType 20, flags 21, gSpeed 60, sAcc 68."""
     payload = bytearray(92)
     payload[8:12] = bytes([1, 2, 3, 0x07])  # 01:02:03, date and time valid
     payload[20] = fix
     payload[21] = flags
     struct.pack_into("<i", payload, 60, speed)
+    struct.pack_into("<I", payload, 68, accuracy)
     body = b"\x01\x07" + struct.pack("<H", 92) + bytes(payload)
     return b"\xb5\x62" + body + ubx_checksum(body)
 
@@ -52,7 +53,13 @@ def test_encoder_and_decoder_agree():
 
 
 @pytest.mark.parametrize(
-    "frame", [nav_pvt(3330, flags=0), nav_pvt(3330, fix=5), make_nav_pvt(GpsSample(1.0, fix=False))]
+    "frame",
+    [
+        nav_pvt(3330, flags=0),
+        nav_pvt(3330, fix=5),
+        nav_pvt(3330, accuracy=1001),
+        make_nav_pvt(GpsSample(1.0, fix=False)),
+    ],
 )
 def test_without_a_fix_the_speed_is_unknown(frame):
     (sample,) = GpsStream().feed(frame)

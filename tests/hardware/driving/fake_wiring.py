@@ -42,6 +42,7 @@ class FakeWiring:
         self.roll_rate = 0.0
         self.yaw_rate = yaw_rate
         self.attitude = (0.0, 0.0)
+        self.lean = 0.0
         self.speed = 3.0
         self.imu_time = self.teensy_time = 0.0
         self.armed = False
@@ -109,6 +110,7 @@ class FakeWiring:
             imu=imu,
             speed=np.array([self.speed]),
             status=STATUS.write(**status, armed=float(self.armed)),
+            lean=self.lean,
             operator=IDLE if obeys else self.operator,
             fault_text=self.fault_text
             or next((f"{name} {SourceFault(code).name}" for name, code in self.faults.items()), ""),

@@ -188,13 +188,6 @@ def test_a_command_that_is_not_finite_never_reaches_the_car(car, place, value):
     assert car.guard.hard
 
 
-def test_a_lost_fix_does_not_stop_the_car(car):
-    car.driving()
-    car.wiring.faults["speed"] = SourceFault.NO_FIX
-    car.turn(count=10)
-    assert car.guard.stage is Stage.DRIVING
-
-
 def test_emergency_stop_latches_until_reset_by_hand(car):
     car.driving()
     car.wiring.faults["operator"] = SourceFault.STOPPED
@@ -280,6 +273,25 @@ def test_late_cycles_are_counted_and_too_many_in_a_row_stop_the_car(car):
     car.turn(late=0.03, count=SAFETY.most_overruns)
     assert car.guard.stage is Stage.EXITING
     assert "30 ms" in car.guard.reason
+
+
+@pytest.mark.parametrize(
+    ("pause", "cause", "named"),
+    [
+        (0.05, HARD["motor"], "the computer fell behind by 50 ms: tail roll: no reply"),
+        (0.05, SOFT["imu silent"], "the computer fell behind by 50 ms: imu SILENT"),
+        (0.05, HARD["emergency stop"], "operator STOPPED"),
+        (0.05, SOFT["imu error"], "imu REPORTED"),
+        (0.0, HARD["motor"], "tail roll: no reply"),
+    ],
+)
+def test_silence_after_a_pause_of_the_computer_is_its_own_fault(car, pause, cause, named):
+    car.driving()
+    car.now += pause
+    car.turn(count=5)
+    cause(car)
+    car.turn()
+    assert car.guard.reason.startswith(named)
 
 
 def test_too_many_slow_ticks_within_a_second_stop_the_car_and_a_single_one_is_counted(car):

@@ -20,19 +20,53 @@ def car():
     return Car().driving()
 
 
+def time_to_stop(car, command=FORWARD, longest=3.0):
+    """How long a car goes on driving, s."""
+    begin = car.now
+    while car.guard.stage is Stage.DRIVING and car.now < begin + longest:
+        car.turn(command)
+    return car.now - begin
+
+
 @pytest.mark.parametrize("attitude", [(1.1, 0.0), (-3.1, 0.0), (0.0, 1.2), (0.2, -1.2)])
 def test_a_car_that_has_tipped_over_is_stopped_at_once_and_the_reason_is_an_error(car, attitude):
     car.wiring.attitude = attitude
-    begin = car.now
-    while car.guard.stage is Stage.DRIVING and car.now < begin + 1.0:
-        car.turn()
+    assert SAFETY.attitude_time <= time_to_stop(car) <= SAFETY.attitude_time + 0.021
     assert car.guard.stage is Stage.EXITING
-    assert SAFETY.attitude_time <= car.now - begin <= SAFETY.attitude_time + 0.021
     assert car.last.throttle == 0.0
     assert "disarm" in car.wiring.calls
     assert "hold" not in car.wiring.calls, "the tail is switched off, not held"
     assert f"{math.degrees(max(attitude, key=abs)):.0f}" in car.guard.reason
     assert car.guard.hard
+
+
+def test_a_car_that_lies_by_its_accelerometer_is_stopped_although_its_attitude_is_level(car):
+    car.wiring.lean = SAFETY.attitude_limit + 0.1
+    assert SAFETY.attitude_time <= time_to_stop(car) <= SAFETY.attitude_time + 0.021
+    assert (car.guard.stage, car.guard.hard) == (Stage.EXITING, True)
+    assert "accelerometer" in car.guard.reason
+
+
+@pytest.mark.parametrize(
+    ("steering", "throttle", "yaw_rate", "stops"),
+    [
+        (0.5, 0.5, 0.0, True),
+        (-0.5, -0.5, -0.05, True),
+        (0.5, 0.5, 0.2, False),
+        (0.3, 0.5, 0.0, False),
+        (0.5, 0.25, 0.0, False),
+    ],
+)
+def test_a_car_that_does_not_turn_at_full_steering_is_stopped(
+    car, steering, throttle, yaw_rate, stops
+):
+    command = dataclasses.replace(FORWARD, steering_angle=steering, throttle=throttle)
+    car.wiring.yaw_rate = lambda tick: 1.0
+    car.turn(command, count=300)
+    car.wiring.yaw_rate = lambda tick: yaw_rate
+    expected = SAFETY.straight_time if stops else 3.0
+    assert expected <= time_to_stop(car, command) + 1e-9 <= expected + 0.021
+    assert car.guard.hard is stops
 
 
 def test_two_wheels_in_the_air_and_a_sample_that_is_wrong_stop_nothing(car):
@@ -97,17 +131,24 @@ def test_the_rate_keeps_a_car_without_its_board_on_its_wheels():
 
 def test_a_car_that_is_too_fast_is_stopped_softly(car):
     car.wiring.speed = SAFETY.speed_limit + 0.1
-    begin = car.now
-    while car.guard.stage is Stage.DRIVING and car.now < begin + 1.0:
-        car.turn()
+    assert SAFETY.speed_time <= time_to_stop(car) <= SAFETY.speed_time + 0.021
     assert car.guard.stage is Stage.HOLDING
-    assert SAFETY.speed_time <= car.now - begin <= SAFETY.speed_time + 0.021
     assert car.last.throttle == 0.0
     assert f"{SAFETY.speed_limit + 0.1:.1f}" in car.guard.reason
 
 
-def test_a_speed_that_is_not_known_is_no_speed(car):
-    car.wiring.speed = 20.0
+@pytest.mark.parametrize("had", [True, False])
+def test_a_fix_that_is_lost_while_driving_stops_the_car_softly(had):
+    """A speed that is not known, here the last one, is no speed."""
+    car = Car()
+    car.wiring.faults["speed"] = SourceFault.NONE if had else SourceFault.NO_FIX
+    car.driving()
+    for code in (SourceFault.NO_FIX, SourceFault.NONE) if had else ():
+        car.wiring.faults["speed"] = code
+        car.turn(count=95)
+        assert car.guard.stage is Stage.DRIVING, "it comes back within a second"
     car.wiring.faults["speed"] = SourceFault.NO_FIX
-    car.turn(count=50)
-    assert car.guard.stage is Stage.DRIVING
+    car.wiring.speed = 20.0
+    expected = SAFETY.gps_silence if had else 3.0
+    assert expected <= time_to_stop(car) + 1e-9 <= expected + 0.021
+    assert (car.guard.stage is Stage.HOLDING) is had

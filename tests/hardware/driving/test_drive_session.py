@@ -2,8 +2,10 @@
 log can be read.
 """
 
+import contextlib
 import os
 import signal
+import sys
 import time
 from types import SimpleNamespace
 
@@ -11,7 +13,9 @@ import numpy as np
 import pytest
 
 from aerodima.hardware.car.car_ports import ports_from_dict
-from aerodima.hardware.driving.drive_session import RUN_OVER, DriveOptions, DriveSession
+from aerodima.hardware.driving import drive_session
+from aerodima.hardware.driving.drive_result import DriveOptions
+from aerodima.hardware.driving.drive_session import RUN_OVER, DriveSession
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
 from aerodima.workbench.core.errors import HardwareError
@@ -99,13 +103,21 @@ def test_a_traffic_log_that_stopped_is_told_in_the_outcome(drive):
     assert result.traffic_error == "CAN traffic log stopped: No space left on device"
 
 
-def test_an_exception_in_the_controller(drive):
+@pytest.mark.parametrize(
+    ("leave", "named"),
+    [
+        (lambda: 1 / 0, "ZeroDivisionError: division"),
+        (lambda: sys.exit(0), "SystemExit: 0"),
+        (lambda: os._exit(0), "os._exit(0)"),
+    ],
+)
+def test_a_controller_that_raises_or_leaves_the_program(drive, leave, named):
     def fail(result):
-        raise ZeroDivisionError("in the law")
+        leave()
 
     result = drive.run(fail)
     assert not result.orderly
-    assert "ZeroDivisionError: in the law" in result.reason
+    assert named in result.reason
     assert "test_drive_session.py" in result.reason
     assert [text for text in drive.said if "in fail" in text and 'drive_session.py", line' in text]
     drive.assert_safe()
@@ -120,6 +132,24 @@ def test_a_controller_that_commands_nan_switches_the_motors_off(drive):
     assert "nan" in result.reason.lower()
     drive.assert_safe()
     assert read_run_log(drive.log).extra["stop_reason"] == result.reason
+
+
+def test_a_controller_that_catches_every_exception_is_given_up_with_its_log(drive, monkeypatch):
+    left = []
+    monkeypatch.setattr(drive_session, "leave", left.append)
+
+    def go_on(result):
+        while not left:
+            with contextlib.suppress(BaseException):
+                time.sleep(10.0)
+        drive.assert_safe()
+        return result
+
+    drive.run(go_on)
+    assert left == [1]
+    assert any(str(drive.log) in text for text in drive.said)
+    assert "goes on" in drive.said[-1]
+    assert "goes on" in read_run_log(drive.log).extra["stop_reason"]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

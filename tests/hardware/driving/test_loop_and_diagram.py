@@ -232,18 +232,28 @@ def test_a_full_disk_stops_the_car_and_what_it_did_not_take_is_in_the_log_once_t
     assert not list(tmp_path.glob("*.journal"))
 
 
+def append_rows(journal, first, end):
+    for index in range(first, end):
+        journal.append(np.full(len(journal.columns), PERIOD * index))
+
+
 @pytest.mark.parametrize("taken", [False, True])
 def test_a_log_whose_folder_is_removed_is_said_at_once_and_written_all_the_same(
     tmp_path, monkeypatch, taken
 ):
     monkeypatch.setattr(run_journal, "_CHECK_PERIOD", 0.01)
     said = []
+
+    def say(text):
+        said.append(text)
+        raise BrokenPipeError("the terminal is gone")
+
     path = tmp_path / "logs" / "run.parquet"
-    journal = open_run_journal(path, SCENARIO, "watched_can", say=said.append)
-    for index in range(50):
-        journal.append(np.full(len(journal.columns), PERIOD * index))
+    journal = open_run_journal(path, SCENARIO, "watched_can", say=say)
+    append_rows(journal, 0, 25)
     shutil.rmtree(path.parent)
     assert wait_until(lambda: said)
+    append_rows(journal, 25, 50)
     assert str(journal.journal) in said[0]
     if taken:  # something else is there by the end
         path.mkdir(parents=True)
@@ -252,6 +262,26 @@ def test_a_log_whose_folder_is_removed_is_said_at_once_and_written_all_the_same(
     assert str(log) in said[1]
     assert len(said) == 2
     assert read_run_log(log).table["time_s"].to_numpy() == pytest.approx(PERIOD * np.arange(50))
+
+
+def test_a_journal_that_is_cut_while_driving_is_whole_again_within_a_second_and_it_is_said(
+    tmp_path,
+):
+    said = []
+    path = tmp_path / "run.parquet"
+    journal = open_run_journal(path, SCENARIO, "watched_can", say=said.append)
+    append_rows(journal, 0, 25)
+    assert wait_until(lambda: journal.rows)
+    os.truncate(journal.journal, 3000)
+    begin = time.monotonic()
+    assert wait_until(lambda: said)
+    assert time.monotonic() - begin < 1.0
+    assert read_journal(journal.journal)[0].num_rows >= 1
+    append_rows(journal, 25, 50)
+    run = read_run_log(journal.close())
+    assert run.table["time_s"].to_numpy() == pytest.approx(PERIOD * np.arange(50))
+    assert str(journal.journal) in run.extra["journal_notes"][0]
+    assert journal.lost == 0
 
 
 KILLED = """
@@ -280,6 +310,6 @@ def test_a_killed_drive_loses_a_tenth_of_a_second_of_its_log_at_most(tmp_path):
     killed = time.monotonic()
     process.kill()
     process.wait()
-    table, ended = read_journal(tmp_path / "run.parquet.journal")
-    assert not ended
+    table, damage = read_journal(tmp_path / "run.parquet.journal")
+    assert damage
     assert killed - table.column(0)[-1].as_py() <= 0.1

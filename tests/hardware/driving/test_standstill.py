@@ -11,9 +11,14 @@ import pytest
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.devices.bno055 import Bno055Sample, decode_sample, encode_sample
-from aerodima.hardware.driving.drive_checks import standstill_checks, zero_checks
+from aerodima.hardware.driving.drive_checks import (
+    device_checks,
+    sleep_check,
+    standstill_checks,
+    zero_checks,
+)
 from aerodima.workbench.scenario.scenario import load_scenario
-from aerodima.workbench.scenario.signal_table import TAIL_STATE
+from aerodima.workbench.scenario.signal_table import STATUS, TAIL_STATE
 
 SAFETY = load_drive_safety()
 LEVEL = np.zeros(9)
@@ -39,6 +44,22 @@ def samples(count=50, gyro=0.005, acceleration=0.05, calibration=(0, 3, 1, 0), s
 
 def failed(*arguments):
     return [check.name for check in standstill_checks(*arguments, SAFETY) if check.passed is False]
+
+
+@pytest.mark.parametrize(("latest", "passed"), [(0.0001, True), (0.01251, None)])
+def test_a_check_of_the_clock_does_not_pass_what_is_above_its_limit(latest, passed):
+    check = sleep_check([0.0001] * 19 + [latest])
+    assert (check.passed, "12.51" in check.text) == (passed, passed is None)
+    assert sleep_check([0.003] * 20).passed is False
+
+
+def test_a_check_blames_the_source_that_it_checks():
+    texts = {"operator": "an emergency stop", "imu": "no sample"}
+    faults = {"operator_fault": 7.0, "imu_fault": 2.0, "sail_fault": 5.0}
+    status = STATUS.write(**dict.fromkeys(STATUS.fields, 0.0) | faults)
+    reading = CarReading(status=status, fault_text=texts["operator"], fault_texts=texts)
+    shown = {check.name: check.text for check in device_checks(reading, None, SAFETY)}
+    assert {"sail": "reported", **texts}.items() <= shown.items()
 
 
 def test_a_car_at_rest_may_be_armed():

@@ -4,7 +4,13 @@ import json
 
 import pytest
 
-from aerodima.hardware.car.car_ports import READY_FILE, READY_SCHEMA, ports_from_dict
+from aerodima.hardware.car.car_ports import (
+    EVENTS_FILE,
+    READY_FILE,
+    READY_SCHEMA,
+    emulator_delay,
+    ports_from_dict,
+)
 from aerodima.hardware.driving import watchdog_record as record
 from aerodima.hardware.driving.watchdog_record import (
     is_emulated,
@@ -115,6 +121,9 @@ def test_only_a_pseudo_terminal_of_an_emulator_is_no_real_motor(tmp_path):
     )
     (tmp_path / READY_FILE).write_text(json.dumps({"schema": READY_SCHEMA}))
     assert is_emulated("teensy_bridge", ports(str(link)))
+    events = [{"time_s": t, "event": "late", "delay_s": d} for t, d in ((1.0, 0.3), (5.0, 0.05))]
+    (tmp_path / EVENTS_FILE).write_text("".join(f"{json.dumps(event)}\n" for event in events))
+    assert emulator_delay(str(link), 2.0) == 0.05
     link.unlink()
     link.symlink_to("/dev/ttyACM0")
     assert not is_emulated("teensy_bridge", ports(str(link)))

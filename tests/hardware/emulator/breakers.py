@@ -17,7 +17,7 @@ import numpy as np
 from aerodima.hardware.car.car_ports import PORTS_FILE, read_ports
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wirings import wire_car
-from aerodima.hardware.driving.car_guard import DriveLimits
+from aerodima.hardware.driving.drive_limits import DriveLimits
 from aerodima.hardware.driving.run_journal import open_run_journal
 from aerodima.hardware.driving.watchdog_test import run_watchdog_test
 from aerodima.workbench.core.errors import HardwareError

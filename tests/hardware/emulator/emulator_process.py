@@ -19,10 +19,11 @@ from aerodima.hardware.car.car_ports import (
     PORTS_FILE,
     READY_FILE,
     TRAFFIC_FILE,
+    read_events,
     read_ports,
 )
 from aerodima.hardware.emulator.emulator import EmulatorSettings, run_emulator
-from aerodima.hardware.emulator.fault_script import Script, read_events
+from aerodima.hardware.emulator.fault_script import Script
 from aerodima.workbench.core.errors import HardwareError
 from tests.hardware.emulator.console_operator import ConsoleOperator
 

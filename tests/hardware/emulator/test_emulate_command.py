@@ -9,8 +9,7 @@ import can
 import pytest
 from typer.testing import CliRunner
 
-from aerodima.hardware.car.car_ports import read_ports
-from aerodima.hardware.emulator.fault_script import read_events
+from aerodima.hardware.car.car_ports import read_events, read_ports
 from aerodima.hardware.protocol.ak70 import make_exit
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.logs.schema import read_run_log

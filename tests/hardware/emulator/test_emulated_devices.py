@@ -4,6 +4,7 @@ time.
 
 import pytest
 
+from aerodima.hardware.car.car_ports import read_events
 from aerodima.hardware.emulator.emulated_bus import (
     DRIFT_RATE,
     ENCODER_JUMP,
@@ -18,7 +19,6 @@ from aerodima.hardware.emulator.fault_script import (
     EventLog,
     FaultBoard,
     Script,
-    read_events,
 )
 from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8 as PROFILE
 from aerodima.hardware.protocol.ak70 import (

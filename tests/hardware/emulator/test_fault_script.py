@@ -3,6 +3,7 @@
 import pytest
 import yaml
 
+from aerodima.hardware.car.car_ports import read_events
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.emulator.emulated_bus import DRIFT_RATE, ENCODER_JUMP, HOT, WARM
 from aerodima.hardware.emulator.fault_script import (
@@ -10,7 +11,6 @@ from aerodima.hardware.emulator.fault_script import (
     Fault,
     FaultBoard,
     Script,
-    read_events,
     read_script,
 )
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode

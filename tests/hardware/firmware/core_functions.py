@@ -41,7 +41,7 @@ class _Order(Structure):
 class _Command(Structure):
     _fields_ = (
         ("orders", _Order * 2),
-        *fields(c_double, "roll pitch"),
+        *fields(c_double, "roll pitch lean yaw_rate"),
         *fields(c_int32, "servo throttle age"),
     )
 
@@ -137,8 +137,8 @@ def make_reply(reply):
             report.torque,
             report.motor_id,
             report.replies,
-            report.temperature,
-            report.fault,
+            report.temperature or 0,
+            -1 if report.fault is None else report.fault,
         )
         for report in reply.motors
     ]
@@ -198,5 +198,6 @@ def _command(command):
         for order in command.orders
     )
     known = command.age != _UNKNOWN_AGE
-    attitude = Attitude(command.roll, command.pitch, command.age) if known else None
+    values = (command.roll, command.pitch, command.age, command.lean, command.yaw_rate)
+    attitude = Attitude(*values) if known else None
     return TeensyCommand((first, second), command.servo, command.throttle, attitude)

@@ -53,7 +53,15 @@ def commands(draw):
     """A command, also one of ids that the protocol refuses."""
     orders = tuple(MotorOrder(motor_id, *rest) for motor_id, *rest in (draw(ORDERS), draw(ORDERS)))
     attitude = draw(
-        st.none() | st.builds(Attitude, within(3.2), within(3.2), st.integers(0, 65534))
+        st.none()
+        | st.builds(
+            Attitude,
+            within(3.2),
+            within(3.2),
+            st.integers(0, 65534),
+            st.floats(0.0, 3.2),
+            within(40.0),
+        )
     )
     return TeensyCommand(
         orders, draw(st.integers(950, 2050)), draw(st.integers(1100, 1900)), attitude
@@ -64,7 +72,7 @@ def closed(body):
     return body + f";*{crc8(body):02X}|".encode()
 
 
-PLAIN = b"1;0;0;0;0;0;0|;2;0;0;0;0;0;0|;1500;1500;0;0;65535"
+PLAIN = b"1;0;0;0;0;0;0|;2;0;0;0;0;0;0|;1500;1500;0;0;65535;0;0"
 
 
 def numbers(command):
@@ -90,7 +98,7 @@ def test_a_command_arrives_as_it_was_written(command):
     "body",
     [
         PLAIN,
-        b"1 ; 0 ; 0. ; -0 ; 007 ; +1 ; 0|; 2;0;0;0;0;0;0 |;1500 ;1500; 0;-0.0 ;65535 ",
+        b"1 ; 0 ; 0. ; -0 ; 007 ; +1 ; 0|; 2;0;0;0;0;0;0 |;1500 ;1500; 0;-0.0 ;65535 ;0. ; -0",
         PLAIN.replace(b"0", b"-0", 1),
     ],
 )
@@ -119,8 +127,11 @@ def test_numbers_may_be_written_in_several_ways(body):
                 (b"2;", b"0;"),
                 (b"1500", b"949"),
                 (b"1500", b"1500.0"),
-                (b";0;0;65535", b""),
+                (b";0;0;65535;0;0", b""),
                 (b"65535", b"65536"),
+                (b"65535;0;0", b"65535"),
+                (b"65535;0", b"65535;-1"),
+                (b"65535;0;0", b"65535;0;41"),
                 (b"0;0;65535", b"3.3;0;8"),
                 (b"1;0", b"1;3"),
             )
@@ -152,13 +163,13 @@ def test_a_stream_that_begins_in_the_middle_of_a_string_is_read_from_the_next_on
     assert reader.feed(text) == (1, command)
 
 
+HEALTH = st.tuples(st.integers(-40, 255), st.integers(0, 255)) | st.just((None, None))
 REPORTS = st.builds(
-    MotorReport,
+    lambda motor_id, measured, replies, health: MotorReport(motor_id, *measured, replies, *health),
     st.integers(0, 70),
-    *[within(100.0)] * 3,
+    st.tuples(*[within(100.0)] * 3),
     st.integers(0, 255),
-    st.integers(-40, 255),
-    st.integers(0, 255),
+    HEALTH,
 )
 REPLIES = st.builds(
     TeensyReply,
@@ -170,7 +181,9 @@ REPLIES = st.builds(
 
 
 def flat(reply):
-    return [*astuple(reply.motors[0]), *astuple(reply.motors[1]), reply.clock, reply.status]
+    reports = [*astuple(reply.motors[0]), *astuple(reply.motors[1])]
+    known = [-1000 if value is None else value for value in reports]
+    return [*known, reply.clock, reply.status]
 
 
 @FEW

@@ -61,7 +61,9 @@ class Chaos:
             draw.randint(SERVO_PULSES[0], SERVO_PULSES[2]),
             draw.randint(THROTTLE_PULSES[0], THROTTLE_PULSES[2]),
         )
-        tilted = Attitude(draw.uniform(-3.1, 3.1), draw.uniform(-1.5, 1.5), draw.randint(0, 1000))
+        angles = draw.uniform(-3.1, 3.1), draw.uniform(-1.5, 1.5)
+        witnesses = draw.uniform(0.0, 3.1), draw.uniform(-0.5, 0.5)
+        tilted = Attitude(*angles, draw.randint(0, 1000), *witnesses)
         attitude = draw.choices([LEVEL, tilted, None], (40, 1, 1))[0]
         return make_command(TeensyCommand(orders, *pulses, attitude))
 

@@ -3,15 +3,19 @@ torque and range.
 """
 
 import math
+import random
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from aerodima.hardware.car.bus_watch import HeartbeatState, decode_answer, make_heartbeat
+from aerodima.hardware.car.mounting import load_mounting
 from aerodima.hardware.car.safety_settings import load_drive_safety
+from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.devices.motor_limits import MotorLoad
 from aerodima.hardware.devices.motor_limits import limit_command as limit_on_the_computer
+from aerodima.hardware.driving.drive_limits import DriveLimits
 from aerodima.hardware.firmware.teensy_firmware import motor_limits
 from aerodima.hardware.protocol.ak70 import MitCommand, make_exit
 from aerodima.hardware.protocol.teensy import Attitude, MotorRequest, TeensyStatus
@@ -20,6 +24,7 @@ from tests.hardware.firmware.core_functions import limit_command
 from tests.hardware.firmware.test_core_watchdog import MS, PUSH, TIMING, Bench
 
 SAFETY = load_drive_safety()
+MOUNTING = load_mounting()
 HEARTBEAT = make_heartbeat(HeartbeatState.ARMED, 7)
 OVER = Attitude(SAFETY.attitude_limit + 0.02, 0.0, 8)
 
@@ -40,7 +45,14 @@ def commanding(bench, seconds, **what):
 
 
 @pytest.mark.parametrize(
-    "attitude", [OVER, Attitude(-3.1, 0.0, 8), Attitude(0.0, 1.2, 8), Attitude(0.0, -1.2, 8)]
+    "attitude",
+    [
+        OVER,
+        Attitude(-3.1, 0.0, 8),
+        Attitude(0.0, 1.2, 8),
+        Attitude(0.0, -1.2, 8),
+        Attitude(0.0, 0.0, 8, lean=SAFETY.attitude_limit + 0.02),
+    ],
 )
 def test_a_car_on_its_side_is_stopped_although_the_drive_goes_on_commanding(attitude):
     bench = Bench().drive()
@@ -54,6 +66,35 @@ def test_a_car_on_its_side_is_stopped_although_the_drive_goes_on_commanding(atti
         exits = bench.exits(motor_id, since=begin)
         assert exits[0] - begin == pytest.approx(acted, abs=2 * MS)
         assert len(exits) >= TIMING.exit_burst + 1
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_computer_and_firmware_judge_a_car_alike(seed):
+    """The same rule, with the times of the firmware; the throttle needs no time."""
+    draw = random.Random(seed)
+    times = {name: getattr(TIMING, name) for name in ("attitude_time", "straight_time")}
+    safety = SAFETY.model_copy(update={**times, "throttle_rate": 100.0})
+    limits = DriveLimits(safety)
+    steering = draw.choice([0.0, 0.39, 0.41, -0.52])
+    throttle = draw.choice([0.28, 0.32, -0.5])
+    state = [draw.choice([0.0, 0.0, 1.0, 1.1]), 0.0, 0.0, draw.choice([0.09, -0.2])]
+    state[:3] = draw.sample(state[:3], 3)
+    roll, pitch, lean, yaw_rate = state
+    reading = CarReading(imu=np.array([roll, pitch, 0.0, 0.0, 0.0, yaw_rate]), lean=lean)
+    for now in (0.0, 0.01):
+        limits.throttle(throttle, now)
+    reasons = [
+        limits.tilt(reading, 0.01 * tick) or limits.straight(reading, steering, 0.01 * tick)
+        for tick in range(150)
+    ]
+    stopped = next((0.01 * tick for tick, reason in enumerate(reasons) if reason), math.inf)
+    pulses = {
+        "throttle": MOUNTING.throttle_pulse(throttle),
+        "servo": MOUNTING.servo_pulse(steering),
+    }
+    attitude = Attitude(roll, pitch, 8, lean, yaw_rate)
+    acted = commanding(Bench(safety=safety).drive(), 1.5, attitude=attitude, **pulses)
+    assert acted == pytest.approx(stopped, abs=0.021)
 
 
 def test_a_car_that_rocks_is_not_stopped():
@@ -167,11 +208,13 @@ def test_a_heartbeat_that_stops_while_armed_switches_the_motors_off(strings):
         assert bench.core.state.status is TeensyStatus.HEARTBEAT_STOPPED
 
 
-def test_a_beat_that_repeats_itself_is_no_life():
+@pytest.mark.parametrize("length", [1, 40])
+def test_beats_that_repeat_themselves_are_no_life(length):
     bench = driving_on_the_bus()
     begin = bench.now
-    for _ in range(30):
-        bench.core.receive(make_heartbeat(HeartbeatState.ARMED, bench.counter))
+    for index in range(30):
+        counter = bench.counter + 1 - length + index % length
+        bench.core.receive(make_heartbeat(HeartbeatState.ARMED, counter))
         bench.write(MotorRequest.EXIT, throttle=1520)
         bench.wait(0.01)
     assert bench.exits(1, since=begin)

@@ -39,8 +39,12 @@ LEVEL = Attitude(0.0, 0.0, 8)
 class Bench:
     """A core, the host that writes to it and the motors that answer, in steps of a millisecond."""
 
-    def __init__(self, wiring="teensy_bridge", motor_ids=(1, 2), begin=0.0, sail_bits=12):
-        settings = FirmwareSettings(wiring, PROFILE, motor_ids, sail_bits)
+    health = (31.0, 0)
+
+    def __init__(
+        self, wiring="teensy_bridge", motor_ids=(1, 2), begin=0.0, sail_bits=12, **settings
+    ):
+        settings = FirmwareSettings(wiring, PROFILE, motor_ids, sail_bits, **settings)
         self.now = begin
         self.core = TeensyCore(settings, begin)
         self.core.feed(b"|", begin)
@@ -54,7 +58,7 @@ class Bench:
             self.sent.append((self.now, frame))
             if not self.deaf and frame.arbitration_id in (1, 2):
                 answer = make_reply(
-                    MitReply(frame.arbitration_id, 0.5, -1.0, 2.0, 31.0, 0), PROFILE
+                    MitReply(frame.arbitration_id, 0.5, -1.0, 2.0, *self.health), PROFILE
                 )
                 self.core.receive(answer)
         reply = self.core.reply()
@@ -132,6 +136,17 @@ def test_it_bridges_enter_command_and_exit():
     assert reply.motors[0].position == pytest.approx(0.5, abs=4e-4)
     assert reply.motors[1].torque == pytest.approx(2.0, abs=0.01)
     assert (reply.motors[0].temperature, reply.status) == (31, TeensyStatus.RUNNING)
+
+
+def test_what_a_motor_does_not_say_is_unknown_and_not_zero():
+    bench = Bench()
+    bench.health = ()
+    for _ in range(2):
+        report = bench.last_reply().motors[0] if bench.replies else None
+        assert report is None or (report.temperature, report.fault) == (None, None)
+        bench.write(MotorRequest.EXIT)
+        bench.wait(0.005)
+    assert report.position == pytest.approx(0.5, abs=1e-3)
 
 
 def test_it_acts_when_the_strings_stop_and_not_before():

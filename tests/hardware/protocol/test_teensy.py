@@ -52,9 +52,9 @@ TEXT = closed(
 @pytest.mark.parametrize(
     ("attitude", "fields"),
     [
-        (None, b";0.0000;0.0000;65535"),
-        (Attitude(0.1, -0.2, 8), b";0.1000;-0.2000;8"),
-        (Attitude(0, 0, 10**9), b"65534"),
+        (None, b";0.0000;0.0000;65535;0.0000;0.0000"),
+        (Attitude(0.1, -0.2, 8, 0.3, -1.5), b";0.1000;-0.2000;8;0.3000;-1.5000"),
+        (Attitude(0, 0, 10**9), b"65534;0.0000;0.0000"),
     ],
 )
 def test_a_command_has_the_printed_order_and_three_ends_then_attitude_and_checksum(
@@ -153,6 +153,8 @@ WRONG = [
     ({"throttle": 1500.0}, "throttle", "1500.0"),
     ({"attitude": Attitude(3.3, 0.0, 1)}, "roll", "3.3"),
     ({"attitude": Attitude(0.0, math.nan, 1)}, "pitch", "nan"),
+    ({"attitude": Attitude(0.0, 0.0, 1, -0.1)}, "lean", "-0.1"),
+    ({"attitude": Attitude(0.0, 0.0, 1, 0.1, 41.0)}, "yaw_rate", "41"),
     ({"motors": (PUSH, replace(REST, motor_id=1))}, "id", "1"),
 ]
 

@@ -41,6 +41,23 @@ def test_a_bad_line_takes_no_frame_of_its_read_with_it_and_pieces_of_a_line_are_
     assert (bus.garbage, bus.fault) == (2, BusFault.NONE)
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        LINE[:9] + LINE[13:],
+        LINE.replace(b"t0008", b"t0006"),
+        LINE[:-2] + b"\r",
+        LINE.replace(b"t000", b"T00000000")[:-3] + b"\r",
+    ],
+    ids=["shortened", "longer than named", "half a byte", "extended"],
+)
+def test_a_line_with_another_number_of_bytes_than_it_names_is_no_frame(slcan, line):
+    bus, adapter = slcan
+    adapter.write(line + LINE)
+    assert received(bus) == [REPLY]
+    assert (bus.garbage, bus.fault) == (1, BusFault.NONE)
+
+
 def test_bytes_without_an_end_are_dropped_and_are_a_fault_once_they_do_not_cease(slcan):
     bus, adapter = slcan
     adapter.write(b"\0" * 65)

@@ -227,6 +227,17 @@ def test_first_fault_stays(bus, adapter):
     assert bus.fault is BusFault.BUS_OFF
 
 
+def test_a_lost_adapter_is_named_with_the_reason_of_its_driver(adapter):
+    bus = CanBus(adapter, name="CAN slcan:/dev/ttyACM0")
+    error = can.CanOperationError("Could not read from serial device")
+    error.__cause__ = OSError(errno.ENXIO, "gone")
+    adapter.incoming.put(error)
+    assert wait_until(lambda: bus.fault is BusFault.ADAPTER_LOST)
+    bus.close()
+    named = "CAN slcan:/dev/ttyACM0: receiving failed: there is no such device"
+    assert bus.fault_text.startswith(named)
+
+
 def test_close_sends_what_waits_and_closes_the_adapter(adapter):
     bus = CanBus(adapter)
     for _ in range(5):
@@ -302,6 +313,13 @@ def test_lines_that_are_no_frame_are_counted_and_without_end_they_are_a_fault(bu
     for _ in range(300):
         adapter.incoming.put(ValueError("no frame"))
     assert wait_until(lambda: bus.fault is BusFault.RECEIVER_DEAD)
+
+
+def test_a_frame_with_less_data_than_it_names_is_none(bus, adapter):
+    adapter.deliver(0, REPLY.data[:6], dlc=8)
+    adapter.deliver(0, REPLY.data[:6])
+    assert received(bus) == [CanFrame(0, REPLY.data[:6])]
+    assert bus.garbage == 1
 
 
 def test_a_driver_that_reads_an_endless_nothing_has_lost_its_adapter(bus, adapter):

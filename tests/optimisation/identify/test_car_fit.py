@@ -85,6 +85,22 @@ def test_of_a_flipped_run_what_is_before_the_flip_is_used():
     assert max(channel.time[-1] for channel in drive.channels.values()) <= 2.4
 
 
+def test_all_samples_of_a_sensor_that_is_fresh_in_every_row_count():
+    held = car_drive(still_log())
+    fresh = car_drive(changed(status_imu_age_s=0.0, status_speed_age_s=0.0))
+    rows = held.channels["yaw_rate"].time.size, held.channels["speed"].time.size
+    assert rows == pytest.approx((150, 15), abs=5)  # 100 and 10 Hz for 1.5 s
+    for channel in fresh.channels.values():
+        assert np.diff(channel.time) == pytest.approx(0.002)
+        assert channel.time.size == pytest.approx(750, abs=25)
+
+
+def test_a_gyro_of_the_other_sign_is_the_first_warning():
+    turned = np.sin(2.0 * still_log().time)
+    log = changed(imu_yaw_rad=turned, imu_gyro_z_rad_per_s=-np.gradient(turned, 0.002))
+    assert "imu_gyro_z_rad_per_s" in car_drive(log).warnings[0]
+
+
 @pytest.mark.parametrize(("stop", "cut"), [(math.pi / 2, True), (3.1416, False)])
 def test_a_swung_log_ends_at_the_stop_of_the_tail_not_at_the_limit_of_its_command(stop, cut):
     log = still_log()

@@ -57,6 +57,15 @@ def test_results_of_other_settings_are_not_mixed(springs, tmp_path):
     assert_refused(twice, FitError, str(springs[0]))
 
 
+def test_a_folder_in_which_every_fit_failed_takes_other_settings(tmp_path):
+    log = tmp_path / "spring.csv"
+    log.write_text("nothing")
+    fits = partial(fit_logs, fit_line_file, [log], tmp_path / "fits")
+    assert list(fits(settings={"rig": "a"}).failed) == [str(log)]
+    assert fits(settings={"rig": "a"}).reused == 1
+    assert (fits(settings={"rig": "b"}).reused, fits(settings={"rig": "b"}).reused) == (0, 1)
+
+
 def fit_or_die(path, *, poison):
     """The fit of a spring, but the log of that name kills its process while `poison` exists."""
     if Path(path).stem == "spring_1" and poison.exists():

@@ -74,6 +74,32 @@ def test_a_direction_that_is_not_determined_is_named_with_both_its_parameters():
     assert direction in ("0.71 a - 0.71 b", "0.71 b - 0.71 a")
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_fewer_residuals_than_unknowns_leave_infinite_intervals(known):
+    """Where the noise is not known either, no row is left to tell it."""
+    parameters = Parameters.of([Parameter(name, "1", 0.5, 0.0, 1.0) for name in "abc"])
+    problem = Problem(parameters, lambda p: np.array([p[0] + p[1] - 1.2, p[2] - 0.3]))
+    noise = Noise(np.full(2, 1e-4))
+    result = fit(problem, lambda s: noise if known else independent_noise(s.residual, 3))
+    assert [e.identifiable for e in result.estimates] == [False, False, known]
+    assert [math.isinf(e.upper - e.lower) for e in result.estimates] == [True, True, not known]
+    assert all(name in " ".join(result.unidentifiable) for name in ("a", "b", "c")[: 3 - known])
+
+
+@pytest.mark.parametrize(("reach", "determined"), [(0.35, False), (0.01, True)])
+def test_an_estimate_that_follows_an_open_angle_is_open_unless_the_angle_is_bound(
+    reach, determined
+):
+    """At an angle of 0 its cosine has no slope: the linear theory sees nothing of it."""
+    parameters = Parameters.of(
+        [Parameter("pull", "N", 1.0), Parameter("angle", "rad", 0.0, -reach, reach)]
+    )
+    problem = Problem(parameters, lambda p: p[:1] * np.cos(p[1]) - 1.0)
+    result = fit(problem, lambda _: Noise(np.array([1e-6])))
+    assert not result["angle"].identifiable
+    assert result["pull"].identifiable == determined
+
+
 def test_filtered_white_noise_counts_as_far_fewer_samples():
     noise = np.random.default_rng(1).normal(size=40_000)
     assert correlation_time(noise) == pytest.approx(1.0, abs=0.1)

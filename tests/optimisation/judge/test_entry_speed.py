@@ -109,6 +109,7 @@ CLEAN = {"outcome": "survived", "error": "", "side_lift_m": 0.004, "touched_when
     [
         ({}, ""),
         ({"side_lift_m": 0.006}, "two wheels"),
+        ({"side_lift_m": math.nan}, "two wheels"),
         (
             {"side_lift_m": 0.006, "touched_when_steered": "board", "outcome": "flipped"},
             "two wheels",

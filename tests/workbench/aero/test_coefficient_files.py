@@ -232,13 +232,17 @@ def test_bad_files_are_refused_with_their_place(spoil, named):
     )
 
 
-def test_angles_in_degrees_warn_and_name_the_file():
+@pytest.mark.parametrize("largest", [1.6, math.pi, 15.0])
+def test_angles_beyond_90_degrees_are_refused(largest):
+    """Of a polar over the chord, or in degrees; |gamma| knows no such angle."""
     content = example()
-    content["range"]["angle_rad"] = [0.0, 15.0]
+    content["range"]["angle_rad"] = [0.0, largest]
     for node in content["nodes"]:
-        node["angle_rad"] *= 15.0
-    with pytest.warns(UserWarning, match=r"tail\.yaml.*15\.0"):
-        coefficients_from_dict(content, "tail.yaml")
+        node["angle_rad"] *= largest
+    named = ("tail.yaml", f"{largest:g} rad", "pi/2")
+    assert_refused(lambda: coefficients_from_dict(content, "tail.yaml"), ModelError, *named)
+    table = ((5.0, 9.0), (0.0, largest), SQUARE)
+    assert_refused(lambda: RegularTable(*table), ModelError, "pi/2")
 
 
 def test_a_csv_table_loads_and_an_unknown_name_lists_the_sets(tmp_path):

@@ -10,7 +10,7 @@ from functools import partial
 import pytest
 
 from aerodima.workbench.batch.dask_cluster import check_workers
-from aerodima.workbench.batch.dask_engine import run_batch
+from aerodima.workbench.batch.engine_factory import run_batch
 from aerodima.workbench.core.errors import UserError
 from tests.refusals import assert_refused
 

@@ -30,6 +30,19 @@ def test_rows_are_there_again_but_for_the_line_that_was_cut_off(tmp_path):
         assert store.rows == {"a": {"roll": 0.25}, "b": {"roll": 0.5}}
 
 
+@pytest.mark.parametrize("head", ['{"speed": 4.', '{"speed": 4.6}', '{"key": ["a"]}', "[" * 9999])
+def test_a_damaged_line_costs_its_own_row_alone_also_the_first(tmp_path, head):
+    path = tmp_path / "rows.jsonl"
+    with RowStore(path, {"speed": 4.5}) as store:
+        store.add("a", {"roll": 0.25})
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([head, *lines[1:], '{"key": ["b"], "roll": 1}', '{"key": 1}']))
+    with RowStore(path, {"speed": 4.5}) as store:
+        assert store.rows == {"a": {"roll": 0.25}}
+    path.write_text("\n".join(lines[2:]))
+    assert_refused(lambda: RowStore(path, {"speed": 4.5}), UserError, "head", "--force")
+
+
 def test_rows_of_other_work_are_refused_by_name_and_dropped_by_force(tmp_path):
     path = tmp_path / "rows.jsonl"
     with RowStore(path, {"speed": 4.5, "seed": 1}) as store:

@@ -15,12 +15,13 @@ import weakref
 from functools import partial
 
 import dask
+import psutil
 import pytest
-from distributed import Client
+from distributed import Client, LocalCluster
 
 from aerodima.workbench.batch import dask_cluster, dask_engine
-from aerodima.workbench.batch.dask_engine import open_engine
 from aerodima.workbench.batch.engine import Engine
+from aerodima.workbench.batch.engine_factory import open_engine
 from aerodima.workbench.batch.row_store import WORKER_RECORD
 from aerodima.workbench.core.errors import UserError
 from tests.refusals import assert_refused
@@ -122,6 +123,47 @@ def test_a_worker_killed_or_stopped_is_said_and_only_its_run_is_made_again(
     assert f"process {event['process']}" in said[0]
 
 
+def stop_itself(number):
+    if number == 1:
+        os.kill(os.getpid(), signal.SIGSTOP)
+    return number
+
+
+@pytest.mark.slow
+def test_a_run_that_stops_its_worker_is_given_up_after_two(opened, monkeypatch):
+    monkeypatch.setattr(dask_engine, "STOPPED_POLLS", 2)
+    engine, _ = opened(1)
+    assert engine.map(stop_itself, range(3), lost=lambda number: -number) == [0, -1, 2]
+    assert engine.events == {"stopped": 2, "given_up": 1}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_worker_that_is_stopped_while_it_starts_is_killed_and_said(
+    opened, monkeypatch, tmp_path, workers
+):
+    monkeypatch.setattr(dask_engine, "STOPPED_POLLS", 1)
+    scale = LocalCluster.scale
+    stopped = []
+
+    def scale_and_stop_one(cluster, number):
+        scale(cluster, number)
+        while not stopped:  # the end scales, too
+            time.sleep(0.1)  # a child that was just forked is not what it will be
+            children = psutil.Process().children()
+            stopped.extend(one for one in children if "spawn_main" in " ".join(one.cmdline()))
+            for process in stopped[:1]:
+                process.suspend()
+
+    monkeypatch.setattr(LocalCluster, "scale", scale_and_stop_one)
+    if workers == 1:
+        assert_refused(lambda: opened(1), UserError, "no worker")
+    else:
+        assert opened(2)[0].map(int, range(4)) == [0, 1, 2, 3]
+    (event,) = recorded(tmp_path)
+    assert (event["event"], event["process"]) == ("stopped", stopped[0].pid)
+
+
 @pytest.mark.slow
 def test_result_that_dies_with_its_worker_is_made_again(opened, marks, tmp_path, monkeypatch):
     """The worker is killed after it has ended a piece and before the result is fetched."""
@@ -188,8 +230,9 @@ def test_result_that_never_arrives_is_given_up_after_two_runs(opened, marks, mon
 
 def test_study_ends_when_no_worker_is_there_for_long(opened, marks, monkeypatch):
     monkeypatch.setattr(dask_engine, "POLL_PERIOD", 0.1)
-    monkeypatch.setattr(dask_engine, "WORKER_TIMEOUT", 0.3)
-    engine, _ = opened(1)
+    monkeypatch.setattr(dask_engine, "ABSENCE_TIME", 0.2)
+    engine, said = opened(1)
+    monkeypatch.setattr(dask_engine, "WORKER_TIMEOUT", 0.9)
     asked = type(engine)._ask
     monkeypatch.setattr(
         type(engine),
@@ -197,7 +240,8 @@ def test_study_ends_when_no_worker_is_there_for_long(opened, marks, monkeypatch)
         lambda self, *args, **options: asked(self, *args, **options) | {"workers": {}},
     )
     work = partial(engine.map, partial(leak, marks, 0, 0.0), range(3))
-    assert_refused(work, UserError, "0.3 s")
+    assert_refused(work, UserError, "0.9 s")
+    assert "no worker process" in said[1]
 
 
 def refuse_in_time(number):

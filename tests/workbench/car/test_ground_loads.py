@@ -12,7 +12,7 @@ from aerodima.workbench.car.car_diagram import assemble
 from aerodima.workbench.car.car_station import simulated_car
 from aerodima.workbench.car.ground_loads import GroundLoads
 from aerodima.workbench.car.ground_truth import CONTACT_TRUTH
-from aerodima.workbench.car.termination import STOPPED, FlipWatch, has_flipped
+from aerodima.workbench.car.termination import STOPPED, FlipWatch, quaternion_flipped
 from aerodima.workbench.car.tip_up import LIFT_COLUMNS
 from aerodima.workbench.car.verdict import FLIP_TILT, LOADED_FORCE, TWO_WHEELS, side_lift
 from aerodima.workbench.scenario.scenario import load_scenario, scenario_from_dict
@@ -176,4 +176,4 @@ def test_a_car_has_flipped_beyond_the_angle_of_a_flip_about_any_axis(tilt):
             RollPitchYaw(0.0, 0.0, heading).ToRotationMatrix()
             @ RollPitchYaw(tilt, 0.0, 0.7).ToRotationMatrix()
         )
-        assert has_flipped(3.0 * rotation.ToQuaternion().wxyz()) == (tilt > FLIP_TILT)
+        assert quaternion_flipped(3.0 * rotation.ToQuaternion().wxyz()) == (tilt > FLIP_TILT)

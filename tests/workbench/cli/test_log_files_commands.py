@@ -57,6 +57,8 @@ def test_condition_keeps_the_raw_log_and_refuses_to_overwrite(call, refused, fol
     assert "raw.parquet" in refused(*condition, raw, "--force")
     assert "--force" in refused(*condition, untouched)
     assert "--low-pass" in refused("log", "condition", raw, "--out", out)
+    assert "-1 s" in refused("log", "condition", raw, "--fill", "-1", "--out", out)
+    assert "0 Hz" in refused(*condition[:-2], "0", "--out", out)
     assert not out.exists()
     assert "5 Hz" in call(*condition, out).stdout
     ours = read_run_log(raw).signal("angle_rad")

@@ -21,6 +21,7 @@ URDF = """
 <joint name="hinge" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
 <dynamics damping="0.1" {attribute}="2.5"/></joint></robot>
 """
+MESH = '<{kind}><geometry><mesh filename="none.obj"/></geometry></{kind}>'
 
 
 def sdf(tmp_path, dynamics="", mass=1.0, izz=0.1):
@@ -99,6 +100,14 @@ def test_urdf_attributes_that_drake_drops_are_refused(failed, tmp_path, attribut
     message = failed(path)
     assert attribute in message
     assert "2.5" in message
+
+
+@pytest.mark.parametrize("kind", ["visual", "collision"])
+def test_a_missing_mesh_is_refused(failed, tmp_path, kind):
+    path = tmp_path / "model.urdf"
+    shape = MESH.format(kind=kind)
+    path.write_text(URDF.format(attribute="effort").replace("</link>", f"{shape}</link>"))
+    assert "none.obj" in failed(path)
 
 
 def test_unphysical_inertia_is_refused(failed, tmp_path):

@@ -35,6 +35,10 @@ def register(app):
             open("/no/such/folder/file", "w")
         if kind == "nameless":
             raise OSError(5, "Input/output error")
+        if kind == "full":
+            raise OSError(28, "No space left on device")
+        if kind == "sign":
+            print("≤")
         if kind == "bug":
             raise ValueError("a bug")
         if kind == "wait":
@@ -75,6 +79,11 @@ def test_version_is_printed_alone(aerodima):
     assert re.fullmatch(r"aerodima \d+\.\d+\.\d+\n", done.stdout)
 
 
+def test_a_sign_that_the_terminal_lacks_is_escaped(aerodima, environment):
+    environment["PYTHONIOENCODING"] = "latin-1"
+    assert aerodima("probe", "sign").stdout.splitlines()[0] == "\\u2264"
+
+
 def test_command_gets_its_arguments(aerodima):
     done = aerodima("probe", "fine", "--times", "3")
     assert (done.returncode, done.stdout, done.stderr) == (0, "done fine 3\n", "")
@@ -86,6 +95,7 @@ def test_command_gets_its_arguments(aerodima):
         ("user", "error: car.yaml: mass: -1 kg; allowed: 4.5 to 8 kg\n"),
         ("scenario", "error: speed: nan m/s is not a number\n"),
         ("unwritable", "error: /no/such/folder/file: No such file or directory\n"),
+        ("full", "error: disk: No space left on device\n"),
     ],
 )
 def test_what_a_user_can_mend_is_one_line_and_status_2(aerodima, kind, line):

@@ -7,19 +7,27 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from mcap.writer import Writer
+from mcap.writer import CompressionType, Writer
 from scipy.io import savemat
 
 from aerodima.workbench.core.errors import LogError
-from aerodima.workbench.logs.importers import import_log
-from aerodima.workbench.logs.log_findings import refuse_implausible
-from aerodima.workbench.logs.mapping import mapping_from
+from aerodima.workbench.logs.importers import import_log, read_foreign_log
+from aerodima.workbench.logs.log_findings import refuse_implausible, refuse_inconsistent_rates
+from aerodima.workbench.logs.mapping import CsvFormat, mapping_from
 from aerodima.workbench.logs.signals import hold_last
 from tests.refusals import assert_refused
 
 TIMES = np.arange(400) / 100.0
 ANGLE = 0.5 * np.sin(2.0 * TIMES)
 RATE = np.cos(2.0 * TIMES)
+
+
+MAPPING = """
+schema: aerodima/log-mapping/1
+kind: swing
+time: {from: t, unit: ms}
+columns: {angle_rad: {from: theta, unit: deg}}
+"""
 
 
 def swing_mapping(prefix="", time=None, kind="swing", **more):
@@ -70,9 +78,9 @@ def write_mat_7_3(path, columns):
         stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64")
 
 
-def write_mcap(path, messages, encoding="json"):
+def write_mcap(path, messages, encoding="json", compression=CompressionType.ZSTD):
     with open(path, "wb") as stream:
-        writer = Writer(stream)
+        writer = Writer(stream, compression=compression)
         writer.start()
         schema = writer.register_schema(name="any", encoding="jsonschema", data=b"{}")
         channels = {}
@@ -167,14 +175,20 @@ def write_rubbish(path):
     return path
 
 
-def write_cut_mcap(path):
-    write_mcap(path, [("/imu", time, {"theta": 1.0}) for time in TIMES])
-    path.write_bytes(path.read_bytes()[:-300])
+def write_cdr_mcap(path):
+    write_mcap(path, [("/imu", 0.0, {})], encoding="cdr")
     return path
 
 
-def write_cdr_mcap(path):
-    write_mcap(path, [("/imu", 0.0, {})], encoding="cdr")
+def write_altered_mcap(path):
+    """One digit of a number, and nothing else, is another one."""
+    write_mcap(path, [("/imu", 0.0, {"v": 2.0})], compression=CompressionType.NONE)
+    path.write_bytes(path.read_bytes().replace(b"2.0", b"9.0"))
+    return path
+
+
+def write_nameless_csv(path):
+    foreign().to_csv(path, index=False, header=False)
     return path
 
 
@@ -189,9 +203,10 @@ def write_wide_csv(path):
     [
         *((f"log{end}", write_rubbish, []) for end in (".parquet", ".mat", ".mcap", ".csv")),
         ("log.xlsx", write_rubbish, [".xlsx"]),
-        ("log.mcap", write_cut_mcap, []),
         ("log.mcap", write_cdr_mcap, ["/imu", "cdr"]),
         ("log.csv", write_wide_csv, ["csv.delimiter", "','"]),
+        ("log.csv", write_nameless_csv, ["csv.names"]),
+        ("log.mcap", write_altered_mcap, []),
     ],
 )
 def test_a_file_that_cannot_be_read_is_named(tmp_path, name, write, named):
@@ -213,13 +228,49 @@ def test_a_text_file_is_read_as_the_mapping_says(tmp_path):
     assert np.allclose(table["angle_rad"], ANGLE, atol=1e-7)
 
 
+def test_no_row_of_a_file_without_a_line_of_names_is_lost(tmp_path):
+    path = write_nameless_csv(tmp_path / "log.csv")
+    mapping = swing_mapping(csv={"names": ["t", "theta", "omega", "Fy"]})
+    assert_is_the_swing(import_log(path, mapping).run_log.table)
+
+
+def test_channels_in_rows_are_columns_and_what_is_no_number_is_listed(tmp_path):
+    """As Simulink's To File writes rows; JSON has NaN as text."""
+    savemat(tmp_path / "log.mat", {"F": foreign().to_numpy().T, "cube": np.ones((2, 2, 2))})
+    log = read_foreign_log(tmp_path / "log.mat", CsvFormat())
+    assert np.array_equal(np.transpose(list(log.columns.values())), foreign())
+    assert [*log.unreadable] == ["cube"]
+    row = {"v": [1.0, "NaN"], "on": True, "note": "start"}
+    write_mcap(tmp_path / "log.mcap", [("/i", 0.0, row), ("/i", 1.0, row | {"v": [2, 3]})])
+    log = read_foreign_log(tmp_path / "log.mcap", CsvFormat())
+    assert log.numbers("/i.on").tolist() == log.numbers("/i.v(1)").tolist()[:1] * 2
+    assert np.array_equal(log.numbers("/i.v(2)"), [np.nan, 3.0], equal_nan=True)
+    assert [*log.unreadable] == ["/i.note"]
+
+
+def test_one_of_rows_with_equal_times_counts_if_the_mapping_says_which(tmp_path):
+    table = foreign()
+    table.loc[51, "t"] = table.t[50]
+    path = write_csv(tmp_path, table)
+    mapping = swing_mapping()
+    assert_refused(lambda: import_log(path, mapping), LogError, "row 52", "`time.repeated: first`")
+    for kept, dropped in (("first", 51), ("last", 50)):
+        time = mapping.time.model_copy(update={"repeated": kept})
+        imported = import_log(path, mapping.model_copy(update={"time": time}))
+        assert_told(imported.findings[0], "t", None, "1 row")
+        assert np.array_equal(imported.run_log.signal("force_y_n"), table.Fy.drop(dropped))
+
+
 def test_dates_are_times(tmp_path):
     stamps = pd.Timestamp("2026-11-20T12:00:00Z") + pd.to_timedelta(TIMES, unit="s")
     path = write_csv(tmp_path, foreign(t=[stamp.isoformat() for stamp in stamps]))
     mapping = swing_mapping(time="t")
     shifted = mapping.model_copy(
-        update={"time": mapping.time.model_copy(update={"starts_at": 0.0})}
+        update={"time": mapping.time.model_copy(update={"starts_at": 0.0, "unit": "ms"})}
     )
+    lasting = pd.Series(TIMES * 1e3).round().astype("timedelta64[ms]")
+    foreign(t=lasting).to_parquet(tmp_path / "log.parquet")
+    assert_is_the_swing(import_log(tmp_path / "log.parquet", swing_mapping()).run_log.table)
     assert import_log(path, mapping).run_log.time[0] == stamps[0].timestamp()
     assert_is_the_swing(
         import_log(path, shifted).run_log.table.assign(
@@ -296,8 +347,8 @@ TURNED = {"from": "omega", "unit": "deg/s", "scale": -1}
 @pytest.mark.parametrize(
     ("table", "mapping", "named"),
     [
-        (swapped(), {}, ["'t'", "row 51", "0.5 s", "0.51 s"]),
-        (with_cell(50, "t", np.nan), {}, ["'t'", "nan", "row 50"]),
+        (swapped(), {}, ["'t'", "row 52", "0.5 s", "0.51 s"]),
+        (with_cell(50, "t", np.nan), {}, ["'t'", "nan", "row 51"]),
         (with_cell(7, "Fy", "OVERLOAD"), {}, ["'Fy'", "OVERLOAD", "row 8"]),
         (foreign(), {"columns": {"angle_rad": {"from": "beta"}}}, ["'beta'", "angle_rad"]),
         (foreign(), {"time": "clock"}, ["'clock'"]),
@@ -364,6 +415,21 @@ def test_a_rate_is_compared_with_an_angle_that_is_wrapped(tmp_path, angle, rate)
     written = turned if angle == "imu_yaw_rad" else wrapped
     assert np.allclose(imported(1.0), written, atol=1e-9)
     assert_refused(lambda: imported(-1.0), LogError, rate, angle)
+
+
+@pytest.mark.parametrize(
+    ("axis", "scale", "offset"),
+    [("y", -1.0, 0.0), ("y", 9.81, 0.0), ("x", 9.81, 0.0), ("z", 1.0, 9.81)],
+)
+def test_an_acceleration_that_is_not_that_of_the_car_is_named(axis, scale, offset):
+    """Of a car in a slalom, which brakes and speeds up; its accelerations are without gravity."""
+    name = f"imu_acceleration_{axis}_m_per_s2"
+    table = pd.DataFrame({"time_s": TIMES, "speed_m_per_s": 4.0 + ANGLE})
+    table["imu_gyro_z_rad_per_s"] = RATE
+    right = {"x": RATE, "y": table.speed_m_per_s * RATE, "z": 0.1 * RATE}[axis]
+    refuse_inconsistent_rates(table.assign(**{name: right}), "log.csv")
+    table[name] = scale * right + offset
+    assert_refused(lambda: refuse_inconsistent_rates(table, "log.csv"), LogError, name)
 
 
 def test_the_checks_of_units_give_way_when_told(tmp_path):

@@ -81,9 +81,9 @@ def with_time(row, value):
             lambda: check_signals(HUNDRED, {"fine": np.zeros(100), "current_a": WITH_NAN}),
             ["current_a", "2", "nan", "0.42 s"],
         ),
-        (lambda: check_signals(with_time(4, 0.2), {}), ["time_s", "row 4", "0.2 s"]),
-        (lambda: check_signals(with_time(7, 0.6), {}), ["time_s", "row 7", "0.6 s"]),
-        (lambda: check_signals(with_time(3, np.nan), {}), ["time_s", "nan", "row 3"]),
+        (lambda: check_signals(with_time(4, 0.2), {}), ["time_s", "row 5", "0.2 s"]),
+        (lambda: check_signals(with_time(7, 0.6), {}), ["time_s", "row 8", "0.6 s"]),
+        (lambda: check_signals(with_time(3, np.nan), {}), ["time_s", "nan", "row 4"]),
         (lambda: check_signals(SHORT[:1], {}), ["time_s", "1", "2"]),
         (
             lambda: check_signals(WITH_GAP, {}),

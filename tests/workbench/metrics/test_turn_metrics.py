@@ -283,7 +283,7 @@ def test_a_straight_run_is_measured_over_all_of_it():
             ["yaw_rate", "nan", "2 s"],
         ),
         ({"tail_power_truth_w": np.nan}, ["tail motor power", "nan"]),
-        ({"time_s": times()[::-1].copy()}, ["time_s", "row 1"]),
+        ({"time_s": times()[::-1].copy()}, ["time_s", "row 2"]),
         ({"time_s": times() + (times() > 3.0) * 0.5}, ["1 gap", "3 s"]),
         ({"time_s": 0.5 * times()}, ["0 to 2 s", "2 to 2.64 s"]),
     ],

@@ -84,6 +84,7 @@ def test_last_of_two_equal_settings_counts():
         ({"manoeuvre": {"steer_angle": "30 deg"}}, ("manoeuvre.steer_angle", "'rad'")),
         ({"manoeuvre": {"steer_angle": 30.0}}, ("manoeuvre.steer_angle", "30.0", "1.2", "rad")),
         *(({"manoeuvre": {"speed": value}}, ("manoeuvre.speed",)) for value in (math.nan, True)),
+        ({"simulation": {"step": 1e-300}}, ("simulation.step", "1e-300", "0.00001")),
         ({"drive": {"governor": 1}}, ("drive.governor", "1")),
         ({"tail": {"mode": "flying"}}, ("tail.mode", "'flying'", "'none'", "'held'", "'swing'")),
         *(
@@ -136,6 +137,9 @@ def test_values_at_the_edge_of_what_is_refused_are_taken():
         ("- car\n- tail\n", ()),
         ("car: [1\n", ()),
         (b"\xff\xfe\x00", ()),
+        ("[" * 30_000, ("column 101",)),
+        ("car: {mass: " + 5000 * "9" + "}", ("5000 digits",)),
+        ("a: &a [1]\nb: &b [*a, *a]", ("alias",)),
         ("car: {mass: 5.0}\ncar: {mass: 7.0}\n", ("car",)),
         ("car: {mass: 5.0, com_x: 0.1, mass: 7.0}\n", ("mass",)),
         ("1: {a: 2}\n", (": 1:",)),
@@ -150,6 +154,10 @@ def test_file_that_is_no_scenario_is_named(tmp_path, content, named):
     assert_refused(lambda: load_scenario(path), ScenarioError, str(path), *named)
 
 
+def test_a_file_without_end_is_not_read_to_its_end():
+    assert_refused(lambda: load_scenario("/dev/zero"), ScenarioError, "/dev/zero", "MiB")
+
+
 def test_unknown_name_is_answered_with_the_nearest():
     assert_refused(lambda: load_scenario("turn_nonee"), UserError, "turn_nonee", "'turn_none'")
 
@@ -162,6 +170,7 @@ def test_unknown_name_is_answered_with_the_nearest():
         ("car.mas=1", ("car.mas=1", "'mass'")),
         ("car.mass=", ("car.mass",)),
         ("seed=[1", ("seed",)),
+        ("seed=" + "[" * 30_000, ("seed",)),
     ],
 )
 def test_wrong_setting_is_refused_by_name(setting, named):

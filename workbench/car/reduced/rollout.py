@@ -22,7 +22,7 @@ from aerodima.workbench.car.reduced.states import (
     up_in_body,
 )
 from aerodima.workbench.car.tail_plant import SAIL_TIP_MARGIN
-from aerodima.workbench.car.verdict import COS_FLIP_TILT, velocity_over_ground
+from aerodima.workbench.car.verdict import is_beyond_flip, velocity_over_ground
 from aerodima.workbench.core.array_types import FloatArray, IntArray
 
 STEP = 0.002
@@ -79,7 +79,7 @@ class Rollout:
         system = equations(before, Commands(both, shaft_speed, self._tail), self._cars)
         self.loads = system.loads
         self.state = np.where(self.gone, before, step(before, system, self._length))
-        self.gone = self.gone | (up_in_body(self.state)[2] < COS_FLIP_TILT)
+        self.gone = self.gone | is_beyond_flip(up_in_body(self.state)[2])
 
 
 def tick_flags(index: IntArray, rate: float, length: float) -> np.ndarray:

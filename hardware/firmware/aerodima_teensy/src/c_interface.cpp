@@ -41,6 +41,8 @@ void copy(const Command& command, ad_command* out) {
   out->roll = command.attitude.roll;
   out->pitch = command.attitude.pitch;
   out->age = command.attitude.age;
+  out->lean = command.attitude.lean;
+  out->yaw_rate = command.attitude.yaw_rate;
   out->servo = command.servo;
   out->throttle = command.throttle;
 }
@@ -56,6 +58,10 @@ void* ad_core_new(const ad_config* c, uint32_t now) {
   config.attitude_limit = c->attitude_limit;
   config.attitude_ms = c->attitude_ms;
   config.attitude_age_ms = c->attitude_age_ms;
+  config.straight_ms = c->straight_ms;
+  config.least_yaw_rate = c->least_yaw_rate;
+  config.full_servo = c->full_servo;
+  config.driving_throttle = c->driving_throttle;
   config.throttle_start = c->throttle_start;
   config.throttle_rate = c->throttle_rate;
   config.throttle_least = c->throttle_least;

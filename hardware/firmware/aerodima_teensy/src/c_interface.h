@@ -23,10 +23,10 @@ struct ad_limits {
 struct ad_config {
   ad_profile profile;
   ad_limits limits[2];
-  double attitude_limit, throttle_start, throttle_rate;
+  double attitude_limit, throttle_start, throttle_rate, least_yaw_rate;
   int32_t owns_can;
-  uint32_t watchdog_ms, exit_burst, exit_cycles, exit_cycle_ms, reminder_ms, reply_wait_ms, attitude_ms, attitude_age_ms;
-  int32_t sail_bits, motor_ids[2], throttle_least, throttle_most;
+  uint32_t watchdog_ms, exit_burst, exit_cycles, exit_cycle_ms, reminder_ms, reply_wait_ms, attitude_ms, attitude_age_ms, straight_ms;
+  int32_t sail_bits, motor_ids[2], throttle_least, throttle_most, full_servo, driving_throttle;
 };
 
 struct ad_order {
@@ -36,7 +36,7 @@ struct ad_order {
 
 struct ad_command {
   ad_order orders[2];
-  double roll, pitch;
+  double roll, pitch, lean, yaw_rate;
   int32_t servo, throttle, age;
 };
 

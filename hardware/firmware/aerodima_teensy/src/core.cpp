@@ -1,6 +1,7 @@
 #include "core.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 namespace aerodima {
@@ -81,15 +82,17 @@ void TeensyCore::obey(const Command& command, uint32_t now) {
 }
 
 // The last attitude counts however old it is; to drive, it must be young as well. Without one the motors may be moved
-// on a bench.
+// on a bench. A car that drives at full steering turns, or it lies and its attitude hangs.
 bool TeensyCore::may_drive(const Command& command, uint32_t now) {
   const Attitude& a = command.attitude;
   const bool young = a.known() && static_cast<uint32_t>(a.age) <= config_.attitude_age_ms;
   if (!young && command.throttle != kThrottle.idle) return false;
-  const bool tilted = a.known() && larger(fabs(a.roll), fabs(a.pitch)) > config_.attitude_limit;
-  if (tilted && !tilted_) tilted_since_ = now;
-  tilted_ = tilted;
-  return !tilted || is_neutral(command) || now - tilted_since_ < config_.attitude_ms;
+  const bool tilted = a.known() && larger(larger(fabs(a.roll), fabs(a.pitch)), a.lean) > config_.attitude_limit;
+  const bool to_turn = abs(command.servo - kServo.idle) >= config_.full_servo &&
+                       abs(throttle_ - kThrottle.idle) >= config_.driving_throttle;
+  const bool straight = to_turn && fabs(a.yaw_rate) < config_.least_yaw_rate;
+  const bool fallen = tilted_.lasts(tilted, now, config_.attitude_ms);
+  return !(straight_.lasts(straight, now, config_.straight_ms) || fallen) || is_neutral(command);
 }
 
 // After the heartbeat has stopped all exit frames go out first, and a computer that says armed is not at rest.
@@ -138,7 +141,7 @@ void TeensyCore::receive(const CanFrame& frame) {
     report.velocity = reply.velocity;
     report.torque = reply.torque;
     report.temperature = reply.temperature;
-    report.fault = reply.fault;
+    report.fault = reply.has_health ? reply.fault : Report::kUnknownFault;
     report.replies = (report.replies + 1) & 0xFF;
     if (unanswered_[i]) --unanswered_[i];
     guards_[i].take(reply, clock_);
@@ -149,7 +152,10 @@ void TeensyCore::hear_beat(const CanFrame& frame) {
   Beat beat;
   if (!decode_beat(frame, &beat)) return;
   push(make_answer(static_cast<uint8_t>(status()), beat.counter));
-  if (beat_heard_ && beat.counter == beat_counter_) return;  // one that repeats for ever is no life
+  // Armed, it only counts upwards: one that repeats, or a recorded piece that does, is no life.
+  const uint8_t ahead = static_cast<uint8_t>(beat.counter - beat_counter_);
+  const bool late = beats_armed_ && beat.state != BeatState::kTrip && ahead > kMaxAhead;
+  if (beat_heard_ && (ahead == 0 || late)) return;
   beat_heard_ = true;
   beat_counter_ = beat.counter;
   beat_ = clock_;

@@ -5,8 +5,8 @@
 // state ends only with a neutral string: both motors ordered to exit and the throttle idle. A string counts as valid
 // when all of it can be obeyed; what cannot is counted and does not feed the watchdog.
 //
-// The same state follows when the car lies on its side or is to drive with an attitude that is not known,
-// and, where the Teensy watches the bus of the computer's adapter, when the heartbeat on it stops while the motors are
+// The same state follows when the car lies on its side, by its attitude or by its accelerometer, does not turn at full
+// steering, or is to drive with an attitude that is not known, and, where the Teensy watches the bus of the computer's adapter, when the heartbeat on it stops while the motors are
 // armed. The throttle is clipped and comes on at a limited rate; it goes back at once. The frames of the motors pass
 // their last limits here (motor_guard.h).
 //
@@ -35,10 +35,24 @@ struct Config {
   double attitude_limit = 0;    // rad, of roll and pitch
   uint32_t attitude_ms = 0;     // for how long beyond it
   uint32_t attitude_age_ms = 0; // oldest attitude with which the car drives
+  int full_servo = 0, driving_throttle = 0;  // us from idle at which the car must turn
+  double least_yaw_rate = 0;    // rad/s, of a car that turns
+  uint32_t straight_ms = 0;     // for how long with less
   int throttle_least = kThrottle.least, throttle_most = kThrottle.most;  // us
   double throttle_start = 0;    // us from idle that come on at once
   double throttle_rate = 0;     // us per ms away from idle
   MotorLimits limits[2];
+};
+
+// For how long a condition has held, ms.
+struct Debounce {
+  bool holds = false;
+  uint32_t since = 0;
+  bool lasts(bool now_holds, uint32_t now, uint32_t limit) {
+    if (now_holds && !holds) since = now;
+    holds = now_holds;
+    return holds && now - since >= limit;
+  }
 };
 
 constexpr uint32_t kMostWaitMs = 15;  // 20 ms on the bus at the latest: the caller's loop and one frame come on top
@@ -87,8 +101,7 @@ class TeensyCore {
   bool latched_ = true;
   Status cause_ = Status::kWatchdogActed;
   uint32_t clock_ = 0;                     // of the last call that had a time
-  bool tilted_ = false;
-  uint32_t tilted_since_ = 0;
+  Debounce tilted_, straight_;
   bool beats_armed_ = false, beat_heard_ = false;
   uint8_t beat_counter_ = 0;
   uint32_t beat_ = 0;                      // time of the last new heartbeat

@@ -7,6 +7,7 @@
 namespace aerodima {
 
 constexpr uint32_t kBeatId = 0x7A0, kAnswerId = 0x7A1;
+constexpr uint8_t kMaxAhead = 64;  // most counts from one beat to the next, as hardware/devices/radio_link.py has it
 
 enum class BeatState : uint8_t { kOff = 0, kArmed = 1, kTrip = 2 };
 

@@ -10,6 +10,7 @@ namespace {
 
 constexpr size_t kMostDigits = 12;
 constexpr double kMostAngle = 3.2;  // rad
+constexpr double kMostRate = 40;    // rad/s
 
 struct Text {
   const char* begin;
@@ -105,7 +106,9 @@ bool read_attitude(Fields* fields, Attitude* attitude) {
   Text field;
   return fields->next(&field) && read_number(field, -kMostAngle, kMostAngle, &attitude->roll) && fields->next(&field) &&
          read_number(field, -kMostAngle, kMostAngle, &attitude->pitch) && fields->next(&field) &&
-         read_integer(field, 0, Attitude::kUnknownAge, &attitude->age);
+         read_integer(field, 0, Attitude::kUnknownAge, &attitude->age) && fields->next(&field) &&
+         read_number(field, 0, kMostAngle, &attitude->lean) && fields->next(&field) &&
+         read_number(field, -kMostRate, kMostRate, &attitude->yaw_rate);
 }
 
 // The second and third part begin with the ';' that follows the '|' before them.

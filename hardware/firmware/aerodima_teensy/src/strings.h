@@ -20,10 +20,12 @@ struct Order {
   MitCommand command;
 };
 
-// How the car stands, as the computer's IMU has it.
+// How the car stands and turns, as the computer's IMU has it.
 struct Attitude {
   double roll = 0, pitch = 0;  // rad
   int age = 0;                 // ms
+  double lean = 0;             // rad from upright, by the accelerometer
+  double yaw_rate = 0;         // rad/s
   bool known() const { return age != kUnknownAge; }
   static constexpr int kUnknownAge = 65535;
 };
@@ -31,13 +33,14 @@ struct Attitude {
 struct Command {
   Order orders[2];
   int servo = kServo.idle, throttle = kThrottle.idle;  // us
-  Attitude attitude{0, 0, Attitude::kUnknownAge};
+  Attitude attitude{0, 0, Attitude::kUnknownAge, 0, 0};
 };
 
 struct Report {
   int motor_id = 0;
   double position = 0, velocity = 0, torque = 0;
-  int replies = 0, temperature = 0, fault = 0;
+  int replies = 0, temperature = 0, fault = kUnknownFault;
+  static constexpr int kUnknownFault = -1;  // the motor's replies carry neither temperature nor fault
 };
 
 struct Reply {

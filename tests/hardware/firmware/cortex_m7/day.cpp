@@ -39,7 +39,7 @@ class Bench {
 
   void say(int request, double position) {
     char text[400], line[420];
-    int size = snprintf(text, sizeof text, "1;%d;%.4f;0;10;1;0|;2;%d;%.4f;0;10;1;0|;1600;1500;0;0;8", request, position,
+    int size = snprintf(text, sizeof text, "1;%d;%.4f;0;10;1;0|;2;%d;%.4f;0;10;1;0|;1600;1500;0;0;8;0;0", request, position,
                         request, position);
     size = snprintf(line, sizeof line, "%s;*%02X|", text, aerodima::crc8(text, static_cast<size_t>(size)));
     core_.feed(line, static_cast<size_t>(size), now_);

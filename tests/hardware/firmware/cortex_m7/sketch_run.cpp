@@ -52,7 +52,7 @@ void say(int request, uint32_t code) {
   const double position = 0.001 * code - 10;  // the time at which it was ordered
   line_size = line_read = 0;
   char text[sizeof line];
-  int size = snprintf(text, sizeof text, "1;%d;%.4f;0;10;1;0|;2;%d;%.4f;0;10;1;0|;1600;1500;0;0;8", request, position,
+  int size = snprintf(text, sizeof text, "1;%d;%.4f;0;10;1;0|;2;%d;%.4f;0;10;1;0|;1600;1500;0;0;8;0;0", request, position,
                       request, position);
   size = snprintf(line, sizeof line, "%s;*%02X|", text, aerodima::crc8(text, static_cast<size_t>(size)));
   line_size = static_cast<size_t>(size);

@@ -1,0 +1,106 @@
+"""Limits of a car that drives: its throttle, its speed, and how it stands."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+
+from aerodima.hardware.car.safety_settings import DriveSafety
+from aerodima.hardware.car.wiring import CarReading
+from aerodima.hardware.devices.device_states import SourceFault
+from aerodima.hardware.devices.motor_monitors import Debounce
+from aerodima.workbench.scenario.signal_table import IMU, STATUS
+
+_ROLL = IMU.index("roll")
+_PITCH = IMU.index("pitch")
+_YAW_RATE = IMU.index("gyro_z")
+_SPEED = STATUS.index("speed_fault")
+_MAX_SPAN = 0.02
+"""s; after a pause of the loop the throttle does not jump."""
+
+
+class DriveLimits:
+    """Limits of one car. Times in s, monotonic."""
+
+    def __init__(self, safety: DriveSafety) -> None:
+        self._safety = safety
+        self._conditions: defaultdict[str, Debounce] = defaultdict(Debounce)
+        self._had_fix = False
+        self._throttle = 0.0
+        self._time = -math.inf
+
+    def reset_throttle(self) -> None:
+        """Resets the throttle to neutral."""
+        self._throttle = 0.0
+        self._time = -math.inf
+
+    def throttle(self, asked: float, now: float) -> float:
+        """Permitted part of a finite throttle: clipped, rises at a limited rate, falls at once."""
+        safety = self._safety
+        side = math.copysign(1.0, asked)
+        if math.isfinite(self._time):
+            span = min(max(0.0, now - self._time), _MAX_SPAN)
+        else:
+            span = 0.0
+        rise = safety.throttle_rate * span
+        present = max(0.0, side * self._throttle)
+        self._throttle = side * min(
+            abs(asked), safety.throttle_limit, max(present + rise, safety.throttle_start)
+        )
+        self._time = now
+        return self._throttle
+
+    def tilt(self, reading: CarReading, now: float) -> str:
+        """Reason to stop at once because the car has tipped over, by its attitude or by its
+        accelerometer; empty while it stands.
+        """
+        roll = float(reading.imu[_ROLL])
+        pitch = float(reading.imu[_PITCH])
+        limit = self._safety.attitude_limit
+        tilted = max(abs(roll), abs(pitch), reading.lean) > limit
+        if not self._lasts("tilted", tilted, self._safety.attitude_time, now):
+            return ""
+        angles = {"roll": roll, "pitch": pitch, "lean by the accelerometer": reading.lean}
+        name, angle = max(angles.items(), key=lambda item: abs(item[1]))
+        return (
+            f"the car has tipped over: {name} {math.degrees(angle):.0f} degrees; allowed is "
+            f"{math.degrees(limit):.0f}"
+        )
+
+    def straight(self, reading: CarReading, steering: float, now: float) -> str:
+        """Reason to stop at once because the car does not turn at full steering (rad); empty while
+        it does, or is not to.
+        """
+        safety = self._safety
+        straight = (
+            abs(steering) >= safety.full_steering
+            and abs(self._throttle) >= safety.driving_throttle
+            and abs(reading.imu[_YAW_RATE]) < safety.least_yaw_rate
+        )
+        if not self._lasts("straight", bool(straight), safety.straight_time, now):
+            return ""
+        return "the car does not turn at full steering: it has fallen, or is held"
+
+    def blind(self, reading: CarReading, now: float) -> str:
+        """Reason to stop because the GPS has lost its fix: nothing limits the speed; empty while it
+        has one, or never had.
+        """
+        fault = reading.status[_SPEED]
+        self._had_fix |= bool(fault == SourceFault.NONE)
+        lost = self._had_fix and bool(fault == SourceFault.NO_FIX)
+        if not self._lasts("blind", lost, self._safety.gps_silence, now):
+            return ""
+        return "the GPS has lost its fix: nothing limits the speed"
+
+    def too_fast(self, reading: CarReading, now: float) -> str:
+        """Reason to stop if the car is too fast; empty otherwise, or while the speed is unknown."""
+        speed = float(reading.speed[0])
+        limit = self._safety.speed_limit
+        fast = bool(reading.status[_SPEED] == SourceFault.NONE) and speed > limit
+        if not self._lasts("fast", fast, self._safety.speed_time, now):
+            return ""
+        return f"the car drives {speed:.1f} m/s; allowed is {limit:g}"
+
+    def _lasts(self, name: str, holds: bool, time: float, now: float) -> bool:
+        """Returns whether a condition holds and has held for a time, s."""
+        return self._conditions[name].update(holds, now) >= time and holds

@@ -1,0 +1,78 @@
+"""Damaged files of every kind: what is read is what was written, or one error names the file."""
+
+import random
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from scipy.io import savemat
+
+from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.logs.importers import read_foreign_log
+from aerodima.workbench.logs.mapping import CsvFormat, load_mapping
+from aerodima.workbench.logs.schema import read_run_log, write_run_log
+from tests.workbench.logs.test_importers import MAPPING, TIMES, foreign, write_mat_7_3, write_mcap
+from tests.workbench.made_up_runs import made_up_run
+
+TABLE = foreign()[:60]
+MESSAGES = [("/imu", TIMES[row], values) for row, values in enumerate(TABLE.to_dict("records"))]
+WRITERS = {
+    "log.csv": lambda path: TABLE.to_csv(path, index=False),
+    "log.mat": lambda path: savemat(path, dict(TABLE), do_compression=True),
+    "log_7_3.mat": lambda path: write_mat_7_3(path, dict(TABLE)),
+    "log.mcap": lambda path: write_mcap(path, MESSAGES),
+    "log.parquet": lambda path: pq.write_table(pa.table(TABLE), path, write_page_checksum=True),
+    "run.parquet": lambda path: write_run_log(made_up_run(truth=False), path),
+    "m.yaml": lambda path: path.write_text(MAPPING),
+}
+CHECKED = ("log.mat", "log.mcap", "log.parquet", "run.parquet")
+"""Files with a checksum of every value."""
+
+
+def read(path):
+    if path.suffix == ".yaml":
+        return load_mapping(path).columns
+    if path.stem == "run":
+        return read_run_log(path).table
+    log = read_foreign_log(path, CsvFormat())
+    return {name: log.numbers(name) for name in log.columns}
+
+
+def damaged(content, chance):
+    """Content that is cut, or has a bit turned, noise in it, bytes too few or repeated."""
+    start = chance.randrange(len(content))
+    end = start + chance.randrange(40)
+    turned = bytes([content[start] ^ 1 << chance.randrange(8)])
+    return chance.choice(
+        [
+            content[:start],
+            content[:start] + turned + content[start + 1 :],
+            content[:start] + chance.randbytes(end - start) + content[end:],
+            content[:start] + content[end:],
+            content[:end] + content[start:],
+        ]
+    )
+
+
+@pytest.mark.parametrize(
+    "count", [40, pytest.param(10_000, marks=[pytest.mark.slow, pytest.mark.nightly])]
+)
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_damaged_file_is_refused_or_read_as_it_was_written(tmp_path, name, count):
+    path = tmp_path / name
+    WRITERS[name](path)
+    written = read(path)
+    content = path.read_bytes()
+    chance = random.Random(name)
+    for _ in range(count):
+        path.write_bytes(damaged(content, chance))
+        found = {}
+        message = name
+        try:
+            found = read(path)
+        except LogError as error:
+            message = str(error)
+        assert name in message
+        for column in {*found} & {*written} if name in CHECKED else ():
+            assert np.array_equal(found[column], written[column], equal_nan=True)
