@@ -23,14 +23,20 @@ MAX_SECONDS = 3.0
 """Longest test that needs no entry, s."""
 SLACK = 2.0
 """Factor by which a busy machine may exceed an entry."""
+PACED = frozenset({"realtime", "emulated"})
+"""Marks of tests whose length a clock sets, not the code."""
 
 
 def write_durations(stats: Mapping[str, Iterable[Any]], path: Path) -> None:
-    """Stores the seconds of each test, set-up and tear-down included, the longest first."""
+    """Stores the seconds of each test, set-up and tear-down included, the longest first.
+
+    Tests that a clock paces are left out.
+    """
     measured: dict[str, float] = defaultdict(float)
     for reports in stats.values():
         for report in reports:
-            if hasattr(report, "duration") and hasattr(report, "when"):
+            is_timed = hasattr(report, "duration") and hasattr(report, "when")
+            if is_timed and PACED.isdisjoint(report.keywords):
                 measured[report.nodeid] += report.duration
     if not measured:
         return

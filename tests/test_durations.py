@@ -1,10 +1,18 @@
 """The list of slow tests names tests that exist, and a test that is missing there is found."""
 
 import ast
+from types import SimpleNamespace
 
 import pytest
 
-from tests.durations import BUDGETS, ROOT, read_budgets, too_slow
+from tests.durations import (
+    BUDGETS,
+    ROOT,
+    read_budgets,
+    read_durations,
+    too_slow,
+    write_durations,
+)
 
 
 @pytest.mark.parametrize("name", read_budgets(BUDGETS))
@@ -22,3 +30,13 @@ def test_a_slow_test_without_entry_and_one_above_its_entry_are_found() -> None:
         "a.py::test_old[y]",
     ]
     assert too_slow(durations, {"a.py::test_old": 11.0, "a.py::test_new": 3.0}) == []
+
+
+def test_a_test_that_a_clock_paces_is_not_timed(tmp_path) -> None:
+    reports = [
+        SimpleNamespace(nodeid=name, when="call", duration=9.0, keywords={mark: 1})
+        for name, mark in (("a.py::test_code", "slow"), ("a.py::test_drive", "emulated"))
+    ]
+    path = tmp_path / "durations.csv"
+    write_durations({"passed": reports}, path)
+    assert read_durations(path) == {"a.py::test_code": 9.0}
