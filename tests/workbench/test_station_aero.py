@@ -44,7 +44,7 @@ def stand(tail=None, wind=None, gravity=9.81, **inputs):
         **held,
     )
     if car.tail is not None:
-        car.plant.GetJointByName("tail_roll").set_angle(car.plant_context, 0.0)
+        car.turn("tail_roll", 0.0)
     return car
 
 
@@ -59,15 +59,9 @@ def force(car):
     return car.output("tail_truth")[TAIL_TRUTH.index("tail_force_x_truth_n") :][:3]
 
 
-def turn_sail(car, angle):
-    car.plant.GetJointByName("tail_sail_turn").set_angle(car.plant_context, angle)
-
-
 def sail_angle(car):
     """rad, in [-pi, pi]."""
-    return math.remainder(
-        car.plant.GetJointByName("tail_sail_turn").get_angle(car.plant_context), 2 * math.pi
-    )
+    return math.remainder(car.angle("tail_sail_turn"), 2 * math.pi)
 
 
 def swing_load(speed, wind, rate):
@@ -85,7 +79,7 @@ def test_head_wind_loads_the_swing_and_tail_wind_relieves_it(rate):
     loads = []
     for wind in (-3.0, 0.0, 3.0):
         car = floating((4.0, 0.0, 0.0), wind={"mean_x": wind})
-        car.plant.GetJointByName("tail_roll").set_angular_rate(car.plant_context, rate)
+        car.spin("tail_roll", rate)
         load = force(car)
         # Positive roll takes the tip to the right (-y), so the air pushes to the left.
         np.testing.assert_allclose(
@@ -135,7 +129,7 @@ def test_free_sail_of_a_driving_car_is_a_weather_vane(start):
     speed = 6.0
     car = floating((speed, 0.0, 0.0), tail={"sail": "free", "sail_bearing_damping": 0.0})
     ahead = -math.pi / 2
-    turn_sail(car, ahead + start)
+    car.turn("tail_sail_turn", ahead + start)
     parameters = scenario_from_dict(
         {"tail": LARGE | {"sail": "free", "sail_bearing_damping": 0.0}}
     ).tail
@@ -166,7 +160,7 @@ def test_free_sail_of_a_driving_car_is_a_weather_vane(start):
 def test_free_sail_settles_broadside_with_its_board_downwind(wind, offset, end, start):
     tail = {"sail": "free", "sail_shell_offset": offset, "sail_bearing_damping": 0.002}
     car = stand(tail, wind={"mean_x": wind})
-    turn_sail(car, end * math.pi / 2 + start)
+    car.turn("tail_sail_turn", end * math.pi / 2 + start)
     car.advance(2.0)
     assert sail_angle(car) == pytest.approx(end * math.pi / 2, abs=0.1)
 
@@ -174,7 +168,7 @@ def test_free_sail_settles_broadside_with_its_board_downwind(wind, offset, end, 
 def test_free_sail_of_a_standing_car_turns_to_the_wind_with_full_drag_and_its_encoder_sees_it():
     # Wind from the right (towards +y): the hollow, to the left at angle 0, turns half a turn round.
     car = stand({"sail": "free", "sail_bearing_damping": 0.005}, wind={"mean_y": 4.0})
-    turn_sail(car, 1.0)
+    car.turn("tail_sail_turn", 1.0)
     car.advance(2.0)
     assert abs(sail_angle(car)) == pytest.approx(math.pi, abs=0.1)
     state = TAIL_STATE.read(car.output("tail_state"))
@@ -191,7 +185,7 @@ def roll_rate_after_a_step(mass, torque):
     tail = {"added_mass": mass, "normal_force_coefficient": 0.0}
     car = floating((0.0, 0.0, 0.0), tail=tail, tail_roll_command=[0.0, 0.0, 0.0, 0.0, torque])
     car.advance(STEP)
-    return car.plant.GetJointByName("tail_roll").get_angular_rate(car.plant_context)
+    return car.rate("tail_roll")
 
 
 @pytest.mark.parametrize("mass", [0.02, 0.1, -0.01])

@@ -25,7 +25,7 @@ from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.aero.wind import WindModel, WindSource
 from aerodima.workbench.core.errors import ModelError
 from tests.refusals import assert_refused
-from tests.workbench.aero.plants import add_plant
+from tests.workbench.aero.plants import accelerations, add_plant
 
 LENGTH, MASS, GRAVITY = 0.4, 0.1, 9.81
 LAYOUT = SectionLayout.strip(start=0.0, length=LENGTH, width=0.06)
@@ -144,11 +144,7 @@ def test_a_two_joint_tail_accelerates_by_the_mass_matrix_of_the_jacobians(added)
     own = np.setdiff1d(np.arange(plant.num_velocities()), slides)
     for _ in range(50):
         state = random_tail_state(plant, rng)
-        context = diagram.CreateDefaultContext()
-        plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), state)
-        vdot = plant.EvalTimeDerivatives(plant.GetMyContextFromRoot(context)).CopyToVector()[
-            plant.num_positions() :
-        ]
+        vdot = accelerations(diagram, plant, state)
         bare_context = bare.CreateDefaultContext()
         bare.SetPositions(bare_context, state[: bare.num_positions()])
         bare.SetVelocities(bare_context, state[plant.num_positions() :][: bare.num_velocities()])
@@ -263,11 +259,8 @@ def test_only_the_acceleration_relative_to_the_air_counts(spanwise_free):
     plant.Finalize()
     wind = builder.AddSystem(WindSource(WindModel(gust=tuple(gust), gust_frequency=1.0)))
     mass.add_to_builder(builder, wind_acceleration=wind.GetOutputPort("wind_acceleration"))
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    vdot = plant.EvalTimeDerivatives(plant.GetMyContextFromRoot(context)).CopyToVector()[
-        plant.num_positions() :
-    ]
+    state = plant.GetPositionsAndVelocities(plant.CreateDefaultContext())
+    vdot = accelerations(builder.Build(), plant, state)
     # The rod's centre of mass is the middle of the parts, so it does not turn.
     np.testing.assert_allclose(vdot[:3], 0.0, atol=1e-9)
     carried = 5 * added / (5 * added + MASS) * 2 * math.pi * gust[0]
@@ -280,12 +273,8 @@ def test_gradients_pass_through_added_mass_jet_and_gusts():
     plant = add_plant(builder)
     tail, mass = two_joint_tail(plant, 0.02)
     plant.Finalize()
-    wind = builder.AddNamedSystem(
-        "wind",
-        WindSource(
-            WindModel(mean=(1.0, -4.0, 0.5), gust=(0.0, 1.0, 0.0), turbulence=(0.3, 0.3, 0.0))
-        ),
-    )
+    model = WindModel(mean=(1.0, -4.0, 0.5), gust=(0.0, 1.0, 0.0), turbulence=(0.3, 0.3, 0.0))
+    wind = builder.AddNamedSystem("wind", WindSource(model))
     mass.add_to_builder(builder, wind_acceleration=wind.GetOutputPort("wind_acceleration"))
     jet = Jet((0.0, 0.0, 0.2))
     add_tail_force(
@@ -299,21 +288,13 @@ def test_gradients_pass_through_added_mass_jet_and_gusts():
     )
     diagram = builder.Build()
     state = random_tail_state(plant, np.random.default_rng(10))
-    nq = plant.num_positions()
-
-    def vdot(at):
-        context = diagram.CreateDefaultContext()
-        plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), at)
-        return plant.EvalTimeDerivatives(plant.GetMyContextFromRoot(context)).CopyToVector()[nq:]
-
     converted = diagram.ToAutoDiffXd()
     twin = converted.GetSubsystemByName("plant")
-    context = converted.CreateDefaultContext()
-    twin.SetPositionsAndVelocities(
-        twin.GetMyMutableContextFromRoot(context), InitializeAutoDiff(state)
-    )
-    values = twin.EvalTimeDerivatives(twin.GetMyContextFromRoot(context)).CopyToVector()[nq:]
+    values = accelerations(converted, twin, InitializeAutoDiff(state))
     exact = np.array([value.derivatives() for value in values])
-    step = 1e-6 * np.eye(len(state))
-    numeric = np.column_stack([(vdot(state + h) - vdot(state - h)) / 2e-6 for h in step])
+    ends = [
+        [accelerations(diagram, plant, state + h) for h in sign * np.eye(len(state))]
+        for sign in (-1e-6, 1e-6)
+    ]
+    numeric = np.transpose(np.diff(ends, axis=0)[0]) / 2e-6
     np.testing.assert_allclose(exact, numeric, atol=1e-6 * np.abs(numeric).max())

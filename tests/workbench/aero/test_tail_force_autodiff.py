@@ -7,17 +7,13 @@ import math
 import numpy as np
 import pytest
 from pydrake.autodiffutils import AutoDiffXd, InitializeAutoDiff
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource
 
 from aerodima.workbench.aero.coefficient_files import load_coefficients
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.section_laws import NormalForceLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
-from aerodima.workbench.aero.tail_force import add_tail_force
 from tests.workbench.aero.plants import (
-    add_free_body,
-    add_plant,
+    free_tail,
     plant_context,
     port_value,
     random_state,
@@ -33,15 +29,7 @@ LAWS = {
 
 
 def diagrams(law, jet=None):
-    builder = DiagramBuilder()
-    plant = add_plant(builder)
-    add_free_body(plant)
-    plant.Finalize()
-    wind = builder.AddSystem(ConstantVectorSource([1.0, -2.0, 0.5]))
-    force = add_tail_force(
-        builder, plant, "tail", LAYOUT, law, wind=wind.get_output_port(), jet=jet
-    )
-    diagram = builder.Build()
+    diagram, plant, force, wind = free_tail(LAYOUT, law, (1.0, -2.0, 0.5), jet=jet)
     converted = diagram.ToAutoDiffXd()
     return (
         (diagram, plant, force, wind),
@@ -52,10 +40,7 @@ def diagrams(law, jet=None):
 
 def gradient(parts, state, wind=None):
     _, (plant, force, source), converted = parts
-    context = converted.CreateDefaultContext()
-    plant.SetPositionsAndVelocities(
-        plant.GetMyMutableContextFromRoot(context), InitializeAutoDiff(state)
-    )
+    context = plant_context(converted, plant, InitializeAutoDiff(state))
     if wind is not None:
         air = source.get_mutable_source_value(source.GetMyMutableContextFromRoot(context))
         air.SetFromVector([AutoDiffXd(w) for w in wind])
@@ -66,16 +51,16 @@ def gradient(parts, state, wind=None):
     )
 
 
-def differences(parts, state, step=1e-6):
+def differences(parts, state):
     (diagram, plant, force, _), _, _ = parts
     columns = []
     for i in range(len(state)):
         ends = []
         for sign in (1.0, -1.0):
             moved = state.copy()
-            moved[i] += sign * step
+            moved[i] += sign * 1e-6
             ends.append(port_value(force, plant_context(diagram, plant, moved), "wrench")[:6])
-        columns.append((ends[0] - ends[1]) / (2 * step))
+        columns.append((ends[0] - ends[1]) / 2e-6)
     return np.column_stack(columns)
 
 

@@ -12,17 +12,13 @@ from aerodima.workbench.aero.sections import Jet
 from aerodima.workbench.aero.wind import WindModel, WindSource
 from aerodima.workbench.core.errors import ModelError
 from tests.refusals import assert_refused
+from tests.workbench.samples import sampled
 
 
-def history(model, duration, step=0.01):
+def history(model, duration):
     """Wind sampled after every update (steps x 3), m/s."""
-    source = WindSource(model)
-    simulator = Simulator(source)
-    rows = []
-    for i in range(int(duration / step)):
-        simulator.AdvanceTo((i + 0.5) * step)
-        rows.append(source.GetOutputPort("wind_velocity").Eval(simulator.get_context()))
-    return np.array(rows)
+    times = (np.arange(int(duration / 0.01)) + 0.5) * 0.01
+    return sampled(Simulator(WindSource(model)), times, "wind_velocity")
 
 
 def test_a_gust_is_a_sine_about_the_mean():
