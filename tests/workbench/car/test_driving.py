@@ -10,6 +10,7 @@ from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.scenario.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.scenario.signal_table import WHEELS
+from tests.workbench.made_up_runs import both_sides
 from tests.workbench.stands import CarStand
 
 QUIET = [
@@ -86,7 +87,7 @@ def test_straight_driving_holds_speed_and_heading(drive, tail, speed_error, head
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
+@both_sides
 def test_hard_start_turns_the_car_to_the_side_of_its_held_tail(drive, direction, side):
     # Its nose in the air, only the rear tyres push, in the middle; the centre of mass c lies beside
     # it, to the side of the tail. About the rear axle: yaw acceleration = a c / (k_z^2 + x^2),
@@ -114,9 +115,8 @@ def test_hard_start_turns_the_car_to_the_side_of_its_held_tail(drive, direction,
     assert 0.25 * undamped < yaw < undamped
 
 
-@pytest.mark.parametrize("direction", ["left", "right"])
-def test_slow_turn_follows_the_kinematic_bicycle(drive, direction):
-    side = 1.0 if direction == "left" else -1.0
+@both_sides
+def test_slow_turn_follows_the_kinematic_bicycle(drive, direction, side):
     angle = math.radians(15.0)
     run = drive(
         "turn_none",
@@ -206,13 +206,12 @@ def energy(car):
     context = car.plant_context
     total = car.plant.EvalKineticEnergy(context) + car.plant.EvalPotentialEnergy(context)
     for wheel in WHEELS:
-        height = car.plant.GetBodyByName(f"{wheel}_wheel").EvalPoseInWorld(context).translation()[2]
         stiffness = (
             numbers.tyre_stiffness_front
             if wheel.startswith("front")
             else numbers.tyre_stiffness_rear
         )
-        total += 0.5 * stiffness * max(0.0, numbers.tyre_radius - height) ** 2
+        total += 0.5 * stiffness * max(0.0, numbers.tyre_radius - car.wheel_height(wheel)) ** 2
     return total
 
 
@@ -223,7 +222,7 @@ def test_energy_never_grows_with_the_drive_off_in_still_air(tail):
     car = CarStand(scenario_from_dict({"tail": {"mode": tail}}))
     car.place(RigidTransform([0.0, 0.0, 0.03]), (2.0, 0.0, 0.0))
     if tail == "swing":
-        car.plant.GetJointByName("tail_roll").set_angle(car.plant_context, -0.5)
+        car.turn("tail_roll", -0.5)
     history = [energy(car)]
     for time in np.arange(0.004, 0.8, 0.004):
         car.advance(time)
@@ -231,4 +230,4 @@ def test_energy_never_grows_with_the_drive_off_in_still_air(tail):
     assert history[0] - history[-1] > 2.0
     assert np.diff(history).max() < 1e-9
     if tail == "swing":
-        assert car.plant.GetJointByName("tail_roll").get_angle(car.plant_context) < -0.8
+        assert car.angle("tail_roll") < -0.8

@@ -1,17 +1,14 @@
 import math
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from aerodima.workbench.car.car_sensors import (
-    SailEncoder,
-    quantise_symmetric,
-)
+from aerodima.workbench.car.car_sensors import SailEncoder, quantise_symmetric
 from aerodima.workbench.core.errors import UserError
 from tests.refusals import assert_refused
+from tests.workbench.samples import sampled
 
 
 def sail_encoder(bits=12, rate=500.0, delay=0.0, noise=0.0, **arguments):
@@ -74,18 +71,13 @@ def test_rate_is_zero_until_the_window_is_filled():
     assert turning(12.0, 0.01)[1] == 0.0
 
 
-def noisy_readings(seed, noise=0.01, samples=400):
+def noisy_readings(seed, noise=0.01):
     """Angles and rates of a 20 bit encoder at a shaft at rest, a sample apart."""
     encoder = sail_encoder(bits=20, noise=noise, seed=seed)
     simulator = Simulator(encoder)
-    context = simulator.get_mutable_context()
-    encoder.GetInputPort("joint_angle").FixValue(context, [1.0])
+    encoder.GetInputPort("joint_angle").FixValue(simulator.get_mutable_context(), [1.0])
     simulator.Initialize()
-    shown = []
-    for k in range(samples):
-        simulator.AdvanceTo(0.002 * k + 0.001)
-        shown.append([encoder.GetOutputPort(name).Eval(context)[0] for name in ("angle", "rate")])
-    return np.array(shown).T
+    return sampled(simulator, 0.002 * np.arange(400) + 0.001, "angle", "rate").T
 
 
 def test_noise_has_its_standard_deviation_and_belongs_to_the_seed():
@@ -109,21 +101,11 @@ def test_motor_reply_is_rounded_to_the_nearest_of_2_to_the_n_minus_1_steps():
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
 
 
-def test_motor_at_rest_reports_half_a_step():
-    assert abs(quantise_symmetric(0.0, 50.0, 12)) == pytest.approx(50.0 / 4095)
-
-
 def test_motor_reply_saturates_at_its_ranges():
-    assert quantise_symmetric(80.0, 50.0, 12) == pytest.approx(50.0)
-    assert quantise_symmetric(-80.0, 50.0, 12) == pytest.approx(-50.0)
+    for side in (1.0, -1.0):
+        assert quantise_symmetric(side * 80.0, 50.0, 12) == pytest.approx(side * 50.0)
 
 
-@pytest.mark.parametrize(
-    ("make", "named"),
-    [
-        (partial(sail_encoder, 3), ("sail_encoder.bits", "3", "20")),
-        (partial(sail_encoder, 21), ("sail_encoder.bits", "21", "20")),
-    ],
-)
-def test_impossible_word_length_is_refused(make, named):
-    assert_refused(make, UserError, *named)
+@pytest.mark.parametrize("bits", [3, 21])
+def test_impossible_word_length_is_refused(bits):
+    assert_refused(lambda: sail_encoder(bits), UserError, "sail_encoder.bits", str(bits), "20")

@@ -6,10 +6,12 @@ import pytest
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialAcceleration, SpatialVelocity
 from pydrake.systems.analysis import Simulator
+from scipy.spatial.transform import Rotation
 
 from aerodima.workbench.car.car_sensors import STEPS, ChassisMotion, Imu, motion_at_imu
 from aerodima.workbench.scenario.signal_table import IMU
 from tests.workbench.car.body_motion import motion_vector
+from tests.workbench.samples import sampled
 
 QUIET = {"gyro_noise": 0.0, "gyro_bias": 0.0, "accelerometer_noise": 0.0, "attitude_noise": 0.0}
 ORIGIN = np.zeros(3)
@@ -35,22 +37,16 @@ def imu_on(motion, p_BoImu_B=ORIGIN, seed=1, **changes):
     simulator = Simulator(imu)
     imu.get_input_port().FixValue(simulator.get_mutable_context(), motion_vector(*motion, STEP))
     simulator.Initialize()
-    return imu, simulator
+    return simulator
 
 
 def sample(motion, **arguments):
-    imu, simulator = imu_on(motion, **arguments)
-    return IMU.read(imu.GetOutputPort("imu").Eval(simulator.get_context()))
+    return IMU.read(sampled(imu_on(motion, **arguments), [0.0], "imu")[0])
 
 
 def samples(count, **arguments):
     """(count, 9) successive samples."""
-    imu, simulator = imu_on(**arguments)
-    rows = []
-    for k in range(count):
-        simulator.AdvanceTo(0.01 * k + 0.005)
-        rows.append(imu.GetOutputPort("imu").Eval(simulator.get_context()).copy())
-    return np.array(rows)
+    return sampled(imu_on(**arguments), 0.01 * np.arange(count) + 0.005, "imu")
 
 
 def test_hanging_still_shows_no_linear_acceleration_in_any_attitude():
@@ -84,43 +80,20 @@ def test_constant_turn_to_the_left_gives_centripetal_acceleration_to_the_left():
 
 
 def test_motion_at_the_imu_is_the_second_derivative_of_its_path():
-    """A body that rolls, pitches and yaws at once, against finite differences of the path (error
-    about 1e-5).
+    """A body that stands askew, turns faster and faster about another axis, and is pushed: against
+    differences of the path (error about 1e-5).
     """
-    p_BoImu_B = np.array([0.12, -0.05, 0.2])
-
-    def X_WB(t):
-        R = RotationMatrix(RollPitchYaw(0.4 * math.sin(3 * t), 0.3 * math.cos(2 * t), 1.5 * t))
-        return RigidTransform(R, [math.sin(t), t**2, 0.1 * math.cos(4 * t)])
-
-    def twist(t, h=1e-5):
-        before = X_WB(t - h)
-        after = X_WB(t + h)
-        axis = (after.rotation() @ before.rotation().inverse()).ToAngleAxis()
-        velocity = (after.translation() - before.translation()) / (2 * h)
-        return np.array(axis.axis()) * axis.angle() / (2 * h), velocity
-
-    t = 0.7
-    h = 1e-3
-    omega, _ = twist(t)
-    (omega_after, velocity_after) = twist(t + h)
-    (omega_before, velocity_before) = twist(t - h)
-    roll_pitch_yaw, gyro, acceleration = motion_at_imu(
-        ChassisMotion(
-            X_WB(t).rotation().matrix(),
-            omega,
-            (omega_after - omega_before) / (2 * h),
-            (velocity_after - velocity_before) / (2 * h),
-        ),
-        p_BoImu_B,
-    )
-    path = [X_WB(t + k * h) @ p_BoImu_B for k in (-1, 0, 1)]
-    expected = X_WB(t).rotation().inverse() @ ((path[2] - 2 * path[1] + path[0]) / h**2)
-    np.testing.assert_allclose(acceleration, expected, atol=1e-3)
-    np.testing.assert_allclose(gyro, X_WB(t).rotation().inverse() @ omega, atol=1e-9)
-    np.testing.assert_allclose(
-        roll_pitch_yaw, RollPitchYaw(X_WB(t).rotation()).vector(), atol=1e-12
-    )
+    attitude = [0.9, -0.3, 1.5]
+    R_WB = RotationMatrix(RollPitchYaw(attitude)).matrix()
+    omega, alpha, pushed = np.array([[3.0, -0.5, 1.5], [2.0, 4.0, -3.0], [0.7, -2.0, 1.6]])
+    lever = np.array([0.12, -0.05, 0.2])
+    t = np.array([[-1e-3], [0.0], [1e-3]])
+    turned = Rotation.from_rotvec(t * omega + t**2 / 2 * alpha)
+    path = t**2 / 2 * pushed + turned.apply(R_WB @ lever)
+    shown = motion_at_imu(ChassisMotion(R_WB, omega, alpha, pushed), lever)
+    expected = (attitude, R_WB.T @ omega, R_WB.T @ np.diff(path, 2, axis=0)[0] / 1e-6)
+    for found, value, error in zip(shown, expected, (1e-12, 1e-9, 1e-3), strict=True):
+        np.testing.assert_allclose(found, value, atol=error)
 
 
 def test_ranges_of_the_chip():

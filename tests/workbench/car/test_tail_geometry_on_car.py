@@ -47,6 +47,12 @@ def files(tmp_path_factory):
     }
 
 
+def tail_plant(car):
+    """The plant of a car, and its context."""
+    plant = add_car_plant(DiagramBuilder(), car).plant
+    return plant, plant.CreateDefaultContext()
+
+
 def scenario(files, name):
     return load_scenario(
         "turn_swing", [*LOCKED, *([f"tail.geometry={files[name]}"] if name else [])]
@@ -84,9 +90,7 @@ def test_bent_tail_drives_with_its_own_mass_sections_and_tip(
 ):
     geometry = read_tail(files["bent"])
     car = scenario(files, "bent")
-    builder = DiagramBuilder()
-    plant = add_car_plant(builder, car).plant
-    context = plant.CreateDefaultContext()
+    plant, context = tail_plant(car)
     bodies = [plant.GetBodyByName(name).index() for name in ("tail_rod", "tail_sail")]
     frame = plant.GetFrameByName("tail_rod")
     found = plant.CalcSpatialInertia(context, frame, bodies)
@@ -108,9 +112,7 @@ def test_bent_tail_drives_with_its_own_mass_sections_and_tip(
 @pytest.mark.parametrize("roll", [0.0, 0.7])
 def test_motors_count_with_the_inertia_of_a_tail_that_is_bent_sideways(files, roll):
     car = scenario(files, "bent")
-    builder = DiagramBuilder()
-    plant = add_car_plant(builder, car).plant
-    context = plant.CreateDefaultContext()
+    plant, context = tail_plant(car)
     plant.GetJointByName("tail_roll").set_angle(context, roll)
     joints = [plant.GetJointByName(f"tail_{name}").velocity_start() for name in ("pitch", "roll")]
     rotor = car.tail_motor.rotor_inertia * car.tail_motor.gear_ratio**2
