@@ -20,10 +20,8 @@ from aerodima.workbench.control.law_of_scenario import law_of_scenario
 from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.control.swing_machine import SwingLaw
 from aerodima.workbench.control.tail_law import Observation
-from aerodima.workbench.core.errors import ScenarioError
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.signal_table import IMU
-from tests.refusals import assert_refused
 
 NUMBERS = {
     "lean_gain": -2.0, "roll_gain": 3.0, "roll_rate_gain": 0.5, "yaw_rate_gain": 0.4, "grip": 4.5,
@@ -174,10 +172,3 @@ def test_arrays_of_cars_get_what_each_car_gets():
         assert [float(value) for value in own] == pytest.approx(
             [float(values[k]) for values in together]
         )
-
-
-def test_a_limit_beyond_that_of_the_tail_is_refused():
-    settings = ["feedback.most_roll=2.0"]
-    assert_refused(
-        lambda: load_scenario("entry_turn", settings), ScenarioError, "feedback.most_roll", "2"
-    )

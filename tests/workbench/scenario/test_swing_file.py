@@ -15,7 +15,7 @@ from aerodima.workbench.scenario.swing_file import (
     swing_from_dict,
     write_swing,
 )
-from tests.refusals import assert_refused
+from tests.refusals import assert_named, assert_refused
 
 THESIS = "swings/thesis_8_rad_per_s.yaml"
 
@@ -193,6 +193,6 @@ def test_another_car_is_named_parameter_by_parameter():
     )
     scenario = {"car": {"mass": 6.1}, "tail": {"length": 0.8}}
     length, colour = car_mismatches(swing, scenario)
-    assert all(part in length for part in ("tail.length", "0.9", "0.8"))
-    assert all(part in colour for part in ("tail.colour", "1"))
+    assert_named(length, ("tail.length", "0.9", "0.8"))
+    assert_named(colour, ("tail.colour", "1"))
     assert car_mismatches(swing_from_dict(thesis_data()), scenario) == []

@@ -8,6 +8,7 @@ import pytest
 
 from aerodima.workbench.scenario.signal_table import sensor_columns, truth_columns
 from aerodima.workbench.view.run_channels import MAX_POINTS, channels_of, thinned
+from tests.workbench.made_up_runs import changed
 
 
 def unpacked(text):
@@ -44,7 +45,7 @@ def test_long_run_keeps_its_peaks_and_times_in_order(tailed):
     run = longer(tailed, 40)
     spike = run.table["speed_m_per_s"].to_numpy().copy()
     spike[7001] = 99.0
-    run = replace(run, table=run.table.assign(speed_m_per_s=spike))
+    run = changed(run, speed_m_per_s=spike)
     data = channels_of([run], ["run"])
     time = unpacked(data["runs"][0]["time"])
     (speed,) = [channel for channel in data["channels"] if channel["name"] == "speed_m_per_s"]
@@ -74,8 +75,8 @@ def test_gap_stays_a_gap():
 
 
 def test_constant_is_one_number_and_what_is_unknown_is_left_out(tailless):
-    table = tailless.table.assign(status_imu_fault=0.0, roll_estimate_rad=np.nan)
-    data = channels_of([replace(tailless, table=table)], ["run"])
+    run = changed(tailless, status_imu_fault=0.0, roll_estimate_rad=np.nan)
+    data = channels_of([run], ["run"])
     found = {channel["name"]: channel["values"][0] for channel in data["channels"]}
     assert found["status_imu_fault"] == 0.0
     assert "roll_estimate_rad" not in found
@@ -87,7 +88,7 @@ def test_constant_is_one_number_and_what_is_unknown_is_left_out(tailless):
     [("spring_force_n", "N"), ("pump_rad_per_s", "rad/s"), ("knob", ""), ("hip_torque_n_m", "N m")],
 )
 def test_column_that_the_table_does_not_have_says_its_unit_itself(tailed, name, unit):
-    data = channels_of([replace(tailed, table=tailed.table.assign(**{name: tailed.time}))], ["run"])
+    data = channels_of([changed(tailed, **{name: tailed.time})], ["run"])
     assert data["channels"][-1]["name"] == name
     assert data["channels"][-1]["unit"] == unit
 
