@@ -8,6 +8,7 @@ from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.rig.rig_sensors import RigSensor, force_errors
 from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
+from tests.workbench.samples import sampled
 
 SETTINGS = load_rig_scenario("static").force_sensor
 OFFSETS = (-0.064, -0.019, 15.695, -0.011, -0.538, 0.013)
@@ -21,11 +22,7 @@ def shown(count, **arguments):
     )
     simulator = Simulator(sensor)
     sensor.GetInputPort("value").FixValue(simulator.get_mutable_context(), WRENCH)
-    rows = []
-    for k in range(count):
-        simulator.AdvanceTo((k + 0.5) / SETTINGS.rate)
-        rows.append(np.array(sensor.GetOutputPort("reading").Eval(simulator.get_context())))
-    return np.array(rows)
+    return sampled(simulator, (np.arange(count) + 0.5) / SETTINGS.rate, "reading")
 
 
 def sensor_readings(wrench, count, settings):

@@ -1,16 +1,11 @@
-"""The rig's motion and reactions against Lagrange's equations, its signs, and the published
-currents.
-"""
+"""The rig's motion and reactions against Lagrange's equations, and its signs."""
 
-import csv
 import math
-from collections import defaultdict
 
 import numpy as np
 import pytest
 
 from aerodima.workbench.core.errors import ModelError, UserError
-from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.rig.rig_plant import Rig
 from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 from tests.refusals import assert_refused
@@ -120,41 +115,6 @@ def test_friction_brakes_by_the_published_law():
         assert inertia * lost == pytest.approx(
             -(0.0435 * math.tanh(10 * rate) + 0.0364 * rate), rel=1e-9
         )
-
-
-@pytest.mark.parametrize("tail", [1, 2, 3])
-def test_published_currents_are_predicted_from_the_published_coefficients(tail):
-    """Median error per angle, both orientations, without the copied rows (ERRATA E1) and the two
-    without wind (E4).
-    """
-    errors = defaultdict(list)
-    with open(model_path("published/static_fits.csv"), newline="", encoding="utf-8") as file:
-        for row in csv.DictReader(file):
-            current = float(row["current_a"])
-            if (
-                row["tail"] != str(tail)
-                or row["derived_repeats_wind_speed_m_per_s"]
-                or current < 0.1
-            ):
-                continue
-            scenario = STATIC.varied(
-                experiment={
-                    "tail": tail,
-                    "axis": row["axis"],
-                    "wind_speed": float(row["wind_speed_m_per_s"]),
-                },
-                aero={"source": "constant", "drag": float(row["cd"]), "lift": float(row["cl"])},
-                tunnel={"psi3": float(row["psi3_rad"])},
-            )
-            angle = int(row["angle_of_attack_deg"])
-            predicted = Rig(scenario).holding_current(math.radians(angle))
-            errors[row["axis"], angle].append(abs(predicted / current - 1.0))
-    limits = {0: 0.01, 15: 0.02, 30: 0.02}
-    for (axis, angle), values in errors.items():
-        assert np.median(values) < limits[angle], (axis, angle)
-    if tail == 1:  # design section 5: 0.3, 0.7 and 1.6 %
-        medians = [float(np.median(errors["major", angle])) for angle in (0, 15, 30)]
-        np.testing.assert_allclose(medians, [0.003, 0.007, 0.016], atol=0.0015)
 
 
 def test_angle_and_current_beyond_their_limits_are_refused():
