@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.math import RigidTransform
 
 from aerodima.workbench.car.car_air import free_sail, sail_law
@@ -82,9 +83,7 @@ def test_head_wind_loads_the_swing_and_tail_wind_relieves_it(rate):
         car.spin("tail_roll", rate)
         load = force(car)
         # Positive roll takes the tip to the right (-y), so the air pushes to the left.
-        np.testing.assert_allclose(
-            load, [0.0, swing_load(4.0, wind, rate), 0.0], rtol=1e-9, atol=1e-9
-        )
+        assert_allclose(load, [0.0, swing_load(4.0, wind, rate), 0.0], rtol=1e-9, atol=1e-9)
         loads.append(abs(load[1]))
     assert loads[0] > loads[1] > loads[2]
 
@@ -94,14 +93,14 @@ def test_cross_wind_pushes_the_upright_sail_downwind_at_its_middle(wind):
     car = stand(wind={"mean_y": wind})
     place = np.array([3.0, -2.0, 50.0])
     car.place(RigidTransform(place))
-    np.testing.assert_array_equal(car.output("wind_truth"), [0.0, wind, 0.0])
+    assert_array_equal(car.output("wind_truth"), [0.0, wind, 0.0])
     push = [0.0, 0.5 * RHO * CN * AREA * wind * abs(wind), 0.0]
-    np.testing.assert_allclose(force(car), push, atol=1e-9)
+    assert_allclose(force(car), push, atol=1e-9)
     tail = car.scenario.tail
     middle = place + np.array([tail.mount_x, 0.0, tail.mount_height + ROOT + LENGTH / 2])
     start = TAIL_TRUTH.index("tail_force_moment_x_truth_n_m")
     about_origin = car.output("tail_truth")[start:][:3]
-    np.testing.assert_allclose(about_origin, np.cross(middle, push), rtol=1e-7, atol=1e-7)
+    assert_allclose(about_origin, np.cross(middle, push), rtol=1e-7, atol=1e-7)
 
 
 @pytest.mark.parametrize(("wind", "coefficient"), [(-3.0, 2.3), (3.0, 1.2)])
@@ -109,7 +108,7 @@ def test_half_cylinder_is_hollow_towards_the_left_as_it_is_drawn(wind, coefficie
     # models/tail/half_cylinder.obj opens to +y: wind towards -y blows into it (2.3), wind towards
     # +y onto its back.
     car = stand({"coefficients": "half_cylinder"}, wind={"mean_y": wind})
-    np.testing.assert_allclose(
+    assert_allclose(
         force(car), [0.0, 0.5 * RHO * coefficient * AREA * wind * abs(wind), 0.0], atol=1e-9
     )
 
@@ -118,7 +117,7 @@ def test_facing_sail_of_a_driving_car_drags_along_its_path_and_its_encoder_says_
     # Tail upright, 4 m/s along x, no gravity: the air comes from ahead; the hollow, +y at angle 0,
     # turns to +x (-90).
     car = floating((4.0, 0.0, 0.0), tail={"sail": "facing"})
-    np.testing.assert_allclose(force(car), [-0.5 * RHO * CN * AREA * 16.0, 0.0, 0.0], atol=1e-9)
+    assert_allclose(force(car), [-0.5 * RHO * CN * AREA * 16.0, 0.0, 0.0], atol=1e-9)
     car.advance(0.05)
     state = TAIL_STATE.read(car.output("tail_state"))
     assert math.remainder(state.sail_angle, 2 * math.pi) == pytest.approx(-math.pi / 2, abs=0.01)
@@ -199,7 +198,7 @@ def test_added_mass_has_no_weight_and_is_no_part_of_the_vehicle():
     heavy = stand({"added_mass": 0.1})
     plain = stand()
     start = BODY_TRUTH.index("com_x_truth_m")
-    np.testing.assert_allclose(
+    assert_allclose(
         heavy.output("body_truth")[start:][:3], plain.output("body_truth")[start:][:3], atol=1e-12
     )
     for car in (heavy, plain):

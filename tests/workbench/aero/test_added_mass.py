@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.autodiffutils import InitializeAutoDiff
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import (
@@ -154,9 +155,7 @@ def test_a_two_joint_tail_accelerates_by_the_mass_matrix_of_the_jacobians(added)
             bare, bare_context, tail, LAYOUT, added
         )
         expected = np.linalg.solve(total, tau)
-        np.testing.assert_allclose(
-            vdot[own], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max()
-        )
+        assert_allclose(vdot[own], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
 def transport_of_parts(plant, context, body, added):
@@ -262,9 +261,9 @@ def test_only_the_acceleration_relative_to_the_air_counts(spanwise_free):
     state = plant.GetPositionsAndVelocities(plant.CreateDefaultContext())
     vdot = accelerations(builder.Build(), plant, state)
     # The rod's centre of mass is the middle of the parts, so it does not turn.
-    np.testing.assert_allclose(vdot[:3], 0.0, atol=1e-9)
+    assert_allclose(vdot[:3], 0.0, atol=1e-9)
     carried = 5 * added / (5 * added + MASS) * 2 * math.pi * gust[0]
-    np.testing.assert_allclose(vdot[3:6], [carried, 0.0, 0.0], rtol=1e-9, atol=1e-9)
+    assert_allclose(vdot[3:6], [carried, 0.0, 0.0], rtol=1e-9, atol=1e-9)
 
 
 def test_gradients_pass_through_added_mass_jet_and_gusts():
@@ -297,4 +296,4 @@ def test_gradients_pass_through_added_mass_jet_and_gusts():
         for sign in (-1e-6, 1e-6)
     ]
     numeric = np.transpose(np.diff(ends, axis=0)[0]) / 2e-6
-    np.testing.assert_allclose(exact, numeric, atol=1e-6 * np.abs(numeric).max())
+    assert_allclose(exact, numeric, atol=1e-6 * np.abs(numeric).max())

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from pydrake.multibody.tree import RevoluteJoint, SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
@@ -74,7 +75,7 @@ def test_without_exposure_the_force_is_zero_and_flagged():
         context = plant_context(diagram, plant, np.array([math.radians(angle_deg), 0.0]))
         wrench = port_value(force, context, "wrench")
         assert (np.linalg.norm(wrench[:6]) > 0.0) == exposed, angle_deg
-        np.testing.assert_array_equal(
+        assert_array_equal(
             port_value(force, context, "validity"), np.full(5, 1.0 if exposed else 0.0)
         )
 
@@ -114,4 +115,4 @@ def test_above_the_quasi_steady_limit_a_section_is_marked():
             quasi_steady_limit=coefficients.quasi_steady_limit,
         )
         context = plant_context(builder.Build(), plant, np.zeros(2))
-        np.testing.assert_array_equal(port_value(force, context, "validity"), np.full(5, mark))
+        assert_array_equal(port_value(force, context, "validity"), np.full(5, mark))

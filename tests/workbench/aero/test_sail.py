@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.autodiffutils import InitializeAutoDiff
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -102,15 +103,11 @@ def test_facing_drag_points_where_the_air_goes_and_leaves_the_spanwise_part_out(
     law = facing_law(NormalForceLaw(2.0))
     v = np.array([3.0, -4.0, 12.0])
     expected = 0.5 * RHO * 0.02 * 2.0 * 5.0 * np.array([3.0, -4.0, 0.0])
-    np.testing.assert_allclose(section_force(law, v), expected)
+    assert_allclose(section_force(law, v), expected)
     turned = (math.sin(0.7), math.cos(0.7), 0.0)
-    np.testing.assert_allclose(
-        section_force(law, v, n=turned), expected
-    )  # the normal does not matter
+    assert_allclose(section_force(law, v, n=turned), expected)  # the normal does not matter
     locked = section_force(NormalForceLaw(2.0), v)
-    np.testing.assert_allclose(
-        locked, expected * [0.0, 1.0, 0.0]
-    )  # the part of it along the normal
+    assert_allclose(locked, expected * [0.0, 1.0, 0.0])  # the part of it along the normal
 
 
 def test_a_facing_half_cylinder_shows_its_hollow_side():
@@ -157,7 +154,7 @@ def test_gradient_of_the_facing_law_is_finite_and_zero_without_wind():
     exact = half * (
         5.0 * np.diag([1.0, 1.0, 0.0]) + np.outer([3.0, -4.0, 0.0], [3.0, -4.0, 0.0]) / 5.0
     )
-    np.testing.assert_allclose([f.derivatives() for f in force], exact, atol=1e-12)
+    assert_allclose([f.derivatives() for f in force], exact, atol=1e-12)
 
 
 @pytest.mark.parametrize("direction", [0.0, 0.4, -2.0, 3.0])
@@ -190,5 +187,5 @@ def test_crossed_plates_add_up():
     v = (3.0, -4.0, 1.0)
     force = section_force(sail.shell_law, v, n=(0.0, -1.0, 0.0))
     half = 0.5 * RHO * 0.02 * 5.0
-    np.testing.assert_allclose(force, half * np.array([0.5 * 1.4 * 3.0, 2.0 * -4.0, 0.0]))
+    assert_allclose(force, half * np.array([0.5 * 1.4 * 3.0, 2.0 * -4.0, 0.0]))
     assert dot(force, v) > 0.0

@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import Wing
 from pydrake.multibody.tree import SpatialInertia
@@ -96,7 +97,7 @@ def test_constant_two_equals_one_drake_wing_per_section():
         assert np.abs(wrench[3:6] - expected[3:]).max() <= 1e-12 * max(
             np.linalg.norm(expected[3:]), 1.0
         )
-        np.testing.assert_allclose(wrench[6:], X_WB.translation(), atol=1e-15)
+        assert_allclose(wrench[6:], X_WB.translation(), atol=1e-15)
 
 
 def test_the_force_the_plant_receives_is_the_logged_wrench():
@@ -113,9 +114,9 @@ def test_the_force_the_plant_receives_is_the_logged_wrench():
     wrench = port_value(force, context, "wrench")
     R_WB = plant.EvalBodyPoseInWorld(plant.GetMyContextFromRoot(context), body).rotation()
     arm = R_WB.multiply(applied.p_BoBq_B)
-    np.testing.assert_allclose(applied.F_Bq_W.translational(), wrench[:3], rtol=1e-13)
+    assert_allclose(applied.F_Bq_W.translational(), wrench[:3], rtol=1e-13)
     moment = applied.F_Bq_W.rotational() + np.cross(arm, applied.F_Bq_W.translational())
-    np.testing.assert_allclose(moment, wrench[3:6], rtol=1e-12, atol=1e-12)
+    assert_allclose(moment, wrench[3:6], rtol=1e-12, atol=1e-12)
 
 
 def test_the_sections_report_speed_angle_reynolds_number_and_force():
@@ -129,13 +130,11 @@ def test_the_sections_report_speed_angle_reynolds_number_and_force():
     diagram = builder.Build()
     context = plant_context(diagram, plant, np.array([1.0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 3.0, 0, 3.0]))
     rows = port_value(force, context, "sections").reshape(5, 4)
-    np.testing.assert_allclose(rows[:, 0], 3.0 * math.sqrt(2.0), rtol=1e-12)
-    np.testing.assert_allclose(rows[:, 1], -math.pi / 4, rtol=1e-12)
-    np.testing.assert_allclose(
-        rows[:, 2], 1.225 * 3.0 * math.sqrt(2.0) * 0.1 / 1.849e-5, rtol=1e-12
-    )
-    np.testing.assert_allclose(rows[:, 3], 0.5 * 1.225 * 0.012 * 2.0 * 9.0, rtol=1e-12)
-    np.testing.assert_array_equal(port_value(force, context, "validity"), np.ones(5))
+    assert_allclose(rows[:, 0], 3.0 * math.sqrt(2.0), rtol=1e-12)
+    assert_allclose(rows[:, 1], -math.pi / 4, rtol=1e-12)
+    assert_allclose(rows[:, 2], 1.225 * 3.0 * math.sqrt(2.0) * 0.1 / 1.849e-5, rtol=1e-12)
+    assert_allclose(rows[:, 3], 0.5 * 1.225 * 0.012 * 2.0 * 9.0, rtol=1e-12)
+    assert_array_equal(port_value(force, context, "validity"), np.ones(5))
 
 
 def test_several_aerodynamic_bodies_share_a_plant():
@@ -154,7 +153,7 @@ def test_several_aerodynamic_bodies_share_a_plant():
     assert sorted(int(f.body_index) for f in applied) == sorted(int(b.index()) for b in bodies)
     for force, body in zip(forces, bodies, strict=True):
         [got] = [f for f in applied if f.body_index == body.index()]
-        np.testing.assert_allclose(
+        assert_allclose(
             got.F_Bq_W.translational(), port_value(force, context, "wrench")[:3], rtol=1e-13
         )
 

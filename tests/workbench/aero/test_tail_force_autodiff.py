@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.autodiffutils import AutoDiffXd, InitializeAutoDiff
 
 from aerodima.workbench.aero.coefficient_files import load_coefficients
@@ -75,14 +76,14 @@ def test_gradients_equal_central_jacobian(name):
         state = random_state(parts[0][1], rng, speed=2.0)
         exact = gradient(parts, state)
         approximate = differences(parts, state)
-        np.testing.assert_allclose(exact, approximate, atol=1e-6 * np.abs(approximate).max())
+        assert_allclose(exact, approximate, atol=1e-6 * np.abs(approximate).max())
 
 
 def test_gradients_inside_a_jet_follow_the_moving_exposure():
     parts = diagrams(PolarLaw(1.2, 0.4), Jet((0.0, 0.0, 0.3)))
     state = np.array([1.0, 0.05, 0.02, 0.01, 0.0, 0.0, 0.1, 0.3, -0.2, 0.4, 1.0, 2.0, 0.5])
     exact = gradient(parts, state)
-    np.testing.assert_allclose(exact, differences(parts, state), atol=1e-6 * np.abs(exact).max())
+    assert_allclose(exact, differences(parts, state), atol=1e-6 * np.abs(exact).max())
     assert np.abs(exact[:3, 6]).max() > 0.0  # raising the body takes sections out of the jet
 
 
@@ -97,7 +98,7 @@ def test_gradients_are_finite_in_still_air_and_at_ninety_degrees(name):
         slopes = gradient(parts, rest, wind)
         assert np.all(np.isfinite(slopes))
         if not along:
-            np.testing.assert_array_equal(slopes[:, 7:], 0.0)  # quadratic in the velocity
+            assert_array_equal(slopes[:, 7:], 0.0)  # quadratic in the velocity
 
 
 def test_other_outputs_convert_too():

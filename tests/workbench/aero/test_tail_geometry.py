@@ -7,6 +7,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.aero.tail_geometry import Plate, TailArm, TailGeometry
@@ -116,11 +117,11 @@ def test_mass_moments_and_area_are_those_of_the_surface(shape):
     points, masses = surface(shape, shape.kind)
     inertia = shape.inertia
     assert inertia.get_mass() == pytest.approx(masses.sum(), rel=1e-9)
-    np.testing.assert_allclose(inertia.get_com(), masses @ points / masses.sum(), **EXACT)
-    np.testing.assert_allclose(second(inertia), masses * points.T @ points, **EXACT)
+    assert_allclose(inertia.get_com(), masses @ points / masses.sum(), **EXACT)
+    assert_allclose(second(inertia), masses * points.T @ points, **EXACT)
     points, masses = surface(shape, "plate")
     assert shape.area == pytest.approx(masses.sum() / shape.density, rel=1e-9)
-    np.testing.assert_allclose(shape.centre_of_pressure, masses @ points / masses.sum(), **EXACT)
+    assert_allclose(shape.centre_of_pressure, masses @ points / masses.sum(), **EXACT)
 
 
 def test_bent_parts_are_their_pieces():
@@ -137,7 +138,7 @@ def test_sections_share_the_area_and_have_its_centre():
     (layout,) = shape.section_layouts()
     assert layout.number == 6
     assert sum(layout.areas) == pytest.approx(shape.area, rel=1e-12)
-    np.testing.assert_allclose(
+    assert_allclose(
         np.asarray(layout.areas) @ layout.p_BoSi_B / shape.area, shape.centre_of_pressure, **EXACT
     )
     assert layout.end == pytest.approx(0.8)
@@ -147,8 +148,8 @@ def test_centre_of_pressure_counts_what_a_direction_sees():
     both = tail(
         plate(), plate(name="rudder", normal=(1.0, 0.0, 0.0), chords=(0.1, 0.1), lengths=(0.1,))
     )
-    np.testing.assert_allclose(both.centre_of_pressure(), [0, 0, 0.5], **EXACT)
-    np.testing.assert_allclose(both.centre_of_pressure((1.0, 0.0, 0.0)), [0, 0, 0.35], **EXACT)
+    assert_allclose(both.centre_of_pressure(), [0, 0, 0.5], **EXACT)
+    assert_allclose(both.centre_of_pressure((1.0, 0.0, 0.0)), [0, 0, 0.35], **EXACT)
     assert both.facing_area((1.0, 1.0, 0.0)) == pytest.approx((0.08 + 0.01) / math.sqrt(2))
     assert_refused(lambda: both.centre_of_pressure((0.0, 0.0, 1.0)), ModelError)
 
@@ -166,7 +167,7 @@ def test_tail_of_a_scenario_made_of_densities_is_the_same_tail(name):
         one = getattr(known, part)
         other = getattr(made, part)
         for field in ("mass", "com", "moments", "products"):
-            np.testing.assert_allclose(getattr(one, field), getattr(other, field), **EXACT)
+            assert_allclose(getattr(one, field), getattr(other, field), **EXACT)
     # Drake parses the same text, so that every outcome is the same too.
     assert tail_sdf(parameters, motor, car, made).text() == tail_sdf(parameters, motor, car).text()
     assert made.inertial.mass == pytest.approx(parameters.mass, rel=1e-12)
@@ -209,9 +210,7 @@ def test_known_mass_and_inertia_replace_those_of_the_densities():
     total = geometry.inertial
     assert total.mass == pytest.approx(0.2 + 0.06 * 0.7)
     assert total.com[1] == pytest.approx(0.2 * 0.01 / total.mass)
-    np.testing.assert_allclose(
-        inertial_of_inertia(inertia_of_inertial(known)).matrix, known.matrix, **EXACT
-    )
+    assert_allclose(inertial_of_inertia(inertia_of_inertial(known)).matrix, known.matrix, **EXACT)
 
 
 def test_plates_that_overlap_are_refused_and_those_that_touch_or_cross_are_not():

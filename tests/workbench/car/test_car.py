@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 
@@ -36,7 +37,7 @@ def test_car_has_the_mass_and_centre_of_mass_of_the_scenario(car):
         expected.mass, rel=1e-8
     )
     # The SDF carries nine digits.
-    np.testing.assert_allclose(at_rest.com(), [expected.com_x, 0.0, expected.com_height], atol=1e-8)
+    assert_allclose(at_rest.com(), [expected.com_x, 0.0, expected.com_height], atol=1e-8)
 
 
 def test_sprung_body_has_the_radii_of_gyration_of_the_scenario_about_its_own_axes():
@@ -44,10 +45,10 @@ def test_sprung_body_has_the_radii_of_gyration_of_the_scenario_about_its_own_axe
     car = stand(car=radii)
     inertia = car.chassis.CalcSpatialInertiaInBodyFrame(car.plant_context)
     about_com = inertia.Shift(inertia.get_com()).CalcRotationalInertia()
-    np.testing.assert_allclose(
+    assert_allclose(
         about_com.get_moments() / inertia.get_mass(), np.square(list(radii.values())), rtol=1e-6
     )
-    np.testing.assert_allclose(about_com.get_products(), 0.0, atol=1e-9)
+    assert_allclose(about_com.get_products(), 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize(("tail", "gravity"), [("none", 1.62), ("swing", G)])
@@ -62,9 +63,9 @@ def test_lifted_car_falls_freely(tail, gravity):
     step = falling.scenario.simulation.step
     falling.advance(time)
     # Solver tolerance: 1e-6 of a velocity of 3 m/s.
-    np.testing.assert_allclose(falling.com_velocity(), [0.0, 0.0, -gravity * time], atol=3e-6)
+    assert_allclose(falling.com_velocity(), [0.0, 0.0, -gravity * time], atol=3e-6)
     # Symplectic Euler falls half a step ahead of the parabola, exactly.
-    np.testing.assert_allclose(
+    assert_allclose(
         falling.com() - start, [0.0, 0.0, -0.5 * gravity * time * (time + step)], atol=1e-6
     )
     assert not falling.contacts()
@@ -84,7 +85,7 @@ def test_car_rests_at_nominal_ride_height_on_its_tyres(car):
         load = numbers.mass * G * share / 2
         # Contact is solved to 1e-6; the ground's own stiffness of 1e10 N/m adds 1.5e-6 to the
         # tyres' compliance.
-        np.testing.assert_allclose(forces[wheel], [0.0, 0.0, load], rtol=1e-5, atol=1e-5)
+        assert_allclose(forces[wheel], [0.0, 0.0, load], rtol=1e-5, atol=1e-5)
         tyre = numbers.tyre_stiffness_front if front else numbers.tyre_stiffness_rear
         depth = numbers.tyre_radius - resting.wheel_height(wheel)
         assert depth == pytest.approx(load / tyre, rel=1e-4)
@@ -183,7 +184,7 @@ def test_differential_shaft_turns_at_the_mean_of_the_rear_wheels(standard_runs):
         # A hard constraint, solved to 0.01 rad/s of 50 in the worst steps (a wheel that lands),
         # once the tyres hold: the error of the start halves with every step of 2 ms.
         moving = run.time > 0.03
-        np.testing.assert_allclose(spins["drive_shaft_spin"][moving], mean[moving], atol=0.03)
+        assert_allclose(spins["drive_shaft_spin"][moving], mean[moving], atol=0.03)
 
 
 @pytest.mark.slow
@@ -198,7 +199,7 @@ def test_outer_rear_wheel_turns_faster_through_a_turn():
     # rad/s more, because the outer tyre is pressed flatter: 10 N more on one edge of it are 1.4 mm
     # of its radius.
     expected = run.signal("gyro_z_truth_rad_per_s") * scenario.car.track / scenario.car.tyre_radius
-    np.testing.assert_allclose((right - left)[turning], expected[turning], rtol=0.25)
+    assert_allclose((right - left)[turning], expected[turning], rtol=0.25)
     assert np.all(expected[turning] > 3.0)
 
 
@@ -217,7 +218,7 @@ def test_a_tail_begins_where_its_law_waits():
     feedback = {"controller": {"law": "feedback"}, "feedback": {"pitch_angle": -1.2}}
     angles, axis = begins(**feedback)
     assert angles == [-1.2, 0.0]
-    np.testing.assert_allclose(axis, [-math.sin(1.2), 0.0, math.cos(1.2)], atol=1e-12)
+    assert_allclose(axis, [-math.sin(1.2), 0.0, math.cos(1.2)], atol=1e-12)
     assert begins(tail="held", **feedback)[0] == pytest.approx([0.0, -math.pi / 2])
     assert begins(direction="right", controller={"pitch_angle": 0.1})[0] == pytest.approx(
         [0.1, math.pi / 2]

@@ -4,6 +4,7 @@ kinematics have it.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.analysis import Simulator
@@ -71,7 +72,7 @@ def test_station_moves_alike_with_and_without_its_truth_over_a_whole_run(case):
     assert moved.shape[1] > 1300
     assert np.abs(moved - moved[:, :1]).max() > 1.0
     for port, values in expected.items():
-        np.testing.assert_array_equal(found[port], values, err_msg=port)
+        assert_array_equal(found[port], values, err_msg=port)
 
 
 @pytest.mark.parametrize("sail", ["free", "locked", "facing"])
@@ -109,7 +110,7 @@ def test_air_in_wind_is_what_a_tail_force_says_at_any_state(sail):
             context, JacobianWrtVariable.kV, frame, np.zeros(3), world, world
         )
         expected = J[:, moved].T @ [*moment, *force]
-        np.testing.assert_allclose(found[: len(moved)], expected, rtol=0.0, atol=1e-9)
+        assert_allclose(found[: len(moved)], expected, rtol=0.0, atol=1e-9)
         strongest = max(strongest, np.linalg.norm(force))
     assert strongest > 0.5
 
@@ -164,7 +165,7 @@ def test_a_motor_of_the_user_takes_the_place_of_both_tail_motors():
     for name, angle in (("tail_pitch", 0.1), ("tail_roll", -0.3)):
         plant.GetJointByName(name).set_angle(state, angle)
     torques = station.GetOutputPort("tail_torque").Eval(context)
-    np.testing.assert_allclose(torques, [-0.5, 1.5])
+    assert_allclose(torques, [-0.5, 1.5])
 
 
 def test_a_motor_without_a_torque_is_refused():

@@ -4,6 +4,7 @@ outside.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import DiagramBuilder
 
@@ -139,9 +140,7 @@ def test_each_knuckle_gets_its_own_angle_of_the_linkage():
     angles = [car.angle(f"front_{side}_steering") for side in ("left", "right")]
     # The servo gives way by 200 N m/rad: a few milliradians, where the linkage parts the wheels
     # by 100.
-    np.testing.assert_allclose(
-        angles, knuckle_angles(0.3, car.scenario.servo, car.scenario.car), atol=0.01
-    )
+    assert_allclose(angles, knuckle_angles(0.3, car.scenario.servo, car.scenario.car), atol=0.01)
 
 
 def test_status_of_a_simulated_car_is_fresh_armed_and_without_fault():
@@ -179,8 +178,8 @@ def test_station_without_tail_ignores_the_commands_and_says_so():
     without = CarStand(scenario)
     for car in (with_commands, without):
         car.advance(0.1)
-        np.testing.assert_array_equal(car.output("tail_state"), np.zeros(6))
-        np.testing.assert_array_equal(car.output("tail_torque"), np.zeros(2))
+        assert_array_equal(car.output("tail_state"), np.zeros(6))
+        assert_array_equal(car.output("tail_torque"), np.zeros(2))
         status = STATUS.read(car.output("status"))
         assert (status.tail_pitch_fault, status.tail_roll_fault, status.sail_fault) == (
             1.0,
@@ -188,7 +187,7 @@ def test_station_without_tail_ignores_the_commands_and_says_so():
             1.0,
         )
         assert (status.imu_fault, status.speed_fault, status.operator_fault) == (0.0, 0.0, 0.0)
-    np.testing.assert_array_equal(with_commands.output("body_truth"), without.output("body_truth"))
+    assert_array_equal(with_commands.output("body_truth"), without.output("body_truth"))
     assert with_commands.tail is None
     assert not simulated_car(with_commands.station).plant.HasModelInstanceNamed("tail")
 
@@ -208,8 +207,8 @@ def test_each_command_moves_its_own_joint_with_the_torque_that_is_shown():
     joints = [car.plant.GetJointByName(f"tail_{name}") for name in ("pitch", "roll")]
     joints[1].set_angle(car.plant_context, 0.0)
     car.simulator.Initialize()
-    np.testing.assert_allclose(car.output("tail_torque"), [0.7, -0.4])
-    np.testing.assert_allclose(car.output("tail_actuation_truth"), [0.7, -0.4])
+    assert_allclose(car.output("tail_torque"), [0.7, -0.4])
+    assert_allclose(car.output("tail_actuation_truth"), [0.7, -0.4])
     car.advance(0.004)
     rates = [joint.get_angular_rate(car.plant_context) for joint in joints]
     assert rates[0] > 0.01
@@ -223,8 +222,8 @@ def test_friction_of_the_joints_is_told_apart_from_the_torque_of_the_motors():
     for name, rate in (("pitch", 3.0), ("roll", -2.0)):
         car.spin(f"tail_{name}", rate)
     car.simulator.Initialize()
-    np.testing.assert_array_equal(car.output("tail_torque"), [0.0, 0.0])
-    np.testing.assert_allclose(car.output("tail_actuation_truth"), [-0.3, 0.2])
+    assert_array_equal(car.output("tail_torque"), [0.0, 0.0])
+    assert_allclose(car.output("tail_actuation_truth"), [-0.3, 0.2])
 
 
 def test_rolling_wheels_are_braked_by_their_axle_s_resistance():
@@ -262,6 +261,6 @@ def test_imu_is_where_the_scenario_puts_it():
     truth = car.output("body_truth")[BODY_TRUTH.index("acceleration_x_truth_m_per_s2") :][:3]
     car.advance(0.0101)
     imu = IMU.read(car.output("imu"))
-    np.testing.assert_allclose(imu[6:], truth, atol=0.006)
+    assert_allclose(imu[6:], truth, atol=0.006)
     lever = np.array([0.2, 0.0, 0.1])
     assert np.abs(np.cross(spin, np.cross(spin, lever))).min() > 1.0

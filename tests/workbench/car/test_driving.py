@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.math import RigidTransform
 
 from aerodima.workbench.batch.simulation import simulate
@@ -154,12 +155,10 @@ def test_left_and_right_turns_mirror_each_other(drive):
             # of the signal's size.
             scale = np.abs(values).max()
             assert scale > 0.0, name
-            np.testing.assert_allclose(
-                right.signal(name), sign * values, atol=1e-6 * scale, err_msg=name
-            )
+            assert_allclose(right.signal(name), sign * values, atol=1e-6 * scale, err_msg=name)
     for wheel in WHEELS:
         other = wheel.replace("left", "LEFT").replace("right", "left").replace("LEFT", "right")
-        np.testing.assert_allclose(
+        assert_allclose(
             right.signal(f"wheel_force_{other}_z_truth_n"),
             left.signal(f"wheel_force_{wheel}_z_truth_n"),
             atol=1e-4,

@@ -3,6 +3,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.car.car_sensors import SailEncoder, quantise_symmetric
@@ -84,12 +85,10 @@ def test_noise_has_its_standard_deviation_and_belongs_to_the_seed():
     angle, rate = noisy_readings(seed=3)
     assert np.mean(angle) == pytest.approx(1.0, abs=0.002)
     assert np.std(angle) == pytest.approx(0.01, rel=0.15)
-    np.testing.assert_array_equal(noisy_readings(seed=3)[0], angle)
+    assert_array_equal(noisy_readings(seed=3)[0], angle)
     assert np.any(noisy_readings(seed=4)[0] != angle)
     assert np.ptp(noisy_readings(seed=3, noise=0.0)[0]) == 0.0
-    np.testing.assert_allclose(
-        rate[10:], (angle[10:] - angle[:-10]) / 0.02, atol=1e-9
-    )  # of the shown angles
+    assert_allclose(rate[10:], (angle[10:] - angle[:-10]) / 0.02, atol=1e-9)  # of the shown angles
 
 
 def test_motor_reply_is_rounded_to_the_nearest_of_2_to_the_n_minus_1_steps():
@@ -98,7 +97,7 @@ def test_motor_reply_is_rounded_to_the_nearest_of_2_to_the_n_minus_1_steps():
     shown = np.array([quantise_symmetric(value, 12.5, 16) for value in values])
     assert np.max(np.abs(shown - values)) <= position_step / 2 * (1 + 1e-9)
     counts = (shown + 12.5) / position_step
-    np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
+    assert_allclose(counts, np.round(counts), atol=1e-6)
 
 
 def test_motor_reply_saturates_at_its_ranges():

@@ -3,6 +3,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialAcceleration, SpatialVelocity
 from pydrake.systems.analysis import Simulator
@@ -56,9 +57,7 @@ def test_hanging_still_shows_no_linear_acceleration_in_any_attitude():
         assert (shown.acceleration_x, shown.acceleration_y, shown.acceleration_z) == (0.0, 0.0, 0.0)
         assert (shown.gyro_x, shown.gyro_y, shown.gyro_z) == (0.0, 0.0, 0.0)
         # One count of the attitude is 1/900 rad; rounding makes half of it.
-        np.testing.assert_allclose(
-            [shown.roll, shown.pitch, shown.yaw], roll_pitch_yaw, atol=0.51 / 900
-        )
+        assert_allclose([shown.roll, shown.pitch, shown.yaw], roll_pitch_yaw, atol=0.51 / 900)
 
 
 def test_constant_turn_to_the_left_gives_centripetal_acceleration_to_the_left():
@@ -75,7 +74,7 @@ def test_constant_turn_to_the_left_gives_centripetal_acceleration_to_the_left():
         )
         shown = sample(motion)
         assert shown.gyro_z == pytest.approx(2.0, abs=1e-3)
-        np.testing.assert_allclose(shown[6:], [0.0, 8.0, 0.0], atol=0.006)
+        assert_allclose(shown[6:], [0.0, 8.0, 0.0], atol=0.006)
         assert shown.yaw == pytest.approx(heading, abs=1e-3)
 
 
@@ -93,7 +92,7 @@ def test_motion_at_the_imu_is_the_second_derivative_of_its_path():
     shown = motion_at_imu(ChassisMotion(R_WB, omega, alpha, pushed), lever)
     expected = (attitude, R_WB.T @ omega, R_WB.T @ np.diff(path, 2, axis=0)[0] / 1e-6)
     for found, value, error in zip(shown, expected, (1e-12, 1e-9, 1e-3), strict=True):
-        np.testing.assert_allclose(found, value, atol=error)
+        assert_allclose(found, value, atol=error)
 
 
 def test_ranges_of_the_chip():
@@ -108,10 +107,10 @@ def test_ranges_of_the_chip():
     )
     shown = sample(up)
     limit = math.radians(2000.0)
-    np.testing.assert_allclose(shown[3:6], [limit, -limit, limit], atol=1e-3)
+    assert_allclose(shown[3:6], [limit, -limit, limit], atol=1e-3)
     four_g = 4 * 9.80665
     # The horizontal axes also feel the centripetal part of the lever arm, which is zero here.
-    np.testing.assert_allclose(shown[6:], [four_g, -four_g, four_g - 9.81], atol=0.006)
+    assert_allclose(shown[6:], [four_g, -four_g, four_g - 9.81], atol=0.006)
     down = (
         RigidTransform(),
         SpatialVelocity(np.zeros(3), np.zeros(3)),
@@ -131,15 +130,13 @@ def test_noise_has_the_asked_deviations_and_one_bias_per_run():
         "attitude_noise": 0.02,
     }
     rows = samples(2000, motion=still(), **noisy)
-    np.testing.assert_allclose(rows.std(axis=0), np.repeat([0.02, 0.05, 0.5], 3), rtol=0.08)
+    assert_allclose(rows.std(axis=0), np.repeat([0.02, 0.05, 0.5], 3), rtol=0.08)
     bias = rows[:, 3:6].mean(axis=0)
     assert np.all(np.abs(bias) > 0.006), (
         "more than five standard errors of the mean: a bias, not noise"
     )
-    np.testing.assert_allclose(
-        rows[:, [0, 1, 2]].mean(axis=0), 0.0, atol=5 * 0.02 / math.sqrt(2000)
-    )
-    np.testing.assert_allclose(rows[:, 6:].mean(axis=0), 0.0, atol=5 * 0.5 / math.sqrt(2000))
+    assert_allclose(rows[:, [0, 1, 2]].mean(axis=0), 0.0, atol=5 * 0.02 / math.sqrt(2000))
+    assert_allclose(rows[:, 6:].mean(axis=0), 0.0, atol=5 * 0.5 / math.sqrt(2000))
     biases = [sample(still(), seed=seed, gyro_bias=0.2)[3:6] for seed in range(300)]
     # 900 biases: their deviation is known to 2.4 %.
     assert np.std(biases) == pytest.approx(0.2, rel=0.12)
@@ -150,5 +147,5 @@ def test_resolution_of_the_data_sheet():
         20, motion=still(), gyro_noise=0.05, accelerometer_noise=0.5, attitude_noise=0.02
     )
     counts = rows * np.repeat([900.0, 900.0, 100.0], 3)
-    np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
+    assert_allclose(counts, np.round(counts), atol=1e-9)
     assert STEPS[0] == pytest.approx(1 / 900)

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
@@ -151,13 +152,9 @@ def roll_inertia(tail, motor):
 
 def test_positive_roll_swings_to_the_right_and_positive_pitch_forward():
     length = ArmOnTheBench().scenario.tail.length
-    np.testing.assert_allclose(ArmOnTheBench().tip(), [0.0, 0.0, length], atol=1e-12)
-    np.testing.assert_allclose(
-        ArmOnTheBench(angles=(0.0, math.pi / 2)).tip(), [0.0, -length, 0.0], atol=1e-12
-    )
-    np.testing.assert_allclose(
-        ArmOnTheBench(angles=(math.pi / 2, 0.0)).tip(), [length, 0.0, 0.0], atol=1e-12
-    )
+    assert_allclose(ArmOnTheBench().tip(), [0.0, 0.0, length], atol=1e-12)
+    assert_allclose(ArmOnTheBench(angles=(0.0, math.pi / 2)).tip(), [0.0, -length, 0.0], atol=1e-12)
+    assert_allclose(ArmOnTheBench(angles=(math.pi / 2, 0.0)).tip(), [length, 0.0, 0.0], atol=1e-12)
 
 
 def test_roll_inertia_is_that_of_rod_sail_and_rotor():
@@ -182,9 +179,7 @@ def test_inertia_that_the_motors_count_with_is_that_of_the_plant_and_its_added_m
     ]
     felt = np.linalg.inv(inverse[np.ix_(joints, joints)])
     rotor = motor.rotor_inertia * motor.gear_ratio**2
-    np.testing.assert_allclose(
-        np.diag(np.array(arm.about_joints(roll)) + rotor), felt, rtol=1e-6, atol=1e-9
-    )
+    assert_allclose(np.diag(np.array(arm.about_joints(roll)) + rotor), felt, rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize("added", [0.03, -0.039])
@@ -195,7 +190,7 @@ def test_swing_with_added_mass_is_the_same_at_a_quarter_of_the_step(added):
         bench = ArmOnTheBench(step, [1.0, *HELD[1:]], (0.0, -1.5), tail={"added_mass": added})
         angles.append(bench.history("tail_roll", times))
     # First order in the step: 1.5 ms on a rate of at most 8.5 rad/s (2.5 rad, kp / kd = 3.4 /s).
-    np.testing.assert_allclose(angles[0], angles[1], atol=0.013)
+    assert_allclose(angles[0], angles[1], atol=0.013)
     assert angles[0][-1] == pytest.approx(1.0, abs=0.15)  # there, less what friction keeps
 
 

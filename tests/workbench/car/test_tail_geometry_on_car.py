@@ -4,6 +4,7 @@ drawn as it is.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.batch.simulation import simulate
@@ -95,16 +96,16 @@ def test_bent_tail_drives_with_its_own_mass_sections_and_tip(
     frame = plant.GetFrameByName("tail_rod")
     found = plant.CalcSpatialInertia(context, frame, bodies)
     assert found.get_mass() == pytest.approx(geometry.inertial.mass, rel=1e-8)
-    np.testing.assert_allclose(found.get_com(), geometry.inertial.com, rtol=1e-7, atol=1e-9)
+    assert_allclose(found.get_com(), geometry.inertial.com, rtol=1e-7, atol=1e-9)
     inertia = found.CalcRotationalInertia().CopyToFullMatrix3()
-    np.testing.assert_allclose(inertia, geometry.inertia_about_joints, rtol=1e-7, atol=1e-9)
+    assert_allclose(inertia, geometry.inertia_about_joints, rtol=1e-7, atol=1e-9)
     assert len(sail_strips(car.tail)) == 2
     stand = CarStand(car)
     tip = stand.output("tail_truth")[TAIL_TRUTH.index("tail_tip_x_truth_m") :][:3]
     roll = -np.pi / 2
     # At rest the tail lies to the left: its own y points down then.
     _, y, z = geometry.arm.points[-1]
-    np.testing.assert_allclose(
+    assert_allclose(
         tip[1:], [np.cos(roll) * y - np.sin(roll) * z, car.tail.mount_height - y], atol=0.01
     )
 
@@ -117,7 +118,7 @@ def test_motors_count_with_the_inertia_of_a_tail_that_is_bent_sideways(files, ro
     joints = [plant.GetJointByName(f"tail_{name}").velocity_start() for name in ("pitch", "roll")]
     rotor = car.tail_motor.rotor_inertia * car.tail_motor.gear_ratio**2
     found = np.diag(plant.CalcMassMatrix(context))[joints] - rotor
-    np.testing.assert_allclose(
+    assert_allclose(
         arm_inertia(car.tail, car.tail_motor, car.car).about_joints(roll), found, rtol=1e-6
     )
 

@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from aerodima.workbench.car.turn_signals import (
     settled_row,
@@ -49,7 +50,7 @@ def test_windows_are_the_steered_times_with_their_sides(steering, expected, erro
     zero, and the log ends at 4 s.
     """
     windows = steered_windows(made_up_run({"steering_command_rad": steering}))
-    np.testing.assert_allclose(windows, expected, atol=error)
+    assert_allclose(windows, expected, atol=error)
 
 
 def test_a_trembling_hand_is_no_steering_and_a_straight_run_has_no_window():
@@ -139,9 +140,9 @@ def test_the_bias_of_the_gyro_is_that_of_the_straight_driving_before_the_turn(di
     rate = rolling + 0.05 + until(0.9, 0.4)
     run = made_up_run({"imu_gyro_x_rad_per_s": side * rate}, direction, truth=False)
     found = turn_signals(run).roll_rate
-    np.testing.assert_allclose(found[times() >= 1.0], rolling[times() >= 1.0], atol=1e-12)
+    assert_allclose(found[times() >= 1.0], rolling[times() >= 1.0], atol=1e-12)
 
 
 def test_tilt_from_the_sensors_is_that_of_roll_and_pitch_together():
     run = made_up_run({"imu_roll_rad": 0.6, "imu_pitch_rad": -0.8}, truth=False)
-    np.testing.assert_allclose(turn_signals(run).tilt, math.acos(math.cos(0.6) * math.cos(0.8)))
+    assert_allclose(turn_signals(run).tilt, math.acos(math.cos(0.6) * math.cos(0.8)))

@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from aerodima.workbench.control.driver_law import (
     FishhookDriver,
@@ -30,7 +31,7 @@ def driven(law, roll_rate, side=1.0, length=3.0):
     for tick in range(round(100 * length)):
         before = memory.copy()
         after, given = law.step(memory, Seen(0.01 * tick, roll_rate=side * roll_rate(0.01 * tick)))
-        np.testing.assert_array_equal(memory, before, err_msg="a law must not change its arguments")
+        assert_array_equal(memory, before, err_msg="a law must not change its arguments")
         memory = after
         inputs.append((given.steering_angle, given.planned_turn))
     return np.array(inputs).T
@@ -88,7 +89,7 @@ def test_fishhook_waits_while_the_roll_rate_is_not_known():
 def test_fishhook_to_the_right_is_the_mirror_image():
     left = driven(FISHHOOK, roll_until(0.6))
     right = driven(replace(FISHHOOK, side=-1.0), roll_until(0.6), side=-1.0)
-    np.testing.assert_array_equal(left, -right)
+    assert_array_equal(left, -right)
 
 
 def test_a_schedule_is_a_driver_that_looks_at_nothing():
@@ -163,8 +164,8 @@ def test_path_driver_keeps_a_slow_kinematic_car_in_its_lane(name, side):
 def test_a_mirrored_path_is_steered_as_its_mirror_image(name):
     """Up to rounding, which a stable driver does not blow up."""
     left, right = (follow(name, f"manoeuvre.direction={side}")[2] for side in ("left", "right"))
-    np.testing.assert_allclose(left[1:], -right[1:], atol=1e-9)
-    np.testing.assert_allclose(left[0], right[0], atol=1e-9)
+    assert_allclose(left[1:], -right[1:], atol=1e-9)
+    assert_allclose(left[0], right[0], atol=1e-9)
 
 
 def test_path_driver_reacts_late_and_turns_the_wheel_no_faster_than_hands_do():

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from aerodima.workbench.control.feedback_law import (
     GYRO_X,
@@ -100,10 +101,10 @@ def test_a_mirrored_car_gets_the_mirrored_command():
         other, same_pitch, mirrored, same_state = step(
             seen(-roll, -rate, -yaw, -steering), np.array([-tail])
         )
-        np.testing.assert_allclose(mirrored[:2], -command[:2], atol=1e-12)
-        np.testing.assert_array_equal(mirrored[2:], command[2:])
-        np.testing.assert_allclose(other, -after, atol=1e-12)
-        np.testing.assert_array_equal(pitch, same_pitch)
+        assert_allclose(mirrored[:2], -command[:2], atol=1e-12)
+        assert_array_equal(mirrored[2:], command[2:])
+        assert_allclose(other, -after, atol=1e-12)
+        assert_array_equal(pitch, same_pitch)
         assert state == same_state
 
 

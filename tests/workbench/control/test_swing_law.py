@@ -3,6 +3,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from aerodima.workbench.control.swing_law import SwingSettings, SwingState
 from aerodima.workbench.control.swing_machine import SwingLaw, SwingMemory
@@ -85,9 +86,9 @@ def test_a_left_turn_from_hold_to_the_end():
         *["SWING"] * 2,
         *["SETTLE"] * 3,
     ]
-    np.testing.assert_allclose(commands[0], HELD_LEFT)
-    np.testing.assert_allclose(commands[2], [0.0, 8.0, 0.0, 3.0, 0.0])
-    np.testing.assert_allclose(commands[4], [math.pi / 2, 0.0, 5.0, 2.0, 0.0])
+    assert_allclose(commands[0], HELD_LEFT)
+    assert_allclose(commands[2], [0.0, 8.0, 0.0, 3.0, 0.0])
+    assert_allclose(commands[4], [math.pi / 2, 0.0, 5.0, 2.0, 0.0])
 
 
 def test_travel_is_measured_from_where_the_swing_began():
@@ -126,7 +127,7 @@ def test_what_must_not_trigger(observation):
     memory = memory_in("HOLD")
     states, commands, _ = run([observation], memory=memory)
     assert states == ["HOLD"]
-    np.testing.assert_allclose(commands[0], HELD_LEFT)
+    assert_allclose(commands[0], HELD_LEFT)
 
 
 def test_delay_state_waits_with_the_hold_command_even_if_the_yaw_rate_is_gone():
@@ -137,7 +138,7 @@ def test_delay_state_waits_with_the_hold_command_even_if_the_yaw_rate_is_gone():
     ]
     states, commands, _ = run(observations, settings)
     assert states == ["HOLD", *["DELAY"] * 5, "SWING", "SWING"]
-    np.testing.assert_allclose(commands[3], HELD_LEFT)
+    assert_allclose(commands[3], HELD_LEFT)
 
 
 @pytest.mark.parametrize("plan", [NONE, RIGHT])
@@ -161,7 +162,7 @@ def test_swinging_tail_whose_angle_is_lost_is_held_where_it_was_last_seen():
     memory = run([see(0.6, roll=0.3)], memory=memory_in("SWING"))[2]
     states, commands, memory = run([see(0.61, roll=math.nan)], memory=memory)
     assert states == ["SWING"]
-    np.testing.assert_allclose(commands[0], [0.3, 0.0, 17.0, 5.0, 0.0])
+    assert_allclose(commands[0], [0.3, 0.0, 17.0, 5.0, 0.0])
     assert run([see(0.62, roll=0.35)], memory=memory)[1][0][1] == 8.0
 
 
@@ -208,13 +209,13 @@ def test_next_turn_to_the_same_side_recocks_slowly_then_swings_again():
     on_the_way = [see(4.0 + 0.5 * k, outside - 0.5 * k, yaw_rate=4.0) for k in range(5)]
     states, commands, memory = run(on_the_way, memory=memory)
     assert set(states) == {"RECOCK"}, "a tail that is not on the inside must not swing"
-    np.testing.assert_allclose(commands[:, 0], outside - SETTINGS.recock_speed * 0.5 * np.arange(5))
-    np.testing.assert_allclose(commands[:, 1], -SETTINGS.recock_speed)
-    np.testing.assert_allclose(commands[:, 2:], [[5.0, 2.0, 0.0]] * 5)
+    assert_allclose(commands[:, 0], outside - SETTINGS.recock_speed * 0.5 * np.arange(5))
+    assert_allclose(commands[:, 1], -SETTINGS.recock_speed)
+    assert_allclose(commands[:, 2:], [[5.0, 2.0, 0.0]] * 5)
     end = 4.0 + math.pi / SETTINGS.recock_speed
     states, commands, memory = run([see(end - 0.01, -1.5), see(end + 0.01, -1.5)], memory=memory)
     assert states == ["RECOCK", "HOLD"]
-    np.testing.assert_allclose(commands[1], HELD_LEFT)
+    assert_allclose(commands[1], HELD_LEFT)
     assert run([see(end + 0.5, -1.5, yaw_rate=1.2)], memory=memory)[0] == ["SWING"]
 
 
@@ -222,7 +223,7 @@ def test_next_turn_to_the_other_side_finds_the_tail_on_its_inside():
     memory = memory_in("SETTLE")
     states, commands, memory = run([see(3.0, 1.4, yaw_rate=2.0, plan=RIGHT)], memory=memory)
     assert states == ["HOLD"]
-    np.testing.assert_allclose(commands[0], [math.pi / 2, 0.0, 17.0, 5.0, 0.0])
+    assert_allclose(commands[0], [math.pi / 2, 0.0, 17.0, 5.0, 0.0])
     states, commands, _ = run([see(3.2, 1.4, yaw_rate=-1.2, plan=RIGHT)], memory=memory)
     assert states == ["SWING"]
     assert commands[0][1] == -8.0
@@ -235,7 +236,7 @@ def test_change_of_plan_turns_the_recock_round_without_a_jump():
         [see(0.41, 0.95, plan=RIGHT), see(0.51, 1.0, plan=RIGHT)], memory=memory
     )
     assert states == ["RECOCK", "RECOCK"]
-    np.testing.assert_allclose(commands[:, 0], [0.95, 0.95 + 0.1 * SETTINGS.recock_speed])
+    assert_allclose(commands[:, 0], [0.95, 0.95 + 0.1 * SETTINGS.recock_speed])
     assert commands[1][1] == SETTINGS.recock_speed
 
 
@@ -249,7 +250,7 @@ def test_without_any_plan_the_tail_is_held_on_the_side_where_it_is(roll, side):
 def test_tail_far_from_the_inside_is_led_there_at_the_start():
     states, commands, _ = run([see(0.0, 0.0)])
     assert states == ["RECOCK"]
-    np.testing.assert_allclose(commands[0], [0.0, -SETTINGS.recock_speed, 5.0, 2.0, 0.0])
+    assert_allclose(commands[0], [0.0, -SETTINGS.recock_speed, 5.0, 2.0, 0.0])
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.03])
@@ -271,7 +272,7 @@ def test_right_turn_is_the_mirror_image_of_the_left_turn(delay):
     expected = {"HOLD", "SWING", "SETTLE", "RECOCK"}
     assert set(left_states) == expected | ({"DELAY"} if delay else set())
     assert left_states == right_states
-    np.testing.assert_array_equal(left_commands * [-1, -1, 1, 1, 1], right_commands)
+    assert_array_equal(left_commands * [-1, -1, 1, 1, 1], right_commands)
 
 
 @pytest.mark.parametrize(

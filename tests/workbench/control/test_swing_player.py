@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
 from aerodima.workbench.control.swing_law import SwingState
@@ -98,8 +99,8 @@ def test_waits_at_the_first_knot_and_releases_on_a_yaw_rate_into_the_turn_only()
     )
     assert [state for state, _, _ in ticks] == [SwingState.HOLD] * 3 + [SwingState.SWING]
     _, pitch, roll = ticks[0]
-    np.testing.assert_allclose(roll, [INSIDE, 0.0, 17.0, 5.0, 0.0])
-    np.testing.assert_allclose(pitch, [0.1, 0.0, 17.0, 5.0, 0.0])
+    assert_allclose(roll, [INSIDE, 0.0, 17.0, 5.0, 0.0])
+    assert_allclose(pitch, [0.1, 0.0, 17.0, 5.0, 0.0])
 
 
 def test_a_silent_imu_releases_nothing():
@@ -133,28 +134,24 @@ def test_torque_stays_inside_the_limit_of_the_file():
 
 def test_the_joints_follow_the_knots_with_their_gains_and_torque():
     _, pitch, roll = run(player(), *released(0.1, roll=INSIDE + 0.5, roll_rate=5.0))[-1]
-    np.testing.assert_allclose(roll, [INSIDE + 5.4 * 0.105, 5.4, 6.0, 1.0, 0.4], atol=1e-12)
-    np.testing.assert_allclose(pitch, [0.1 + 0.4 * 0.105, 0.4, 17.0, 2.0, 0.0], atol=1e-12)
+    assert_allclose(roll, [INSIDE + 5.4 * 0.105, 5.4, 6.0, 1.0, 0.4], atol=1e-12)
+    assert_allclose(pitch, [0.1 + 0.4 * 0.105, 0.4, 17.0, 2.0, 0.0], atol=1e-12)
 
 
 def test_after_the_last_knot_the_tail_is_held_there():
     end = see(0.5 + LENGTH, roll=OUTSIDE)
     state, pitch, roll = run(player(), see(0.0), see(0.5, yaw_rate=1.5), end)[-1]
     assert state == SwingState.SETTLE
-    np.testing.assert_allclose(roll, [OUTSIDE, 0.0, 6.0, 1.0, 0.0])
-    np.testing.assert_allclose(pitch, [0.3, 0.0, 17.0, 2.0, 0.0])
+    assert_allclose(roll, [OUTSIDE, 0.0, 6.0, 1.0, 0.0])
+    assert_allclose(pitch, [0.3, 0.0, 17.0, 2.0, 0.0])
 
 
 def test_a_blocked_tail_is_given_up_and_the_thesis_law_finishes():
     seen = [*released(0.25), see(0.76, roll=-1.4), see(1.0, roll=1.0), see(1.01, roll=1.0)]
     ticks = run(player(), *seen)
     assert [state.name for state, _, _ in ticks] == ["HOLD", "SWING", *["FALLBACK"] * 4]
-    np.testing.assert_allclose(
-        ticks[3][2], [0.0, 8.0, 0.0, 3.0, 0.0]
-    )  # Table 6.4: over the top with 8 rad/s
-    np.testing.assert_allclose(
-        ticks[5][2], [math.pi / 2, 0.0, 5.0, 2.0, 0.0]
-    )  # then to the outside
+    assert_allclose(ticks[3][2], [0.0, 8.0, 0.0, 3.0, 0.0])  # Table 6.4: over the top with 8 rad/s
+    assert_allclose(ticks[5][2], [math.pi / 2, 0.0, 5.0, 2.0, 0.0])  # then to the outside
 
 
 def test_is_led_back_slowly_for_a_second_turn_to_the_same_side():
@@ -175,7 +172,7 @@ def test_is_led_back_slowly_for_a_second_turn_to_the_same_side():
     assert names[-2:] == ["HOLD", "SWING"]
     asked = np.array([roll[0] for state, _, roll in ticks if state == SwingState.RECOCK])
     assert asked[0] == pytest.approx(OUTSIDE)
-    np.testing.assert_allclose(np.diff(asked), -TICK, atol=1e-9)
+    assert_allclose(np.diff(asked), -TICK, atol=1e-9)
 
 
 def test_a_right_turn_is_the_exact_mirror_image():
@@ -194,8 +191,8 @@ def test_a_right_turn_is_the_exact_mirror_image():
         run(player(), *seen(1.0)), run(player(), *seen(-1.0)), strict=True
     ):
         assert state == state_m
-        np.testing.assert_array_equal(pitch, pitch_m)
-        np.testing.assert_array_equal(roll * [-1, -1, 1, 1, -1], roll_m)
+        assert_array_equal(pitch, pitch_m)
+        assert_array_equal(roll * [-1, -1, 1, 1, -1], roll_m)
 
 
 def test_unknown_angles_give_no_unknown_commands():
@@ -203,7 +200,7 @@ def test_unknown_angles_give_no_unknown_commands():
     assert run(player(), see(0.0, **unknown))[0][0] == SwingState.OFF
     state, pitch, roll = run(player(), *released(0.1, roll=-1.0), see(0.61, **unknown))[-1]
     assert state == SwingState.SWING
-    np.testing.assert_allclose(roll, [-1.0, 0.0, 17.0, 5.0, 0.0])
+    assert_allclose(roll, [-1.0, 0.0, 17.0, 5.0, 0.0])
     assert np.all(np.isfinite(pitch))
 
 

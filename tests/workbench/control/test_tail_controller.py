@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.control.controller_systems import TailController
@@ -63,7 +64,7 @@ class CountingLaw:
 def test_law_is_called_exactly_once_in_each_of_its_periods(rate):
     law = CountingLaw(SwingSettings.published(rate=rate))
     Bench(law).advance(0.999)
-    np.testing.assert_allclose(law.times, np.arange(rate) / rate, atol=1e-12)
+    assert_allclose(law.times, np.arange(rate) / rate, atol=1e-12)
 
 
 def test_holds_triggers_swings_and_settles():
@@ -72,8 +73,8 @@ def test_holds_triggers_swings_and_settles():
     bench.show(yaw_rate=1.2)
     assert bench.advance(0.109) == HOLD, "nothing changes between ticks"
     assert bench.advance(0.115) == SWING
-    np.testing.assert_allclose(bench.read("tail_roll_command"), [0.0, 8.0, 0.0, 3.0, 0.0])
-    np.testing.assert_allclose(bench.read("tail_pitch_command"), [0.0, 0.0, 17.0, 5.0, 0.0])
+    assert_allclose(bench.read("tail_roll_command"), [0.0, 8.0, 0.0, 3.0, 0.0])
+    assert_allclose(bench.read("tail_pitch_command"), [0.0, 0.0, 17.0, 5.0, 0.0])
     bench.show(roll=0.8, yaw_rate=3.0)
     assert bench.advance(0.125) == SETTLE
 
@@ -145,4 +146,4 @@ def test_a_law_is_not_given_what_a_silent_or_faulty_source_reports(status, unkno
         expected["imu"] = UNKNOWN_IMU
     assert observation.imu_valid == ("imu" not in unknown)
     for name, value in expected.items():
-        np.testing.assert_array_equal(getattr(observation, name), value, err_msg=name)
+        assert_array_equal(getattr(observation, name), value, err_msg=name)

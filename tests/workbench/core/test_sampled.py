@@ -3,6 +3,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.core.errors import UserError
@@ -42,16 +43,16 @@ def test_delay_is_exact_for_whole_and_broken_periods(delay):
     times = 0.0011 + 0.002 * np.arange(350)
     shown, sample_time, age = record(Clock(delay=delay), times)
     expected = np.floor((times - delay) * 100.0 + 1e-6) / 100.0
-    np.testing.assert_allclose(shown, np.maximum(0.0, expected), atol=1e-12)
-    np.testing.assert_allclose(sample_time[150:], expected[150:], atol=1e-12)
-    np.testing.assert_allclose(age, times - expected, atol=1e-12)
+    assert_allclose(shown, np.maximum(0.0, expected), atol=1e-12)
+    assert_allclose(sample_time[150:], expected[150:], atol=1e-12)
+    assert_allclose(age, times - expected, atol=1e-12)
     assert delay - 1e-12 <= age.min() <= delay + 0.002
     assert delay + 0.008 <= age.max() <= delay + 0.01
 
 
 def test_sample_appears_at_the_very_instant_delay_after_it_was_taken():
     shown, _, _ = record(Clock(delay=0.025), [0.5349, 0.5351])
-    np.testing.assert_allclose(shown, [0.50, 0.51])
+    assert_allclose(shown, [0.50, 0.51])
 
 
 def test_exactly_one_sample_every_period():
@@ -67,9 +68,7 @@ def test_several_outputs_cut_the_sample():
     clock = Clock()
     simulator = Simulator(clock)
     simulator.AdvanceTo(0.055)
-    np.testing.assert_allclose(
-        clock.GetOutputPort("more").Eval(simulator.get_context()), [0.05**2, 5.0]
-    )
+    assert_allclose(clock.GetOutputPort("more").Eval(simulator.get_context()), [0.05**2, 5.0])
 
 
 def test_outputs_have_no_feedthrough():

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
+from numpy.testing import assert_array_equal
 
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.journal import JournalWriter, journal_path, read_journal, recover
@@ -45,7 +46,7 @@ def expected(rows):
 
 
 def assert_rows(table, rows):
-    np.testing.assert_array_equal(table.to_numpy(), expected(rows))
+    assert_array_equal(table.to_numpy(), expected(rows))
 
 
 @pytest.mark.parametrize("rows", [0, 1, 249, 250, 251, 1003])
@@ -220,7 +221,7 @@ def test_no_flipped_bit_gives_a_wrong_value_or_goes_unsaid(tmp_path):
         table, damage = read_journal(journal)
         rows = table.to_pandas().to_numpy()
         numbers = np.rint(100.0 * rows[:, 0]).astype(int)
-        np.testing.assert_array_equal(rows, every_row[numbers])
+        assert_array_equal(rows, every_row[numbers])
         lost = np.setdiff1d(np.arange(300), numbers)
         assert "damaged" in damage[0]
         if len(lost):

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from aerodima.workbench.core.errors import ModelError, UserError
 from aerodima.workbench.rig.rig_plant import Rig
@@ -51,7 +52,7 @@ def test_bare_rig_moves_and_reacts_as_lagrange_derives_it(tail, misalignment):
         acceleration, wrench = derived(tail, angle, rate, torque, misalignment)
         reaction = rig.reaction(angle, rate, torque)
         assert reaction.acceleration == pytest.approx(acceleration, rel=1e-9, abs=1e-9)
-        np.testing.assert_allclose(reaction.wrench, wrench, rtol=1e-9, atol=1e-9)
+        assert_allclose(reaction.wrench, wrench, rtol=1e-9, atol=1e-9)
 
 
 def test_hanging_rig_weighs_what_it_weighs():
@@ -60,7 +61,7 @@ def test_hanging_rig_weighs_what_it_weighs():
     assert reaction.acceleration == pytest.approx(0.0, abs=1e-12)
     moments = MOUNT_MASS * MOUNT_COM + (BAR_MASS + TAILS[1][0]) * PIVOT
     expected = [0.0, 0.0, mass * GRAVITY, moments[1] * GRAVITY, -moments[0] * GRAVITY, 0.0]
-    np.testing.assert_allclose(reaction.wrench, expected, atol=1e-9)
+    assert_allclose(reaction.wrench, expected, atol=1e-9)
     assert reaction.wrench[2] == pytest.approx(15.698, abs=1e-3)  # Table 4.4 has 15.695
     assert reaction.wrench[4] == pytest.approx(-0.320, abs=5e-4)  # design section 4
 
@@ -99,7 +100,7 @@ def test_misalignment_turns_the_wind_about_z():
     wrench = rig.reaction_at_current(0.0, 0.0, rig.holding_current(0.0)).wrench
     area = 0.39 * 0.0639 + 0.02 * 0.005
     drag = 0.5 * 1.225 * 1.2 * area * 100.0
-    np.testing.assert_allclose(wrench[:2], [-drag * math.sin(psi), drag * math.cos(psi)], rtol=1e-9)
+    assert_allclose(wrench[:2], [-drag * math.sin(psi), drag * math.cos(psi)], rtol=1e-9)
 
 
 def test_friction_brakes_by_the_published_law():
@@ -135,7 +136,7 @@ def test_zero_exposure_is_normal_and_no_exposure_at_all_an_error():
     assert not rig.is_exposed(math.radians(75.0))
     calm = Rig(without_air(friction=True))
     high = math.radians(80.0)
-    np.testing.assert_allclose(
+    assert_allclose(
         rig.reaction(high, 1.0, 0.2).wrench, calm.reaction(high, 1.0, 0.2).wrench, atol=1e-12
     )
     deep = STATIC.varied(tunnel={"jet_edge_depth": 0.9})

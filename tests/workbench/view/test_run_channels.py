@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from aerodima.workbench.scenario.signal_table import sensor_columns, truth_columns
 from aerodima.workbench.view.run_channels import MAX_POINTS, channels_of, thinned
@@ -35,10 +36,8 @@ def test_every_channel_has_unit_and_meaning_of_the_column_table(tailed):
 def test_short_run_is_embedded_whole(tailed):
     data = channels_of([tailed], ["run"])
     (gyro,) = [channel for channel in data["channels"] if channel["name"] == "imu_gyro_z_rad_per_s"]
-    np.testing.assert_allclose(unpacked(data["runs"][0]["time"]), tailed.time, rtol=1e-6)
-    np.testing.assert_allclose(
-        unpacked(gyro["values"][0]), tailed.signal("imu_gyro_z_rad_per_s"), rtol=1e-6
-    )
+    assert_allclose(unpacked(data["runs"][0]["time"]), tailed.time, rtol=1e-6)
+    assert_allclose(unpacked(gyro["values"][0]), tailed.signal("imu_gyro_z_rad_per_s"), rtol=1e-6)
 
 
 def test_long_run_keeps_its_peaks_and_times_in_order(tailed):
