@@ -111,14 +111,6 @@ def test_every_metric_is_computed_again_from_the_log(made, rows, name):
         assert cell == "" if impulses is None else float(cell) == getattr(impulses, cause)
 
 
-def test_the_published_turn_ends_as_published(rows):
-    # Thesis 7.1: without tail 3.33 m/s is survived and 4.44 m/s is not; with the swinging tail both
-    # are.
-    outcomes = {name: row["outcome"] for name, row in rows.items()}
-    assert outcomes["none_3.33"] == outcomes["swing_3.33"] == outcomes["swing_4.44"] == "survived"
-    assert outcomes["none_4.44"] == "flipped"
-
-
 def test_a_finished_demo_is_kept(made):
     before = {path: path.stat().st_mtime_ns for path in made.out.rglob("*")}
     work = partial(make_demo, made.out, PLAN, workers=1)
