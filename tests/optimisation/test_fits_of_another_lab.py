@@ -34,7 +34,11 @@ from tests.optimisation.identify import other_lab as lab
 from tests.refusals import assert_named, assert_refused
 from tests.workbench.made_up_runs import changed, stating
 
-CONSTANT_AIR = ("aero.source=constant", "aero.drag=0.9", "aero.lift=0.25")
+
+def added_mass_of(log, options):
+    """Fit of a flick with exact constants."""
+    data = replace(swing_data(log, "swing", options=options), constants=())
+    return SwingModel(data, still_tail_law).fit([added_mass_parameter(data)])
 
 
 @pytest.mark.slow
@@ -141,12 +145,11 @@ def test_an_offset_and_its_uncertainty_are_taken_as_stated(stated):
 def test_what_a_sample_of_the_current_is_belongs_to_the_log(rate, convention):
     rig = replace(lab.LAB, current_noise=1e-5)
     log = lab.flick(rig, rate=rate, convention=convention, added_mass=0.05, seed=3)
-    constant = FitOptions(settings=CONSTANT_AIR)
+    constant = FitOptions(settings=coverage_study.AIR)
     found = {}
     for sampling in ("instantaneous", "mean"):
         stated = stating(current_sampling=sampling)(log)
-        data = replace(swing_data(stated, "swing", options=constant), constants=())
-        found[sampling] = SwingModel(data, still_tail_law).fit([added_mass_parameter(data)])
+        found[sampling] = added_mass_of(stated, constant)
     # What is left at 100 Hz is the step of the rollout; a convention taken for the other is off by
     # half a sample.
     right = found[convention]
@@ -156,11 +159,7 @@ def test_what_a_sample_of_the_current_is_belongs_to_the_log(rate, convention):
     assert right["start_angle"].value == pytest.approx(math.radians(60.0), abs=2e-5)
     assert abs(wrong["start_angle"].value - math.radians(60.0)) > 1e-4 * 1000.0 / rate / 2.0
     if convention == "instantaneous":  # of a foreign log this is the default
-        data = replace(swing_data(log, "swing", options=constant), constants=())
-        assert (
-            SwingModel(data, still_tail_law).fit([added_mass_parameter(data)])["added_mass"]
-            == right["added_mass"]
-        )
+        assert added_mass_of(log, constant)["added_mass"] == right["added_mass"]
 
 
 def test_a_wrong_convention_of_the_current_is_refused():
@@ -174,7 +173,7 @@ def test_an_added_mass_far_from_every_seed_is_found(tmp_path):
     path = lab.write(
         lab.flick(added_mass=0.2, angle=0.5 * math.pi, duration=3.0, seed=2), tmp_path, "flick"
     )
-    air = [word for setting in CONSTANT_AIR for word in ("--set", setting)]
+    air = [word for setting in coverage_study.AIR for word in ("--set", setting)]
     done("fit", "added-mass", path, "--out", tmp_path / "fits", *air)
     fits = yaml.safe_load((tmp_path / "fits" / "fits.yaml").read_text())["fits"]
     assert fits[0]["estimates"][0]["value"] == pytest.approx(0.2, rel=2e-3)
@@ -308,7 +307,7 @@ def test_a_late_current_is_found_when_its_delay_is_free():
     rig = replace(lab.LAB, current_delay=0.004)
     log = lab.flick(rig, added_mass=0.05, seed=5)
     options = FitOptions(
-        settings=(*CONSTANT_AIR, "uncertainty.encoder_zero=0"), free=("current_delay",)
+        settings=(*coverage_study.AIR, "uncertainty.encoder_zero=0"), free=("current_delay",)
     )
     data = swing_data(log, "swing", options=options)
     found = SwingModel(data, still_tail_law).fit([added_mass_parameter(data)], options=options)

@@ -90,6 +90,10 @@ class CarStand:
         """Force of the ground on each wheel in W, N."""
         return self._at_wheels("force", "n")
 
+    def wheel_loads(self):
+        """Vertical part of these forces, N."""
+        return {wheel: force[2] for wheel, force in self.wheel_forces().items()}
+
     def wheel_contacts(self):
         """Contact point of each wheel in W, m."""
         return self._at_wheels("contact", "m")

@@ -99,10 +99,10 @@ def test_springs_and_tyres_give_way_by_their_rates():
     chassis = resting.chassis
     numbers = resting.scenario.car
     resting.advance(0.3)
-    before = {wheel: force[2] for wheel, force in resting.wheel_forces().items()}
+    before = resting.wheel_loads()
     chassis.SetMass(resting.plant_context, chassis.get_mass(resting.plant_context) + 1.0)
     resting.advance(1.3)
-    after = {wheel: force[2] for wheel, force in resting.wheel_forces().items()}
+    after = resting.wheel_loads()
     assert sum(after.values()) - sum(before.values()) == pytest.approx(1.0 * G, rel=1e-4)
     for wheel in WHEELS:
         front = wheel.startswith("front")
@@ -123,7 +123,7 @@ def test_tail_at_rest_loads_the_side_it_lies_on(direction, heavy, light):
     resting = stand("held", direction)
     resting.advance(1.0)
     assert len(resting.contacts()) == 8, "two edges of each tyre, and nothing within the car"
-    forces = {wheel: force[2] for wheel, force in resting.wheel_forces().items()}
+    forces = resting.wheel_loads()
     total = sum(forces.values())
     assert total == pytest.approx(resting.plant.CalcTotalMass(resting.plant_context) * G, rel=1e-5)
     more = sum(forces[wheel] for wheel in heavy) - sum(forces[wheel] for wheel in light)

@@ -70,18 +70,18 @@ def see(time, roll=INSIDE, *, yaw_rate=0.0, plan=1.0, **more):
 
 
 def run(law, *seen):
-    """State, pitch command and roll command after each tick."""
+    """Name of the state, pitch command and roll command after each tick."""
     memory = law.start()
     ticks = []
     for observation in seen:
         memory, pitch, roll, state = law.step(memory, observation)
-        ticks.append((SwingState(state), pitch, roll))
+        ticks.append((SwingState(state).name, pitch, roll))
     return ticks
 
 
 def states(law, *seen):
     """Name of the state after each tick."""
-    return [state.name for state, _, _ in run(law, *seen)]
+    return [state for state, _, _ in run(law, *seen)]
 
 
 def released(time, **at_release):
@@ -97,7 +97,7 @@ def test_waits_at_the_first_knot_and_releases_on_a_yaw_rate_into_the_turn_only()
         see(0.2, yaw_rate=math.nan),
         see(0.3, yaw_rate=1.2),
     )
-    assert [state for state, _, _ in ticks] == [SwingState.HOLD] * 3 + [SwingState.SWING]
+    assert [state for state, _, _ in ticks] == ["HOLD"] * 3 + ["SWING"]
     _, pitch, roll = ticks[0]
     assert_allclose(roll, [INSIDE, 0.0, 17.0, 5.0, 0.0])
     assert_allclose(pitch, [0.1, 0.0, 17.0, 5.0, 0.0])
@@ -105,7 +105,7 @@ def test_waits_at_the_first_knot_and_releases_on_a_yaw_rate_into_the_turn_only()
 
 def test_a_silent_imu_releases_nothing():
     ticks = run(player(), see(0.0), see(0.1, yaw_rate=2.0, imu_valid=False, imu=UNKNOWN_IMU))
-    assert ticks[-1][0] == SwingState.HOLD
+    assert ticks[-1][0] == "HOLD"
 
 
 def test_delay_and_time_since_the_announcement():
@@ -141,7 +141,7 @@ def test_the_joints_follow_the_knots_with_their_gains_and_torque():
 def test_after_the_last_knot_the_tail_is_held_there():
     end = see(0.5 + LENGTH, roll=OUTSIDE)
     state, pitch, roll = run(player(), see(0.0), see(0.5, yaw_rate=1.5), end)[-1]
-    assert state == SwingState.SETTLE
+    assert state == "SETTLE"
     assert_allclose(roll, [OUTSIDE, 0.0, 6.0, 1.0, 0.0])
     assert_allclose(pitch, [0.3, 0.0, 17.0, 2.0, 0.0])
 
@@ -149,7 +149,7 @@ def test_after_the_last_knot_the_tail_is_held_there():
 def test_a_blocked_tail_is_given_up_and_the_thesis_law_finishes():
     seen = [*released(0.25), see(0.76, roll=-1.4), see(1.0, roll=1.0), see(1.01, roll=1.0)]
     ticks = run(player(), *seen)
-    assert [state.name for state, _, _ in ticks] == ["HOLD", "SWING", *["FALLBACK"] * 4]
+    assert [state for state, _, _ in ticks] == ["HOLD", "SWING", *["FALLBACK"] * 4]
     assert_allclose(ticks[3][2], [0.0, 8.0, 0.0, 3.0, 0.0])  # Table 6.4: over the top with 8 rad/s
     assert_allclose(ticks[5][2], [math.pi / 2, 0.0, 5.0, 2.0, 0.0])  # then to the outside
 
@@ -167,10 +167,10 @@ def test_is_led_back_slowly_for_a_second_turn_to_the_same_side():
     angles = OUTSIDE - np.arange(0.0, 2.7, TICK)
     back = [see(2.0 + i * TICK, roll=roll) for i, roll in enumerate(angles)]
     ticks = run(player(), *first, *back, see(4.8), see(4.9, yaw_rate=1.5))
-    names = [state.name for state, _, _ in ticks]
+    names = [state for state, _, _ in ticks]
     assert names[:5] == ["HOLD", "SWING", "SETTLE", "SETTLE", "RECOCK"]
     assert names[-2:] == ["HOLD", "SWING"]
-    asked = np.array([roll[0] for state, _, roll in ticks if state == SwingState.RECOCK])
+    asked = np.array([roll[0] for state, _, roll in ticks if state == "RECOCK"])
     assert asked[0] == pytest.approx(OUTSIDE)
     assert_allclose(np.diff(asked), -TICK, atol=1e-9)
 
@@ -197,9 +197,9 @@ def test_a_right_turn_is_the_exact_mirror_image():
 
 def test_unknown_angles_give_no_unknown_commands():
     unknown = {"roll": math.nan, "roll_rate": math.nan, "pitch_angle": math.nan, "imu": UNKNOWN_IMU}
-    assert run(player(), see(0.0, **unknown))[0][0] == SwingState.OFF
+    assert run(player(), see(0.0, **unknown))[0][0] == "OFF"
     state, pitch, roll = run(player(), *released(0.1, roll=-1.0), see(0.61, **unknown))[-1]
-    assert state == SwingState.SWING
+    assert state == "SWING"
     assert_allclose(roll, [-1.0, 0.0, 17.0, 5.0, 0.0])
     assert np.all(np.isfinite(pitch))
 
@@ -255,9 +255,7 @@ def test_a_swing_brings_its_turn_along():
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-@pytest.mark.parametrize(
-    ("pitch_error", "state"), [(0.9, SwingState.SWING), (1.1, SwingState.FALLBACK)]
-)
+@pytest.mark.parametrize(("pitch_error", "state"), [(0.9, "SWING"), (1.1, "FALLBACK")])
 def test_pitch_that_is_too_far_from_its_curve_gives_the_swing_up_to_both_sides(
     side, pitch_error, state
 ):

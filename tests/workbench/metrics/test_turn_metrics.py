@@ -1,5 +1,5 @@
-import dataclasses
 import math
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -91,11 +91,9 @@ def test_left_and_right_turns_that_mirror_each_other_measure_the_same():
     right = measured(turning(-1.0), direction="right")
     assert (left.direction, right.direction) == ("left", "right")
     for one, other in ((left.raw, right.raw), (left.filtered, right.filtered)):
-        assert dataclasses.astuple(one) == pytest.approx(dataclasses.astuple(other), rel=1e-12)
+        assert astuple(one) == pytest.approx(astuple(other), rel=1e-12)
     assert left.raw.average_yaw_rate_rad_per_s > 0
-    assert (
-        dataclasses.replace(right, direction="left", raw=left.raw, filtered=left.filtered) == left
-    )
+    assert replace(right, direction="left", raw=left.raw, filtered=left.filtered) == left
 
 
 @both_sides
@@ -276,7 +274,7 @@ def test_what_is_wrong_with_a_log_is_named(change, named):
 @pytest.mark.parametrize("servo", [{}, {"rate": 0.0}, {"rate": -1.0}])
 def test_a_servo_without_a_rate_is_named(servo):
     run = made_up_run()
-    run = dataclasses.replace(run, scenario={**run.scenario, "servo": servo})
+    run = replace(run, scenario={**run.scenario, "servo": servo})
     assert_refused(lambda: metrics_of(run), LogError, "servo.rate")
 
 
