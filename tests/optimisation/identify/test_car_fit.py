@@ -14,7 +14,7 @@ from aerodima.optimisation.identify.car_log import TAIL, CarDrive, LoggedCommand
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.logs.schema import RunLog, write_run_log
 from aerodima.workbench.scenario.scenario import load_scenario
-from tests.commands import refused
+from tests.commands import call
 from tests.optimisation.coverage import assert_held
 from tests.optimisation.identify.car_truth import drawn, emulated
 from tests.refusals import assert_named, assert_refused
@@ -226,4 +226,6 @@ def test_intervals_of_drives_hold_the_truth():
 def test_wrong_settings_and_logs_end_in_one_line(tmp_path, flags, named):
     log = write_run_log(replace(still_log(), kind="other"), tmp_path / "run.parquet")
     words = ("fit", "car", log, "--out", tmp_path / "fits", "--workers", 1, *flags)
-    assert_named(refused(*words), named)
+    result = call(*words)
+    assert result.exit_code == 2
+    assert_named(result.stderr, named)
