@@ -12,6 +12,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("workbench", "optimisation", "hardware")
 MAX_NODES = 350_500
 """Nodes of the product; `tests/test_code_size.py` holds it."""

@@ -16,7 +16,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parent.parent
+from tests.code_measure import ROOT
+
 DURATIONS = ROOT / "out" / "tests" / "durations.csv"
 BUDGETS = ROOT / "tests" / "slow_tests.toml"
 MAX_SECONDS = 3.0

@@ -19,7 +19,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-FOLDER = Path(__file__).resolve().parent.parent / "notebooks"
+from tests.code_measure import ROOT
+
+FOLDER = ROOT / "notebooks"
 SIGNATURE = "executed"
 """Key of the notebook's metadata: hash of the code that made the outputs."""
 VARIES = "varies"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import pytest
 
@@ -16,7 +16,12 @@ def assert_refused(work: Callable[[], object], error: type[Exception], *named: s
     with pytest.raises(error) as caught:
         work()
     message = str(caught.value)
-    missing = [part for part in named if part not in message]
-    assert not missing, f"{missing} not named in: {message}"
+    assert_named(message, named)
     if isinstance(caught.value, UserError):
         assert "\n" not in message
+
+
+def assert_named(message: str, parts: Iterable[str]) -> None:
+    """Asserts that a message holds each of `parts`."""
+    missing = [part for part in parts if part not in message]
+    assert not missing, f"{missing} not named in: {message}"

@@ -3,13 +3,11 @@ begin with a verb or a noun.
 """
 
 import ast
-from pathlib import Path
 
 import pytest
 
-from tests.code_measure import LONG_FILE, MAX_NODES, PACKAGES, measure_folder, product_nodes
+from tests.code_measure import LONG_FILE, MAX_NODES, PACKAGES, ROOT, measure_folder, product_nodes
 
-ROOT = Path(__file__).resolve().parent.parent
 FRAGMENT_STARTS = (
     *("as", "at", "by", "for", "from", "how", "in", "of", "on", "to", "until", "what", "when"),
     *("where", "whether", "which", "who", "whose", "why", "with", "without"),

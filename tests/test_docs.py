@@ -15,12 +15,12 @@ import matplotlib
 import matplotlib.pyplot as plt
 import pytest
 import yaml
-from typer.testing import CliRunner
 
-from aerodima.workbench.cli.program import build_app
+from tests.code_measure import ROOT
+from tests.commands import call
 from tests.page_blocks import blocks, run_blocks
 
-DOCS = Path(__file__).resolve().parent.parent / "docs"
+DOCS = ROOT / "docs"
 PAGES = sorted(path for path in DOCS.rglob("*.md") if blocks(path))
 
 
@@ -89,7 +89,7 @@ def test_examples_of_the_page_run(
     def command(line: str, where: str) -> None:
         program, *words = shlex.split(line, comments=True) or ["aerodima", "--version"]
         assert program == "aerodima", f"{where}: {line}"
-        result = CliRunner().invoke(build_app(), words, catch_exceptions=False)
+        result = call(*words)
         assert result.exit_code == 0, f"{where}: {line}\n{result.output}"
         told[" ".join(line.split())] = result.output
 

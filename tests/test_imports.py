@@ -10,14 +10,13 @@ import re
 import sys
 import tomllib
 from collections.abc import Iterable
-from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("workbench", "optimisation", "hardware")
+from tests.code_measure import PACKAGES, ROOT
+
 TOP_LEVEL = {*PACKAGES, "tests", "notebooks", "models"}
 ALLOWED = {("optimisation", "workbench"), ("hardware", "workbench")}
 DISTRIBUTION_OF_MODULE = {

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
+from tests.code_measure import PACKAGES, ROOT
+
 LAYERS = {
     "workbench": (
         "core",
@@ -69,7 +70,7 @@ def upward(package: str, folder: str, source: str) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("package", sorted(LAYERS))
+@pytest.mark.parametrize("package", PACKAGES)
 def test_layers_are_the_folders_of_the_package_and_a_basename_occurs_once(package: str) -> None:
     folders = {path.parent.name for path in (ROOT / package).glob("*/*.py")}
     assert sorted(LAYERS[package]) == sorted(folders)
@@ -77,7 +78,7 @@ def test_layers_are_the_folders_of_the_package_and_a_basename_occurs_once(packag
     assert sorted(stems) == sorted(set(stems))
 
 
-@pytest.mark.parametrize("package", sorted(LAYERS))
+@pytest.mark.parametrize("package", PACKAGES)
 def test_folders_import_only_what_stands_below_them(package: str) -> None:
     wrong = {}
     for path in sorted((ROOT / package).rglob("*.py")):
@@ -89,7 +90,7 @@ def test_folders_import_only_what_stands_below_them(package: str) -> None:
 
 def file_arrows(root: Path) -> dict[Path, set[Path]]:
     """Every file of the packages and those that it imports, also inside functions."""
-    files = {path for package in LAYERS for path in (root / package).rglob("*.py")}
+    files = {path for package in PACKAGES for path in (root / package).rglob("*.py")}
     return {
         path: {
             target

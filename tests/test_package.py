@@ -4,7 +4,6 @@ import subprocess
 import sys
 import tomllib
 from importlib.metadata import entry_points
-from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
@@ -12,12 +11,11 @@ from packaging.utils import canonicalize_name
 
 from aerodima import workbench
 from aerodima.workbench.core import resources
+from tests.code_measure import PACKAGES, ROOT
 
-ROOT = Path(__file__).resolve().parent.parent
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PROJECT, GROUPS = PYPROJECT["project"], PYPROJECT["dependency-groups"]
 WHEEL = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
-PACKAGES = {"workbench", "optimisation", "hardware"}
 CORE = {
     "dask", "drake", "jinja2", "lazy-loader", "matplotlib", "numpy", "pandas",
     "pillow", "psutil",
@@ -53,13 +51,13 @@ def pins(python):
 
 def test_wheel_lists_every_package_and_the_models():
     folders = {path.parent.name for path in ROOT.glob("*/__init__.py")}
-    assert folders == PACKAGES
+    assert folders == set(PACKAGES)
     own = {
         path.relative_to(ROOT).as_posix()
         for path in (ROOT / "src" / "aerodima").iterdir()
         if path.is_file()
     }
-    assert set(WHEEL["only-include"]) == PACKAGES | {"models"} | own
+    assert set(WHEEL["only-include"]) == {*PACKAGES, "models", *own}
 
 
 def test_wheel_puts_models_where_the_package_looks_for_them():
@@ -72,7 +70,7 @@ def test_wheel_puts_models_where_the_package_looks_for_them():
     }
 
 
-@pytest.mark.parametrize("package", sorted(PACKAGES))
+@pytest.mark.parametrize("package", PACKAGES)
 def test_package_is_typed(package):
     assert (ROOT / package / "py.typed").is_file()
 
@@ -82,7 +80,7 @@ def test_version_is_that_of_the_distribution_and_in_the_changelog():
     assert f"## {PROJECT['version']}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("package", sorted(PACKAGES))
+@pytest.mark.parametrize("package", PACKAGES)
 def test_package_has_one_name(package):
     done = subprocess.run(
         [sys.executable, "-c", f"import {package}"], cwd=ROOT, capture_output=True, text=True

@@ -14,11 +14,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.code_measure import PACKAGES, ROOT
 from tests.notebook_runs import FOLDER, code_cells, source
 from tests.page_blocks import blocks
-
-ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("workbench", "optimisation", "hardware")
 
 
 def public_names(package: str) -> set[str]:

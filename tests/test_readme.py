@@ -9,7 +9,8 @@ import matplotlib
 import matplotlib.pyplot as plt
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
+from tests.code_measure import ROOT
+
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 

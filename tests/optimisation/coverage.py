@@ -15,9 +15,9 @@ def draws(few, many):
     return pytest.mark.parametrize("number", [few, pytest.param(many, marks=pytest.mark.nightly)])
 
 
-def assert_held(held, confidence=0.95):
-    """Asserts that a share of independent intervals hold their truth as often as promised."""
-    low, high = binom.ppf(ENDS, len(held), confidence)
+def assert_held(held):
+    """Asserts that independent intervals of 95 % hold their truth as often as promised."""
+    low, high = binom.ppf(ENDS, len(held), 0.95)
     assert low <= np.sum(held) <= high, f"{np.sum(held)} of {len(held)}, allowed {low} to {high}"
 
 

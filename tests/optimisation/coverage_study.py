@@ -73,35 +73,38 @@ def added_mass(rig, rng):
     return log, fit_added_mass(swing_data(log, "swing", options=options), options)
 
 
+def results(draw, logs, seed):
+    """Parameter, truth and fit of each unknown of the first logs."""
+    for number in range(logs):
+        rng = np.random.default_rng([seed, number])
+        log, result = draw(shifted(lab.LAB, rng), rng)
+        for name, truth in log.extra["truth"].items():
+            yield name, truth, result
+
+
 def held(draw, logs):
     """Whether the finite intervals of the first logs hold their truth, and the number of infinite
     ones.
     """
     finite = []
     infinite = 0
-    for number in range(logs):
-        rng = np.random.default_rng([2, number])
-        log, result = draw(shifted(lab.LAB, rng), rng)
-        for name, truth in log.extra["truth"].items():
-            one = result[name]
-            assert one.identifiable == math.isfinite(one.upper - one.lower)
-            if one.identifiable:
-                finite.append(one.holds(truth))
-            else:
-                infinite += 1
-                assert any(name in text for text in result.unidentifiable)
+    for name, truth, result in results(draw, logs, 2):
+        one = result[name]
+        assert one.identifiable == math.isfinite(one.upper - one.lower)
+        if one.identifiable:
+            finite.append(one.holds(truth))
+        else:
+            infinite += 1
+            assert any(name in text for text in result.unidentifiable)
     return finite, infinite
 
 
 def scores(draw, logs):
     """Errors over standard deviations of what the first logs determine, by parameter."""
     found = {}
-    for number in range(logs):
-        rng = np.random.default_rng([1, number])
-        log, result = draw(shifted(lab.LAB, rng), rng)
-        for name, truth in log.extra["truth"].items():
-            one = result[name]
-            if one.identifiable:
-                score = (one.value - truth) / one.standard_deviation
-                found.setdefault(name, []).append(score)
+    for name, truth, result in results(draw, logs, 1):
+        one = result[name]
+        if one.identifiable:
+            score = (one.value - truth) / one.standard_deviation
+            found.setdefault(name, []).append(score)
     return found

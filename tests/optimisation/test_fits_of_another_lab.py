@@ -10,7 +10,6 @@ import pandas as pd
 import pytest
 import yaml
 from scipy.signal import butter, sosfiltfilt
-from typer.testing import CliRunner
 
 from aerodima.optimisation.identify.fit_options import FitOptions
 from aerodima.optimisation.identify.residual_check import chance_of, check_residual
@@ -23,22 +22,23 @@ from aerodima.optimisation.identify.swing_coefficients import (
 )
 from aerodima.optimisation.identify.swing_fit import SwingModel
 from aerodima.optimisation.identify.swing_log import swing_data
-from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.logs.importers import import_log
 from aerodima.workbench.logs.mapping import mapping_from
 from aerodima.workbench.rig.static_hold import simulate_static_log
 from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
+from tests.commands import call, done
 from tests.optimisation import coverage_study
 from tests.optimisation.coverage import assert_held, assert_standard, draws
 from tests.optimisation.identify import other_lab as lab
-from tests.refusals import assert_refused
+from tests.refusals import assert_named, assert_refused
+from tests.workbench.made_up_runs import changed, stating
 
-CONSTANT_AIR = ("aero.source=constant", "aero.drag=0.9", "aero.lift=0.25")
 
-
-def run(*arguments):
-    return CliRunner().invoke(build_app(), ["fit", *map(str, arguments)])
+def added_mass_of(log, options):
+    """Fit of a flick with exact constants."""
+    data = replace(swing_data(log, "swing", options=options), constants=())
+    return SwingModel(data, still_tail_law).fit([added_mass_parameter(data)])
 
 
 @pytest.mark.slow
@@ -53,11 +53,11 @@ def test_a_log_with_a_nan_costs_itself_and_the_table_but_nothing_else(tmp_path, 
     if broken:
         torque = logs[3].signal("torque_x_n_m").copy()
         torque[1000] = math.nan
-        logs[3] = replace(logs[3], table=logs[3].table.assign(torque_x_n_m=torque))
+        logs[3] = changed(logs[3], torque_x_n_m=torque)
     paths = [lab.write(log, tmp_path, f"hold_{number}") for number, log in enumerate(logs)]
     out = tmp_path / "fits"
-    done = run("static", *paths, "--out", out)
-    assert done.exit_code == (3 if broken else 0), done.stderr
+    result = call("fit", "static", *paths, "--out", out)
+    assert result.exit_code == (3 if broken else 0), result.stderr
     assert (out / "cheetah_tail_1_major.yaml").is_file() != broken
     table = pd.read_csv(out / "fits.csv")
     assert table.cd.tolist() == pytest.approx([0.9] * (3 if broken else 4), abs=0.02)
@@ -65,16 +65,15 @@ def test_a_log_with_a_nan_costs_itself_and_the_table_but_nothing_else(tmp_path, 
     assert list(report["failed"]) == [str(path) for path in paths[3:] if broken]
     if broken:
         named = ("hold_3.parquet", "torque_x_n_m", "2 s", "cheetah_tail_1_major.yaml", "20 m/s")
-        assert [part for part in named if part not in done.stderr] == []
+        assert_named(result.stderr, named)
 
 
 def test_another_motor_is_warned_about_and_can_be_told(tmp_path):
     path = lab.write(lab.hold(replace(lab.LAB, torque_constant=0.40)), tmp_path, "hold")
-    plain = run("static", path, "--out", tmp_path / "plain")
-    assert plain.exit_code == 0
-    assert "maxon.torque_constant 0.346" in plain.stdout
-    told = run("static", path, "--out", tmp_path / "told", "--set", "maxon.torque_constant=0.40")
-    assert "warning" not in told.stdout
+    plain = done("fit", "static", path, "--out", tmp_path / "plain")
+    assert "maxon.torque_constant 0.346" in plain
+    words = ("--out", tmp_path / "told", "--set", "maxon.torque_constant=0.40")
+    assert "warning" not in done("fit", "static", path, *words)
     row = pd.read_csv(tmp_path / "told" / "fits.csv").iloc[0]
     assert row.current_a == pytest.approx(row.logged_current_a, abs=0.01)
     report = yaml.safe_load((tmp_path / "told" / "fits.yaml").read_text())
@@ -86,7 +85,7 @@ def test_a_rig_scenario_is_taken_from_a_file(tmp_path):
     path = lab.write(lab.bar_swing(replace(lab.LAB, bar_mass=0.35), duration=3.0), tmp_path, "bar")
     rig = tmp_path / "rig.yaml"
     rig.write_text("schema: aerodima/rig-scenario/1\nbar: {mass: 0.35}\n")
-    assert run("friction", path, "--out", tmp_path / "fits", "--rig", rig).exit_code == 0
+    done("fit", "friction", path, "--out", tmp_path / "fits", "--rig", rig)
     found = pd.read_csv(tmp_path / "fits" / "fits.csv")
     assert found.coulomb_n_m[0] == pytest.approx(0.0435, rel=1e-3)
 
@@ -134,11 +133,8 @@ def test_an_offset_and_its_uncertainty_are_taken_as_stated(stated):
     for name, value in log.extra["truth"].items():
         assert abs(found[name].value - value) < 4.0 * found[name].standard_deviation, name
         assert found[name].standard_deviation < 0.1
-    plain = fit_static(
-        static_data(
-            replace(log, extra={**log.extra, "offsets_uncertainty": None, "tared_angle_rad": None})
-        )
-    )
+    silent = stating(offsets_uncertainty=None, tared_angle_rad=None)(log)
+    plain = fit_static(static_data(silent))
     assert plain["cl"].standard_deviation > 10.0 * found["cl"].standard_deviation
 
 
@@ -149,12 +145,11 @@ def test_an_offset_and_its_uncertainty_are_taken_as_stated(stated):
 def test_what_a_sample_of_the_current_is_belongs_to_the_log(rate, convention):
     rig = replace(lab.LAB, current_noise=1e-5)
     log = lab.flick(rig, rate=rate, convention=convention, added_mass=0.05, seed=3)
-    constant = FitOptions(settings=CONSTANT_AIR)
+    constant = FitOptions(settings=coverage_study.AIR)
     found = {}
     for sampling in ("instantaneous", "mean"):
-        stated = replace(log, extra={**log.extra, "current_sampling": sampling})
-        data = replace(swing_data(stated, "swing", options=constant), constants=())
-        found[sampling] = SwingModel(data, still_tail_law).fit([added_mass_parameter(data)])
+        stated = stating(current_sampling=sampling)(log)
+        found[sampling] = added_mass_of(stated, constant)
     # What is left at 100 Hz is the step of the rollout; a convention taken for the other is off by
     # half a sample.
     right = found[convention]
@@ -164,11 +159,7 @@ def test_what_a_sample_of_the_current_is_belongs_to_the_log(rate, convention):
     assert right["start_angle"].value == pytest.approx(math.radians(60.0), abs=2e-5)
     assert abs(wrong["start_angle"].value - math.radians(60.0)) > 1e-4 * 1000.0 / rate / 2.0
     if convention == "instantaneous":  # of a foreign log this is the default
-        data = replace(swing_data(log, "swing", options=constant), constants=())
-        assert (
-            SwingModel(data, still_tail_law).fit([added_mass_parameter(data)])["added_mass"]
-            == right["added_mass"]
-        )
+        assert added_mass_of(log, constant)["added_mass"] == right["added_mass"]
 
 
 def test_a_wrong_convention_of_the_current_is_refused():
@@ -182,9 +173,8 @@ def test_an_added_mass_far_from_every_seed_is_found(tmp_path):
     path = lab.write(
         lab.flick(added_mass=0.2, angle=0.5 * math.pi, duration=3.0, seed=2), tmp_path, "flick"
     )
-    air = [word for setting in CONSTANT_AIR for word in ("--set", setting)]
-    done = run("added-mass", path, "--out", tmp_path / "fits", *air)
-    assert done.exit_code == 0, done.stderr
+    air = [word for setting in coverage_study.AIR for word in ("--set", setting)]
+    done("fit", "added-mass", path, "--out", tmp_path / "fits", *air)
     fits = yaml.safe_load((tmp_path / "fits" / "fits.yaml").read_text())["fits"]
     assert fits[0]["estimates"][0]["value"] == pytest.approx(0.2, rel=2e-3)
     starts = [attempt["start"]["added_mass"] for attempt in fits[0]["attempts"]]
@@ -207,16 +197,15 @@ def static_scores(log, exact=True, **options):
 
 def fitted(log, folder, *options):
     """What the command says of a hold."""
-    done = run("static", lab.write(log, folder, "hold"), "--out", folder / "fits", *options)
-    assert done.exit_code == 0, done.stderr
-    return done.stdout
+    path = lab.write(log, folder, "hold")
+    return done("fit", "static", path, "--out", folder / "fits", *options)
 
 
 @pytest.mark.slow
 def test_a_burst_in_the_rest_is_told_and_a_robust_loss_holds_it_back(tmp_path):
     log = lab.hold(wander=lambda time: np.where((time > 1.0) & (time <= 1.1), 2.0, 0.0))
     told = fitted(log, tmp_path)
-    assert [part for part in ("50", "1.002 s") if part not in told] == []
+    assert_named(told, ("50", "1.002 s"))
     assert max(map(abs, static_scores(log, loss="huber").values())) < 3.5
     fitted(log, tmp_path / "robust", "--loss", "huber")
     assert pd.read_csv(tmp_path / "robust" / "fits" / "fits.csv").cd[0] == pytest.approx(
@@ -304,10 +293,10 @@ def test_exact_constants_leave_the_noise_alone(off_pivot):
 def test_an_encoder_zero_half_a_degree_off_is_named_and_can_be_freed(tmp_path):
     zero = math.radians(0.5)
     path = lab.write(lab.bar_swing(replace(lab.LAB, encoder_zero=zero)), tmp_path, "swing")
-    plain = run("friction", path, "--out", tmp_path / "plain")
-    assert [part for part in ("encoder_zero", "0.0087") if part not in plain.stdout] == []
-    freed = run("friction", path, "--out", tmp_path / "freed", "--free", "encoder_zero")
-    assert "warning" not in freed.stdout
+    plain = done("fit", "friction", path, "--out", tmp_path / "plain")
+    assert_named(plain, ("encoder_zero", "0.0087"))
+    words = ("--out", tmp_path / "freed", "--free", "encoder_zero")
+    assert "warning" not in done("fit", "friction", path, *words)
     row = pd.read_csv(tmp_path / "freed" / "fits.csv").iloc[0]
     assert row.encoder_zero_rad == pytest.approx(zero, abs=1e-5)
     assert row.coulomb_n_m == pytest.approx(0.0435, rel=2e-3)
@@ -318,7 +307,7 @@ def test_a_late_current_is_found_when_its_delay_is_free():
     rig = replace(lab.LAB, current_delay=0.004)
     log = lab.flick(rig, added_mass=0.05, seed=5)
     options = FitOptions(
-        settings=(*CONSTANT_AIR, "uncertainty.encoder_zero=0"), free=("current_delay",)
+        settings=(*coverage_study.AIR, "uncertainty.encoder_zero=0"), free=("current_delay",)
     )
     data = swing_data(log, "swing", options=options)
     found = SwingModel(data, still_tail_law).fit([added_mass_parameter(data)], options=options)

@@ -3,11 +3,13 @@ otherwise.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 from aerodima.workbench.scenario.signal_table import (
@@ -24,6 +26,10 @@ GRAVITY = 9.81
 TAIL_MASS = 0.15
 COM_X = 0.12
 """Centre of mass of the car without tail arm ahead of the rear axle, m."""
+
+
+both_sides = pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
+"""Runs a test with a turn to the left and to the right; `side` is the sign of its yaw rate."""
 
 
 def car_run_columns(position_names: Sequence[str] = ()) -> list[Column]:
@@ -54,6 +60,16 @@ def made_up_scenario(
         "environment": {"gravity": GRAVITY},
         "tail": {"mode": tail_mode},
     }
+
+
+def changed(log: RunLog, **columns: Any) -> RunLog:
+    """The log with other values in these columns."""
+    return replace(log, table=log.table.assign(**columns))
+
+
+def stating(**facts: Any) -> Callable[[RunLog], RunLog]:
+    """What gives a log with other values of these facts."""
+    return lambda log: replace(log, extra={**log.extra, **facts})
 
 
 def made_up_run(

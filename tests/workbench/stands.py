@@ -2,6 +2,7 @@
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import LeafSystem
 
 from aerodima.workbench.car.car_station import make_car_station, simulated_car
 from aerodima.workbench.car.ground_truth import CONTACT_TRUTH
@@ -55,9 +56,26 @@ class CarStand:
     def com_velocity(self):
         return self.plant.CalcCenterOfMassTranslationalVelocityInWorld(self.plant_context)
 
+    def angle(self, joint):
+        return self.plant.GetJointByName(joint).get_angle(self.plant_context)
+
+    def turn(self, joint, angle):
+        self.plant.GetJointByName(joint).set_angle(self.plant_context, angle)
+
+    def rate(self, joint):
+        return self.plant.GetJointByName(joint).get_angular_rate(self.plant_context)
+
+    def spin(self, joint, rate):
+        self.plant.GetJointByName(joint).set_angular_rate(self.plant_context, rate)
+
     def suspension(self, wheel):
         """Compression of a suspension from nominal ride height, m."""
         return self.plant.GetJointByName(f"{wheel}_suspension").get_translation(self.plant_context)
+
+    def wheel_height(self, wheel):
+        """Height of the middle of a wheel, m."""
+        body = self.plant.GetBodyByName(f"{wheel}_wheel")
+        return body.EvalPoseInWorld(self.plant_context).translation()[2]
 
     def _at_wheels(self, what, unit):
         contact = CONTACT_TRUTH.read(self.output("contact_truth"))._asdict()
@@ -71,6 +89,10 @@ class CarStand:
     def wheel_forces(self):
         """Force of the ground on each wheel in W, N."""
         return self._at_wheels("force", "n")
+
+    def wheel_loads(self):
+        """Vertical part of these forces, N."""
+        return {wheel: force[2] for wheel, force in self.wheel_forces().items()}
 
     def wheel_contacts(self):
         """Contact point of each wheel in W, m."""
@@ -90,6 +112,27 @@ class CarStand:
         pair = contact.point_pair()
         names = [inspector.GetName(geometry).split("::")[-1] for geometry in (pair.id_A, pair.id_B)]
         return next(name for name in names if name != "ground")
+
+
+class Interface(LeafSystem):
+    """Has ports of these sizes and does nothing; a port of size 0 is missing."""
+
+    def __init__(self, inputs, outputs):
+        super().__init__()
+        self.set_name("interface")
+        for name, size in inputs.items():
+            if size:
+                self.DeclareVectorInputPort(name, size)
+        for name, size in outputs.items():
+            if size:
+                self.DeclareVectorOutputPort(name, size, lambda context, output: None)
+
+
+def port_sizes(system):
+    """Size by name of the inputs, and of the outputs."""
+    inputs = [system.get_input_port(index) for index in range(system.num_input_ports())]
+    outputs = [system.get_output_port(index) for index in range(system.num_output_ports())]
+    return tuple({port.get_name(): port.size() for port in ports} for ports in (inputs, outputs))
 
 
 def edited(model, old, new, path):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.batch.simulation import simulate
@@ -63,11 +64,11 @@ def test_replay_rebuilds_the_car_with_its_sail_and_its_added_mass(run, settings)
     context = plant.CreateDefaultContext()
     logged.move(context, -1)
     com = plant.CalcCenterOfMassPositionInWorld(context, own_instances(plant))
-    np.testing.assert_allclose(com, log.vector("com", "truth_m")[-1], atol=1e-9)
+    assert_allclose(com, log.vector("com", "truth_m")[-1], atol=1e-9)
     tip = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName("tail_rod")) @ np.array(
         [0.0, 0.0, log.scenario["tail"]["length"]]
     )
-    np.testing.assert_allclose(tip, log.vector("tail_tip", "truth_m")[-1], atol=1e-9)
+    assert_allclose(tip, log.vector("tail_tip", "truth_m")[-1], atol=1e-9)
 
 
 def test_replay_turns_a_sail_that_faces_the_wind_as_its_encoder_saw_it(run):

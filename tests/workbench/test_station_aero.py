@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.math import RigidTransform
 
 from aerodima.workbench.car.car_air import free_sail, sail_law
@@ -44,7 +45,7 @@ def stand(tail=None, wind=None, gravity=9.81, **inputs):
         **held,
     )
     if car.tail is not None:
-        car.plant.GetJointByName("tail_roll").set_angle(car.plant_context, 0.0)
+        car.turn("tail_roll", 0.0)
     return car
 
 
@@ -59,15 +60,9 @@ def force(car):
     return car.output("tail_truth")[TAIL_TRUTH.index("tail_force_x_truth_n") :][:3]
 
 
-def turn_sail(car, angle):
-    car.plant.GetJointByName("tail_sail_turn").set_angle(car.plant_context, angle)
-
-
 def sail_angle(car):
     """rad, in [-pi, pi]."""
-    return math.remainder(
-        car.plant.GetJointByName("tail_sail_turn").get_angle(car.plant_context), 2 * math.pi
-    )
+    return math.remainder(car.angle("tail_sail_turn"), 2 * math.pi)
 
 
 def swing_load(speed, wind, rate):
@@ -85,12 +80,10 @@ def test_head_wind_loads_the_swing_and_tail_wind_relieves_it(rate):
     loads = []
     for wind in (-3.0, 0.0, 3.0):
         car = floating((4.0, 0.0, 0.0), wind={"mean_x": wind})
-        car.plant.GetJointByName("tail_roll").set_angular_rate(car.plant_context, rate)
+        car.spin("tail_roll", rate)
         load = force(car)
         # Positive roll takes the tip to the right (-y), so the air pushes to the left.
-        np.testing.assert_allclose(
-            load, [0.0, swing_load(4.0, wind, rate), 0.0], rtol=1e-9, atol=1e-9
-        )
+        assert_allclose(load, [0.0, swing_load(4.0, wind, rate), 0.0], rtol=1e-9, atol=1e-9)
         loads.append(abs(load[1]))
     assert loads[0] > loads[1] > loads[2]
 
@@ -100,14 +93,14 @@ def test_cross_wind_pushes_the_upright_sail_downwind_at_its_middle(wind):
     car = stand(wind={"mean_y": wind})
     place = np.array([3.0, -2.0, 50.0])
     car.place(RigidTransform(place))
-    np.testing.assert_array_equal(car.output("wind_truth"), [0.0, wind, 0.0])
+    assert_array_equal(car.output("wind_truth"), [0.0, wind, 0.0])
     push = [0.0, 0.5 * RHO * CN * AREA * wind * abs(wind), 0.0]
-    np.testing.assert_allclose(force(car), push, atol=1e-9)
+    assert_allclose(force(car), push, atol=1e-9)
     tail = car.scenario.tail
     middle = place + np.array([tail.mount_x, 0.0, tail.mount_height + ROOT + LENGTH / 2])
     start = TAIL_TRUTH.index("tail_force_moment_x_truth_n_m")
     about_origin = car.output("tail_truth")[start:][:3]
-    np.testing.assert_allclose(about_origin, np.cross(middle, push), rtol=1e-7, atol=1e-7)
+    assert_allclose(about_origin, np.cross(middle, push), rtol=1e-7, atol=1e-7)
 
 
 @pytest.mark.parametrize(("wind", "coefficient"), [(-3.0, 2.3), (3.0, 1.2)])
@@ -115,7 +108,7 @@ def test_half_cylinder_is_hollow_towards_the_left_as_it_is_drawn(wind, coefficie
     # models/tail/half_cylinder.obj opens to +y: wind towards -y blows into it (2.3), wind towards
     # +y onto its back.
     car = stand({"coefficients": "half_cylinder"}, wind={"mean_y": wind})
-    np.testing.assert_allclose(
+    assert_allclose(
         force(car), [0.0, 0.5 * RHO * coefficient * AREA * wind * abs(wind), 0.0], atol=1e-9
     )
 
@@ -124,7 +117,7 @@ def test_facing_sail_of_a_driving_car_drags_along_its_path_and_its_encoder_says_
     # Tail upright, 4 m/s along x, no gravity: the air comes from ahead; the hollow, +y at angle 0,
     # turns to +x (-90).
     car = floating((4.0, 0.0, 0.0), tail={"sail": "facing"})
-    np.testing.assert_allclose(force(car), [-0.5 * RHO * CN * AREA * 16.0, 0.0, 0.0], atol=1e-9)
+    assert_allclose(force(car), [-0.5 * RHO * CN * AREA * 16.0, 0.0, 0.0], atol=1e-9)
     car.advance(0.05)
     state = TAIL_STATE.read(car.output("tail_state"))
     assert math.remainder(state.sail_angle, 2 * math.pi) == pytest.approx(-math.pi / 2, abs=0.01)
@@ -135,7 +128,7 @@ def test_free_sail_of_a_driving_car_is_a_weather_vane(start):
     speed = 6.0
     car = floating((speed, 0.0, 0.0), tail={"sail": "free", "sail_bearing_damping": 0.0})
     ahead = -math.pi / 2
-    turn_sail(car, ahead + start)
+    car.turn("tail_sail_turn", ahead + start)
     parameters = scenario_from_dict(
         {"tail": LARGE | {"sail": "free", "sail_bearing_damping": 0.0}}
     ).tail
@@ -166,7 +159,7 @@ def test_free_sail_of_a_driving_car_is_a_weather_vane(start):
 def test_free_sail_settles_broadside_with_its_board_downwind(wind, offset, end, start):
     tail = {"sail": "free", "sail_shell_offset": offset, "sail_bearing_damping": 0.002}
     car = stand(tail, wind={"mean_x": wind})
-    turn_sail(car, end * math.pi / 2 + start)
+    car.turn("tail_sail_turn", end * math.pi / 2 + start)
     car.advance(2.0)
     assert sail_angle(car) == pytest.approx(end * math.pi / 2, abs=0.1)
 
@@ -174,7 +167,7 @@ def test_free_sail_settles_broadside_with_its_board_downwind(wind, offset, end, 
 def test_free_sail_of_a_standing_car_turns_to_the_wind_with_full_drag_and_its_encoder_sees_it():
     # Wind from the right (towards +y): the hollow, to the left at angle 0, turns half a turn round.
     car = stand({"sail": "free", "sail_bearing_damping": 0.005}, wind={"mean_y": 4.0})
-    turn_sail(car, 1.0)
+    car.turn("tail_sail_turn", 1.0)
     car.advance(2.0)
     assert abs(sail_angle(car)) == pytest.approx(math.pi, abs=0.1)
     state = TAIL_STATE.read(car.output("tail_state"))
@@ -191,7 +184,7 @@ def roll_rate_after_a_step(mass, torque):
     tail = {"added_mass": mass, "normal_force_coefficient": 0.0}
     car = floating((0.0, 0.0, 0.0), tail=tail, tail_roll_command=[0.0, 0.0, 0.0, 0.0, torque])
     car.advance(STEP)
-    return car.plant.GetJointByName("tail_roll").get_angular_rate(car.plant_context)
+    return car.rate("tail_roll")
 
 
 @pytest.mark.parametrize("mass", [0.02, 0.1, -0.01])
@@ -205,12 +198,12 @@ def test_added_mass_has_no_weight_and_is_no_part_of_the_vehicle():
     heavy = stand({"added_mass": 0.1})
     plain = stand()
     start = BODY_TRUTH.index("com_x_truth_m")
-    np.testing.assert_allclose(
+    assert_allclose(
         heavy.output("body_truth")[start:][:3], plain.output("body_truth")[start:][:3], atol=1e-12
     )
     for car in (heavy, plain):
         car.advance(1.0)
-    loads = [sum(load[2] for load in car.wheel_forces().values()) for car in (heavy, plain)]
+    loads = [sum(car.wheel_loads().values()) for car in (heavy, plain)]
     assert loads[0] == pytest.approx(
         plain.plant.CalcTotalMass(plain.plant_context) * 9.81, rel=2e-3
     )

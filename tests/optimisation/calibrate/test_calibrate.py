@@ -7,7 +7,6 @@ from dataclasses import fields
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.spatial.transform import Rotation
 
 from aerodima.optimisation.calibrate.calibration import fit_surrogate
 from aerodima.optimisation.calibrate.calibration_plan import FIGURES, LIFT, CarPrior, load_plan
@@ -27,8 +26,8 @@ from aerodima.optimisation.calibrate.validation_page import calibrate
 from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.workbench.car.reduced.states import RATES, STATES, V, W
 from aerodima.workbench.car.reduced.turns import Turns
-from aerodima.workbench.cli.program import main
 from aerodima.workbench.scenario.ensemble import load_ensemble
+from tests.commands import refused
 
 PLAN = load_plan()
 PRIOR = CarPrior(PLAN)
@@ -43,6 +42,10 @@ def motion(begin=0.0, end=2.0):
     time = STEP * np.arange(round((BEFORE + AFTER) / STEP)) - BEFORE
     turning = 1.0 * ((time >= begin - 1e-9) & (time < end - 1e-9))
     return Motion(2.0 * turning, 6.0 * turning, 0.5 * turning, time < 0.3)
+
+
+def sized(plan, **size):
+    return plan.model_copy(update={"size": plan.size.model_copy(update=size)})
 
 
 def test_figures_of_a_steady_turn_in_the_simulated_system():
@@ -78,25 +81,18 @@ def test_filter_that_runs_forwards_only_is_late():
 
 
 def test_acceleration_at_the_imu_is_that_of_its_path():
-    """A body that turns about all axes while its origin moves on a curve: second differences of the
-    path of the IMU.
-    """
+    """A body that turns faster and faster about all axes while its origin moves on a curve."""
     turning = np.array([0.4, -0.5, 0.9])
     imu = np.array([0.13, 0.0, 0.21])
-    time = STEP * np.arange(-1, round(AFTER / STEP) + 1)
-    turned = Rotation.from_rotvec((time + 0.8 * time**2)[:, None] * turning)
-    rates = (1.0 + 1.6 * time[1:-1])[:, None] * turning
-    place = np.stack(
-        [2.0 * time + time**2, 0.4 * np.sin(3.0 * time), 0.1 * np.cos(2.0 * time)], axis=1
-    )
-    path = place + turned.apply(imu)
-    expected = turned[1:-1].inv().apply((path[2:] - 2.0 * path[1:-1] + path[:-2]) / STEP**2)[:, 1]
-    moved = np.stack(
-        [2.0 + 2.0 * time, 1.2 * np.cos(3.0 * time), -0.2 * np.sin(2.0 * time)], axis=1
-    )
-    history = np.zeros((len(time) - 2, len(STATES), 1))
+    time = STEP * np.arange(round(AFTER / STEP))[:, None]
+    rates = (1.0 + 1.6 * time) * turning
+    moved = np.hstack([2.0 + 2.0 * time, 1.2 * np.cos(3.0 * time), -0.2 * np.sin(2.0 * time)])
+    pushed = np.hstack([0.0 * time + 2.0, -3.6 * np.sin(3.0 * time), -0.4 * np.cos(2.0 * time)])
+    lever = 1.6 * np.cross(turning, imu) + np.cross(rates, np.cross(rates, imu))
+    expected = (pushed + np.cross(rates, moved) + lever)[:, 1]
+    history = np.zeros((len(time), len(STATES), 1))
     history[:, RATES][:, W, 0] = rates
-    history[:, RATES][:, V, 0] = turned[1:-1].inv().apply(moved[1:-1])
+    history[:, RATES][:, V, 0] = moved
     loads = np.ones((len(history), 4, 1))
     nothing = dict.fromkeys((field.name for field in fields(Turns)), np.zeros(1))
     driven = Turns(**nothing | {"history": history, "loads": loads})
@@ -114,25 +110,21 @@ def test_reduced_cars_show_the_figures_of_full_ones(system):
     cars = PRIOR.draw(2, seed=3)
     friction = PRIOR.column(f"{system} car.tyre_friction")
     cars[:, friction] = 0.5
-    plan = PLAN.model_copy(update={"size": PLAN.size.model_copy(update={"rounds": 2})})
+    plan = sized(PLAN, rounds=2)
     reduced = run_reduced(WorkItem(plan, turn, tuple(map(tuple, cars.tolist())), reach=0.02))
     middle = [
         place for place, car in enumerate(reduced["inputs"]) if car[friction] == pytest.approx(0.5)
     ]
     inputs = [reduced["inputs"][place] for place in middle]
     assert len(inputs) == 2
-    for full, figures in zip(
-        run_full(WorkItem(plan, turn, tuple(map(tuple, inputs)))), middle, strict=True
-    ):
+    whole = run_full(WorkItem(plan, turn, tuple(map(tuple, inputs))))
+    for full, place in zip(whole, middle, strict=True):
         assert full["survived"]
-        assert [full[name] for name in FIGURES[:2]] == pytest.approx(
-            reduced["figures"][figures][:2], rel=0.05
-        )
-        assert [full[name] for name in FIGURES[2:4]] == pytest.approx(
-            reduced["figures"][figures][2:4], rel=0.15
-        )
-        assert full[FIGURES[4]] == pytest.approx(reduced["figures"][figures][4], rel=0.2, abs=0.01)
-        assert full[LIFT] == pytest.approx(reduced["figures"][figures][5], rel=0.1)
+        shown = reduced["figures"][place]
+        assert [full[name] for name in FIGURES[:2]] == pytest.approx(shown[:2], rel=0.05)
+        assert [full[name] for name in FIGURES[2:4]] == pytest.approx(shown[2:4], rel=0.15)
+        assert full[FIGURES[4]] == pytest.approx(shown[4], rel=0.2, abs=0.01)
+        assert full[LIFT] == pytest.approx(shown[5], rel=0.1)
 
 
 def test_car_that_cannot_be_run_has_no_figures_and_no_flip_and_its_error_is_kept():
@@ -148,20 +140,10 @@ def test_car_that_cannot_be_run_has_no_figures_and_no_flip_and_its_error_is_kept
 
 def small_plan():
     """Two short turns of few cars: what the whole job takes is the job, not the cars."""
-    size = {
-        "cars": 40,
-        "rounds": 3,
-        "full": 4,
-        "full_rounds": 5,
-        "walkers": 60,
-        "steps": 40,
-        "ensemble": 2,
-        "fine_step": 0.002,
-    }
     settings = {system: (*given[:1], *SHORT) for system, given in PLAN.settings.items()}
-    turns = tuple(SLOW.values())
-    changed = {"turns": turns, "size": PLAN.size.model_copy(update=size), "settings": settings}
-    return PLAN.model_copy(update=changed)
+    plan = PLAN.model_copy(update={"turns": tuple(SLOW.values()), "settings": settings})
+    size = {"rounds": 3, "full": 4, "full_rounds": 5, "walkers": 60, "steps": 40, "ensemble": 2}
+    return sized(plan, cars=40, fine_step=0.002, **size)
 
 
 SHORT = ("manoeuvre.speed_ramp=1.2", "manoeuvre.turn_start=1.5", "manoeuvre.duration=3.5")
@@ -170,12 +152,9 @@ SHORT = ("manoeuvre.speed_ramp=1.2", "manoeuvre.turn_start=1.5", "manoeuvre.dura
 @pytest.mark.slow
 def test_full_car_flips_at_the_friction_of_the_reduced_one():
     """Without a tail within 5 %, which is three times what the calibration found them apart."""
-    plan = small_plan()
+    plan = sized(small_plan(), rounds=6, full_rounds=3)
     turn = SLOW["physical"]
-    car = CarPrior(small_plan()).ranges.mean(axis=1)[None]
-    plan = plan.model_copy(
-        update={"size": plan.size.model_copy(update={"rounds": 6, "full_rounds": 3})}
-    )
+    car = CarPrior(plan).ranges.mean(axis=1)[None]
     (flip,) = run_reduced(WorkItem(plan, turn, tuple(map(tuple, car.tolist())), reach=0.8))["flips"]
     column = CarPrior(plan).column("physical car.tyre_friction")
     car[0, column] = np.exp(flip)
@@ -212,11 +191,6 @@ def test_whole_job_writes_pages_and_ensembles_and_goes_on_with_its_runs(tmp_path
     assert set(again.figures) == {turn.name for turn in plan.turns}
 
 
-def test_wrong_plan_is_one_line(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(
-        "sys.argv", ["aerodima", "calibrate", "--plan", "no_such", "--out", str(tmp_path)]
-    )
-    with pytest.raises(SystemExit):
-        main()
-    assert "no_such" in capsys.readouterr().err
+def test_wrong_plan_is_one_line(tmp_path):
+    assert "no_such" in refused("calibrate", "--plan", "no_such", "--out", tmp_path)
     assert not (tmp_path / "index.html").exists()

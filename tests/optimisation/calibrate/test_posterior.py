@@ -35,12 +35,19 @@ PRIOR = CarPrior(PLAN)
 RNG = np.random.default_rng(0)
 
 
-def constant(value):
-    return Regression((0,), partial(_level, value), np.array([1e-6]))
+def constant(value, deviation=1e-6):
+    return Regression((0,), partial(_level, value), np.array([deviation]))
 
 
 def _level(value, inputs):
     return np.full((len(inputs), 1), value)
+
+
+def cars_on(turn, friction, number=1):
+    """Drawn cars, always the same, of which each has this friction in the system of a turn."""
+    cars = PRIOR.draw(number, seed=4)
+    cars[:, PRIOR.column(f"{turn.system} car.tyre_friction")] = friction
+    return cars
 
 
 def emulator(slope=None, level=0.0):
@@ -106,12 +113,10 @@ def test_deviation_of_a_surface_is_that_of_normal_errors_and_knows_no_wild_ones(
 
 def test_survival_is_as_wide_as_the_outcome_and_what_is_missed_together():
     turn = PLAN.turns[0]
-    car = PRIOR.draw(1, seed=4)
     missed = 0.05
-    width = np.hypot(PLAN.outcome_width[turn.tail], missed)
-    car[0, PRIOR.column(f"{turn.system} car.tyre_friction")] = 0.6 * np.exp(-width)
-    flip = Regression((0,), partial(_level, np.log(0.6)), np.array([missed]))
-    made = replace(emulator(), flips=emulator().flips | {turn.name: flip})
+    car = cars_on(turn, 0.6 * np.exp(-np.hypot(PLAN.outcome_width[turn.tail], missed)))
+    flips = emulator().flips | {turn.name: constant(np.log(0.6), missed)}
+    made = replace(emulator(), flips=flips)
     assert made.survival(car, turn)[0] == pytest.approx(norm.cdf(1.0))
 
 
@@ -128,8 +133,7 @@ def test_what_is_missed_of_a_row_is_its_value_less_the_prediction_without_its_ca
 
 def test_margin_of_a_car_that_was_not_seen_lacks_what_is_missed_of_its_flip():
     turn = PLAN.turns[0]
-    tried = PRIOR.draw(2, seed=17)
-    tried[:, PRIOR.column(f"{turn.system} car.tyre_friction")] = 0.5
+    tried = cars_on(turn, 0.5, number=2)
     surface = replace(constant(0.0), residuals=np.array([[0.1], [-0.05]]))
     flip = np.array([np.log(0.6), np.nan, np.log(0.7)])
     margin = _unseen(PRIOR, turn, flip, surface, tried, np.array([0, 2]))
@@ -161,9 +165,8 @@ def test_full_cars_shift_flips_and_figures_go_with_the_margin():
         }
     found[PLAN.turns[0].name]["flips"][0] = None
     corrected = first.corrected(cars, found)
-    car = PRIOR.draw(1, seed=3)
     figure = next(f for f in figures_of(PLAN) if f.turn == PLAN.turns[0])
-    car[0, PRIOR.column(f"{figure.turn.system} car.tyre_friction")] = 0.66 * np.exp(-0.05)
+    car = cars_on(figure.turn, 0.66 * np.exp(-0.05))
     assert corrected.margin(car, figure.turn)[0] == pytest.approx(0.05, abs=1e-6)
     assert corrected.flip_deviation(figure.turn) < 1e-6
     assert corrected.value(car, figure)[0] == pytest.approx(3.0 - np.log(0.05), abs=0.02)
@@ -176,13 +179,10 @@ def test_what_is_missed_of_a_car_is_one_number_for_all_speeds(margin):
     faster one.
     """
     slow, fast = PLAN.turns[:2]
-    car = PRIOR.draw(1, seed=4)
     missed = 0.05
     width = PLAN.outcome_width["none"]
-    car[0, PRIOR.column(f"{slow.system} car.tyre_friction")] = 0.6 * np.exp(-margin)
-    one = Regression(
-        (0,), lambda inputs: np.full((len(inputs), 1), np.log(0.6)), np.array([missed])
-    )
+    car = cars_on(slow, 0.6 * np.exp(-margin))
+    one = constant(np.log(0.6), missed)
     made = replace(emulator(), flips=emulator().flips | {slow.name: one, fast.name: one})
     errors = np.linspace(-6.0, 6.0, 20_001) * missed
     z = (errors + margin) / width
@@ -204,11 +204,7 @@ def test_likelihood_knows_who_survived_and_whose_wheel_lifted():
     """
     first = emulator()
     turn = PLAN.turns[0]
-    low = PRIOR.draw(1, seed=4)
-    high = PRIOR.draw(1, seed=4)
-    column = PRIOR.column(f"{turn.system} car.tyre_friction")
-    low[0, column] = 0.5
-    high[0, column] = 0.7
+    low, high = (cars_on(turn, friction) for friction in (0.5, 0.7))
     made = replace(first, flips=first.flips | {turn.name: constant(np.log(0.6))})
     assert log_likelihood(made, (), low)[0] > log_likelihood(made, (), high)[0] + 5.0
     ends = tuple(

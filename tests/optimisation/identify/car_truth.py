@@ -44,7 +44,7 @@ def drawn(number):
     return Truth(values, int(rng.integers(1 << 30)))
 
 
-def emulated(truth, name="turn_none", step=STEP):
+def emulated(truth):
     """A log as the car would write it: sensors and commands alone, and the scenario as it is taken
     to be.
     """
@@ -54,8 +54,8 @@ def emulated(truth, name="turn_none", step=STEP):
         "imu.gyro_bias=0",
         f"seed={truth.seed}",
     ]
-    planned = load_scenario(name, settings)
-    run = simulate(_real(planned, truth, step), record="outcome", stop_when_certain=False)
+    planned = load_scenario("turn_none", settings)
+    run = simulate(_real(planned, truth), record="outcome", stop_when_certain=False)
     table = run.table[[column for column in run.table if "_truth_" not in str(column)]].copy()
     schedule = make_schedule(planned)
     table["steering_command_rad"] = [schedule.at(time).steering_angle for time in table["time_s"]]
@@ -69,15 +69,15 @@ def emulated(truth, name="turn_none", step=STEP):
     for source, sensor in (("imu", planned.imu), ("speed", planned.gps)):
         taken = np.floor((table["time_s"] - sensor.delay) * sensor.rate + 1e-6) / sensor.rate
         table[f"status_{source}_age_s"] = table["time_s"] - taken
-    return replace(run, table=table, scenario=planned.resolved(), source=f"{name}.parquet")
+    return replace(run, table=table, scenario=planned.resolved(), source="turn_none.parquet")
 
 
-def _real(planned, truth, step):
+def _real(planned, truth):
     car = {key: truth.values[key] for key in ("tyre_friction", "tyre_slip_angle", "com_height")}
     return planned.varied(
         car=car,
         manoeuvre={"turn_start": planned.manoeuvre.turn_start + truth.values["delay"]},
-        simulation={"step": step},
-        controller={"rate": 1.0 / step} if planned.tail.mode == "none" else {},
-        servo={"frame_rate": 1.0 / step},
+        simulation={"step": STEP},
+        controller={"rate": 1.0 / STEP},
+        servo={"frame_rate": 1.0 / STEP},
     )

@@ -67,6 +67,16 @@ class Lab:
     current_noise: float = 0.01
     count: float = COUNT
 
+    @property
+    def root(self) -> float:
+        """Distance of the tail's root from the pivot, m."""
+        return self.bar_end + self.tail_gap
+
+    @property
+    def bare_inertia(self) -> float:
+        """Of bar and rotor about the motor axis, kg m2."""
+        return self.bar_inertia + self.bar_mass * self.bar_com**2 + self.rotor_inertia
+
 
 LAB = Lab()
 
@@ -107,10 +117,10 @@ def _loads(lab, q, rate, psi, wind, cd, cl):
     total = np.zeros(3)
     moment = np.zeros(3)
     torque = 0.0
-    root = lab.bar_end + lab.tail_gap
+    hand = np.array([0.0, -math.cos(q), math.sin(q)])
     parts = 5 if rate else 1
     for start, length, width, drag, lift, number in (
-        (root, lab.tail_length, lab.tail_width, cd, cl, parts),
+        (lab.root, lab.tail_length, lab.tail_width, cd, cl, parts),
         (0.0, lab.bar_end, lab.bar_width, lab.bar_drag, 0.0, 1),
     ):
         first, last = _exposed(lab, q, psi, start, length)
@@ -119,12 +129,13 @@ def _loads(lab, q, rate, psi, wind, cd, cl):
         piece = (last - first) / number
         for i in range(number):
             s = first + (i + 0.5) * piece
-            # The hand of a positive rate moves the point s a towards (0, -cos q, sin q).
-            velocity = rate * s * np.array([0.0, -math.cos(q), math.sin(q)])
-            force = _force(w - velocity, a, drag, lift, 0.5 * lab.air_density * piece * width)
+            # A positive rate moves the point s a towards the hand.
+            force = _force(
+                w - rate * s * hand, a, drag, lift, 0.5 * lab.air_density * piece * width
+            )
             total += force
             moment += np.cross(np.array(lab.pivot) + s * a, force)
-            torque += s * float(force @ np.array([0.0, -math.cos(q), math.sin(q)]))
+            torque += s * float(force @ hand)
     return total, moment, np.array(torque)
 
 
@@ -135,14 +146,14 @@ def weight(lab, q):
     bodies = [
         (lab.mount_mass, np.array(lab.mount_com)),
         (lab.bar_mass, p + lab.bar_com * a),
-        (lab.tail_mass, p + (lab.bar_end + lab.tail_gap + lab.tail_com) * a),
+        (lab.tail_mass, p + (lab.root + lab.tail_com) * a),
     ]
     wrench = np.zeros(6)
     for mass, place in bodies:
         load = mass * GRAVITY * np.array([0.0, 0.0, 1.0])
         wrench[:3] += load
         wrench[3:] += np.cross(place, load)
-    arm = lab.bar_mass * lab.bar_com + lab.tail_mass * (lab.bar_end + lab.tail_gap + lab.tail_com)
+    arm = lab.bar_mass * lab.bar_com + lab.tail_mass * (lab.root + lab.tail_com)
     return wrench, -GRAVITY * arm * math.sin(q)
 
 
@@ -169,7 +180,7 @@ def hold(
         extra: further metadata.
     """
     rng = np.random.default_rng(seed)
-    time = np.arange(round(duration * rate) + 1) / rate
+    time = _times(duration, rate)
     force, moment, torque = _loads(lab, angle, 0.0, psi, lab.wind_gain * wind, cd, cl)
     hanging, hanging_torque = weight(lab, angle)
     blown = np.concatenate([-force, -moment])
@@ -199,24 +210,16 @@ def hold(
     return _log(table, "static", {**facts, **extra})
 
 
-def bar_swing(
-    lab=LAB,
-    *,
-    angle=1.4,
-    duration=5.0,
-    rate=500.0,
-    **extra,
-):
+def bar_swing(lab=LAB, *, angle=1.4, duration=5.0, **extra):
     """The bare bar let go at `angle`."""
-    inertia = lab.bar_inertia + lab.bar_mass * lab.bar_com**2 + lab.rotor_inertia
 
     def motion(t, state):
         q, w = state
         load = -GRAVITY * lab.bar_mass * lab.bar_com * math.sin(q) - _friction(lab, w)
-        return [w, load / inertia]
+        return [w, load / lab.bare_inertia]
 
     truth = {"coulomb": lab.coulomb, "viscous": lab.viscous}
-    table = _swing(lab, motion, (angle, 0.0), duration, rate)
+    table = _swing(lab, motion, (angle, 0.0), duration, 500.0)
     table["current_a"] = 0.0
     return _log(table, "bar_swing", {"truth": truth, "rest_s": [-1.0, 0.0], **extra})
 
@@ -225,9 +228,6 @@ def flick(
     lab=LAB,
     *,
     added_mass=0.02,
-    cd=0.9,
-    cl=0.25,
-    wind=10.0,
     angle=FLICK_ANGLE,
     duration=1.5,
     rate=500.0,
@@ -235,7 +235,8 @@ def flick(
     seed=0,
     **extra,
 ):
-    """Tail 1 let go at `angle` and driven by a smooth current; C_D and C_L are constant.
+    """Tail 1 let go at `angle` in a wind of 10 m/s and driven by a smooth current; C_D is 0.9 and
+    C_L 0.25.
 
     Args:
         convention: whether a sample of the current is its value then, or the `mean` since the
@@ -249,7 +250,7 @@ def flick(
     def motion(t, state):
         q, w = state
         load = weight(lab, q)[1] + float(
-            _loads(lab, q, w or 1e-300, 0.0, lab.wind_gain * wind, cd, cl)[2]
+            _loads(lab, q, w or 1e-300, 0.0, lab.wind_gain * 10.0, 0.9, 0.25)[2]
         )
         return [w, (load - lab.torque_constant * sine.value(t) - _friction(lab, w)) / inertia]
 
@@ -259,7 +260,7 @@ def flick(
         sine.value(late) if convention == "instantaneous" else sine.mean(late - 1.0 / rate, late)
     )
     table["current_a"] = current + lab.current_noise * rng.normal(size=len(late))
-    facts = {"tail": "1", "axis": "major", "wind_speed_m_per_s": wind, "rest_s": [-1.0, 0.0]}
+    facts = {"tail": "1", "axis": "major", "wind_speed_m_per_s": 10.0, "rest_s": [-1.0, 0.0]}
     return _log(table, "swing", {**facts, "truth": {"added_mass": added_mass}, **extra})
 
 
@@ -288,12 +289,9 @@ def write(log, folder, name):
 
 def swinging_inertia(lab, added_mass):
     """Of bar, tail, rotor and added mass per fifth of the tail (kg) about the motor axis, kg m2."""
-    arms = lab.bar_end + lab.tail_gap + lab.tail_length * (np.arange(5) + 0.5) / 5.0
-    inertia = lab.bar_inertia + lab.bar_mass * lab.bar_com**2 + lab.rotor_inertia
-    inertia += lab.tail_mass * (
-        lab.tail_length**2 / 12.0 + (lab.bar_end + lab.tail_gap + lab.tail_com) ** 2
-    )
-    return inertia + added_mass * float(arms @ arms)
+    arms = lab.root + lab.tail_length * (np.arange(5) + 0.5) / 5.0
+    tail = lab.tail_mass * (lab.tail_length**2 / 12.0 + (lab.root + lab.tail_com) ** 2)
+    return lab.bare_inertia + tail + added_mass * float(arms @ arms)
 
 
 def _friction(lab, w):
@@ -304,8 +302,12 @@ def _count(lab, angle):
     return np.round(angle / lab.count) * lab.count
 
 
+def _times(duration, rate):
+    return np.arange(round(duration * rate) + 1) / rate
+
+
 def _swing(lab, motion, start, duration, rate):
-    time = np.arange(round(duration * rate) + 1) / rate
+    time = _times(duration, rate)
     found = solve_ivp(
         motion, (0.0, time[-1]), start, "DOP853", time, rtol=1e-11, atol=1e-13, max_step=0.004
     )
@@ -314,12 +316,6 @@ def _swing(lab, motion, start, duration, rate):
 
 
 def _log(table, kind, extra):
-    metadata = {
-        "schema": "aerodima/run-log/1",
-        "scenario": {},
-        "seed": 0,
-        "versions": {},
-        "created": "",
-        "kind": kind,
-    }
-    return run_log_from_metadata(table, {**metadata, "extra": extra}, f"other laboratory, {kind}")
+    metadata = {"schema": "aerodima/run-log/1", "scenario": {}, "seed": 0, "versions": {}}
+    metadata |= {"created": "", "kind": kind, "extra": extra}
+    return run_log_from_metadata(table, metadata, f"other laboratory, {kind}")

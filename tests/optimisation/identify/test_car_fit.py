@@ -8,17 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 from aerodima.optimisation.identify.car_fit import fit_car
 from aerodima.optimisation.identify.car_log import TAIL, CarDrive, LoggedCommands, car_drive
-from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.logs.schema import RunLog, write_run_log
 from aerodima.workbench.scenario.scenario import load_scenario
+from tests.commands import call
 from tests.optimisation.coverage import assert_held
 from tests.optimisation.identify.car_truth import drawn, emulated
-from tests.refusals import assert_refused
+from tests.refusals import assert_named, assert_refused
 
 
 def still_log(steered=0.5, **columns):
@@ -226,7 +225,7 @@ def test_intervals_of_drives_hold_the_truth():
 )
 def test_wrong_settings_and_logs_end_in_one_line(tmp_path, flags, named):
     log = write_run_log(replace(still_log(), kind="other"), tmp_path / "run.parquet")
-    words = ["fit", "car", str(log), "--out", str(tmp_path / "fits"), "--workers", "1", *flags]
-    done = CliRunner().invoke(build_app(), words)
-    assert done.exit_code == 2
-    assert [part for part in named if part not in done.stderr] == []
+    words = ("fit", "car", log, "--out", tmp_path / "fits", "--workers", 1, *flags)
+    result = call(*words)
+    assert result.exit_code == 2
+    assert_named(result.stderr, named)

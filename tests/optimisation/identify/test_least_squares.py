@@ -13,29 +13,25 @@ from aerodima.optimisation.identify.fit_pipeline import fit
 from aerodima.optimisation.identify.fit_program import FitProgram
 from aerodima.optimisation.identify.gauss_newton import SolverOptions, solve, solve_from
 from aerodima.optimisation.identify.huber import huber, solve_huber, spread
-from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem
+from aerodima.optimisation.identify.least_squares import Parameter
 from aerodima.optimisation.identify.noise import independent_noise
 from aerodima.optimisation.identify.published_check import fit_line
 from aerodima.workbench.core.errors import FitError
 from tests.optimisation.coverage import assert_held, assert_standard, draws
+from tests.optimisation.identify.problems import problem_of
 from tests.refusals import assert_refused
 
 TIME = np.linspace(0.0, 3.0, 40)
 
 
-def decay(amplitude_size=1.0, **bounds):
+def decay(amplitude_size=1.0, fastest=5.0):
     """y = a exp(-k t) + c with a ripple that no model explains; `a` may be of any size."""
     y = amplitude_size * (2.0 * np.exp(-1.3 * TIME) + 0.5 + 0.05 * np.sin(17.0 * TIME))
-    parameters = Parameters.of(
-        [
-            Parameter("a", "N", amplitude_size, 0.0, bounds.get("a", 10.0 * amplitude_size)),
-            Parameter("k", "1/s", 0.5, 0.0, bounds.get("k", 5.0)),
-            Parameter("c", "N", 0.0, scale=amplitude_size),
-        ]
-    )
-    return Problem(
-        parameters,
+    return problem_of(
         lambda x: (x[0] * np.exp(-x[1] * TIME) + x[2] - y) / amplitude_size,
+        Parameter("a", "N", amplitude_size, 0.0, 10.0 * amplitude_size),
+        Parameter("k", "1/s", 0.5, 0.0, fastest),
+        Parameter("c", "N", 0.0, scale=amplitude_size),
         name="decay",
     )
 
@@ -58,7 +54,7 @@ def test_agrees_with_scipy_whatever_the_units(size):
 
 
 def test_stops_on_a_bound_at_the_constrained_minimum():
-    problem = decay(k=1.0)
+    problem = decay(fastest=1.0)
     reference = least_squares(
         problem.residual, problem.parameters.initial, bounds=([0, 0, -np.inf], [10, 1.0, np.inf])
     )
@@ -69,11 +65,8 @@ def test_stops_on_a_bound_at_the_constrained_minimum():
 
 
 def test_a_residual_that_is_not_finite_at_the_seed_names_the_unknowns():
-    problem = Problem(
-        Parameters.of([Parameter("mass", "kg", -0.1)]),
-        lambda x: np.array([np.sqrt(x[0]) - 1.0]),
-        name="pendulum",
-    )
+    mass = Parameter("mass", "kg", -0.1)
+    problem = problem_of(lambda x: np.array([np.sqrt(x[0]) - 1.0]), mass, name="pendulum")
     with np.errstate(invalid="ignore"):
         assert_refused(lambda: solve(problem), FitError, "pendulum", "mass = -0.1 kg")
 
@@ -84,8 +77,8 @@ def test_other_seeds_are_tried_when_one_has_no_model():
             raise FitError(f"the mass matrix is indefinite at {x[0]} kg")
         return np.array([x[0] - 2.0, 0.1 * x[0]])
 
-    parameters = Parameters.of([Parameter("mass", "kg", -0.1, -1.0, 10.0)])
-    solution = solve(Problem(parameters, residual), parameters.starts([{"mass": 1.0}]))
+    problem = problem_of(residual, Parameter("mass", "kg", -0.1, -1.0, 10.0))
+    solution = solve(problem, problem.parameters.starts([{"mass": 1.0}]))
     assert [attempt.success for attempt in solution.attempts] == [False, True]
     assert "-0.1" in solution.attempts[0].status
     assert solution.x[0] == pytest.approx(2.0 / 1.01, rel=1e-8)
@@ -97,7 +90,7 @@ def test_a_rollout_that_breaks_down_within_the_solve_shortens_the_step():
     def residual(x):
         return np.array([np.log(x[0]) - 3.0, 0.0]) if x[0] < 25.0 else np.array([np.nan, 0.0])
 
-    solution = solve(Problem(Parameters.of([Parameter("x", "1", 0.2, 0.0, 100.0)]), residual))
+    solution = solve(problem_of(residual, Parameter("x", "1", 0.2, 0.0, 100.0)))
     assert solution.x[0] == pytest.approx(np.exp(3.0), rel=1e-6)
 
 
@@ -110,24 +103,23 @@ def test_a_model_that_ends_beside_the_solution_has_a_one_sided_derivative(ends):
             return np.full(2, np.nan)
         return np.array([np.log(x[0] - 0.9) - np.log(0.10001), x[0] - 1.00001])
 
-    problem = Problem(
-        Parameters.of([Parameter("x", "1", 2.0, 0.0, 5.0, scale=1.0)]), residual, name="edge"
-    )
+    x = Parameter("x", "1", 2.0, 0.0, 5.0, scale=1.0)
+    problem = problem_of(residual, x, name="edge")
     solution = solve(problem)
     assert solution.x[0] == pytest.approx(1.00001, abs=1e-8)
     assert solution.jacobian[:, 0] == pytest.approx([10.0, 1.0], rel=0.01)
-    alone = Problem(
-        problem.parameters, lambda x: residual(x) * (1.0 if x[0] == 1.1 else np.nan), name="edge"
-    )
+    alone = replace(problem, residual=lambda x: residual(x) * (1.0 if x[0] == 1.1 else np.nan))
     assert_refused(lambda: alone.central_jacobian(np.array([1.1])), FitError, "edge", "x = 1.1")
 
 
 def test_of_several_minima_the_lowest_is_kept_and_all_are_listed():
-    parameters = Parameters.of([Parameter("x", "1", 3.0, -5.0, 5.0)])
     # The cost is stationary where (x + 2) (2 x (x - 2) + 1/4) = 0: minima at 1 + sqrt(7/8) and,
     # lower, at -2.
-    problem = Problem(parameters, lambda x: np.array([(x[0] ** 2 - 4.0), 0.5 * (x[0] + 2.0)]))
-    solution = solve(problem, parameters.starts([{"x": -3.0}]))
+    problem = problem_of(
+        lambda x: np.array([x[0] ** 2 - 4.0, 0.5 * (x[0] + 2.0)]),
+        Parameter("x", "1", 3.0, -5.0, 5.0),
+    )
+    solution = solve(problem, problem.parameters.starts([{"x": -3.0}]))
     assert len(solution.attempts) == 2
     assert solution.attempts[0].x[0] == pytest.approx(1.0 + np.sqrt(0.875), abs=1e-6)
     assert solution.x[0] == pytest.approx(-2.0, abs=1e-6)
@@ -143,10 +135,11 @@ def test_jacobian_at_the_solution_is_that_of_the_formula():
 
 def test_a_bent_valley_is_followed_by_bending_the_steps():
     # Rosenbrock's valley with a weight of 1e5: unbent steps from here are many and short.
-    parameters = Parameters.of(
-        [Parameter("x", "1", -1.5, -5.0, 5.0), Parameter("y", "1", 2.0, -5.0, 5.0)]
+    problem = problem_of(
+        lambda x: np.array([1e5 * (x[1] - x[0] ** 2), 1.0 - x[0]]),
+        Parameter("x", "1", -1.5, -5.0, 5.0),
+        Parameter("y", "1", 2.0, -5.0, 5.0),
     )
-    problem = Problem(parameters, lambda x: np.array([1e5 * (x[1] - x[0] ** 2), 1.0 - x[0]]))
     solution = solve(problem)
     assert solution.best.success
     assert solution.best.iterations < 20
@@ -249,14 +242,14 @@ def test_given_and_differenced_jacobians_lead_to_the_same_minimum():
     x = np.linspace(0.0, 2.0, 50)
     y = np.exp(-1.3 * x) + 0.01 * rng.normal(size=50)
     y[10] = 3.0
-    parameters = Parameters.of([Parameter("decay", "1", 1.0, 0.0, 5.0)])
 
     def residual(p):
         return np.exp(-p[0] * x) - y
 
     found = []
     for jacobian in (None, lambda p: (-x * np.exp(-p[0] * x))[:, None]):
-        problem = Problem(parameters, residual, jacobian)
+        decay = Parameter("decay", "1", 1.0, 0.0, 5.0)
+        problem = problem_of(residual, decay, jacobian=jacobian)
         found.append(solve_huber(problem, solve(problem)))
     assert found[0].solution.x == pytest.approx(found[1].solution.x, abs=1e-5)
     assert found[0].solution.x[0] == pytest.approx(1.3, abs=0.02)

@@ -12,14 +12,19 @@ from aerodima.optimisation.identify.rig_constants import with_values
 from aerodima.workbench.rig.pendulum import StaticBalance
 
 
-def test_constants_of_the_models_predict_tail_1_as_the_design_says():
+def test_constants_of_the_models_predict_the_published_currents_as_the_design_says():
+    """Without the two tests that had no wind (ERRATA E4)."""
     rows = static_rows()
-    rows = rows[(rows["tail"] == 1) & (rows.axis == "major")]
+    rows = rows[rows.current_a >= 0.1]
     error = np.abs(predicted_currents(balances(), rows) / rows.current_a - 1.0)
-    by_angle = error.groupby(rows.angle_of_attack_deg).median()
+    medians = error.groupby([rows["tail"], rows.axis, rows.angle_of_attack_deg]).median()
+    for (_, _, angle), median in medians.items():
+        assert median < {0: 0.01, 15: 0.02, 30: 0.02}[angle]
     # Design section 5: median error 0.3 % at 0, 0.7 % at 15, 1.6 % at 30 degrees; rounded constants
     # leave 0.1-0.2 %.
-    assert by_angle.to_dict() == pytest.approx({0: 0.003, 15: 0.007, 30: 0.016}, abs=0.002)
+    assert medians[1, "major"].to_dict() == pytest.approx(
+        {0: 0.003, 15: 0.007, 30: 0.016}, abs=0.0015
+    )
 
 
 @pytest.mark.slow

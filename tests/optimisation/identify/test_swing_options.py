@@ -23,6 +23,7 @@ from aerodima.workbench.rig.pendulum import (
 )
 from tests.optimisation.identify import swing_truth as truth
 from tests.refusals import assert_refused
+from tests.workbench.made_up_runs import changed
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +79,7 @@ def test_wild_encoder_samples_do_not_move_the_friction_under_huber():
     log = truth.bar_log(0.04, 0.036, 1.4, 3.0)
     wild = log.table.angle_rad.to_numpy().copy()
     wild[np.random.default_rng(5).choice(len(wild), 60, replace=False)] += 0.2
-    data = swing_data(replace(log, table=log.table.assign(angle_rad=wild)), "bar_swing")
+    data = swing_data(changed(log, angle_rad=wild), "bar_swing")
     torn = fit_friction(data)
     held = fit_friction(data, options=FitOptions(loss="huber"))
     assert abs(torn["coulomb"].value - 0.04) > 10.0 * abs(held["coulomb"].value - 0.04)

@@ -28,6 +28,7 @@ from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 from tests.optimisation.coverage import assert_held, assert_standard, draws
 from tests.optimisation.identify import swing_truth as truth
 from tests.refusals import assert_refused
+from tests.workbench.made_up_runs import changed, stating
 
 
 def test_rollout_without_loss_keeps_its_energy():
@@ -165,8 +166,7 @@ def test_an_error_of_the_model_widens_the_intervals_of_a_driven_swing():
     log = truth.flick_log(0.02, seed=1, duration=0.5)
     wave = 4e-3 * np.sin(40.0 * log.table.time_s)
     honest, bent = (
-        added_mass_of(replace(log, table=log.table.assign(angle_rad=log.table.angle_rad + added)))
-        for added in (0.0, wave)
+        added_mass_of(changed(log, angle_rad=log.table.angle_rad + added)) for added in (0.0, wave)
     )
     larger = bent.residual_rms["angle"] / honest.residual_rms["angle"]
     assert larger > 5.0
@@ -233,10 +233,7 @@ def test_the_release_of_a_log_that_was_cut_is_found(told):
 def test_a_filtered_angle_is_no_count():
     log = truth.robot_log(2.0, 0.9, 7.5, 10.0, 1.5)
     angle = log.table.angle_rad.rolling(5, min_periods=1).mean()
-    assert (
-        swing_data(replace(log, table=log.table.assign(angle_rad=angle)), "robot_swing").rounding
-        == 0.0
-    )
+    assert swing_data(changed(log, angle_rad=angle), "robot_swing").rounding == 0.0
 
 
 def test_response_to_a_push_is_that_of_two_rollouts():
@@ -244,11 +241,12 @@ def test_response_to_a_push_is_that_of_two_rollouts():
     pendulum = PendulumModel.from_scenario(scenario)
     air = air_torque(scenario)
     torques = [air, friction_torque(0.04, 0.036, 10.0)]
-    motor = np.zeros(60)
-    motion = simulate_swing(pendulum, torques, (1.0, 0.0), 0.004, 61, motor=motor.tolist())
-    response = torque_response(pendulum, torques, motion, 0.004, motor.tolist())
-    motor[20] = 1e-3
-    pushed = simulate_swing(pendulum, torques, (1.0, 0.0), 0.004, 61, motor=motor.tolist())
+    push = [0.0] * 20 + [1e-3] + [0.0] * 39
+    motion, pushed = (
+        simulate_swing(pendulum, torques, (1.0, 0.0), 0.004, 61, motor=motor)
+        for motor in ([0.0] * 60, push)
+    )
+    response = torque_response(pendulum, torques, motion, 0.004, [0.0] * 60)
     # Damping within the step of the push is left out of it: half a percent, of no weight in an
     # interval.
     np.testing.assert_allclose(
@@ -276,11 +274,7 @@ def test_jacobian_of_a_rollout_is_smooth_enough_for_differences():
 
 
 def column(name, values):
-    return lambda log: replace(log, table=log.table.assign(**{name: values(log.table)}))
-
-
-def extra(**facts):
-    return lambda log: replace(log, extra={**log.extra, **facts})
+    return lambda log: changed(log, **{name: values(log.table)})
 
 
 def gap(log):
@@ -292,7 +286,7 @@ def still(log):
 
 
 def still_after_its_rest(log):
-    return column("angle_rad", lambda _: 1.0)(extra(rest_s=[0.0, 0.5])(log))
+    return column("angle_rad", lambda _: 1.0)(stating(rest_s=[0.0, 0.5])(log))
 
 
 @pytest.mark.parametrize(
@@ -302,7 +296,7 @@ def still_after_its_rest(log):
         (gap, ("time_s", "0.401 s", "0.499 s")),
         (still, ("1.0000 rad",)),
         (still_after_its_rest, ("1.0000 rad",)),
-        (extra(rest_s=[0.0, 99.0]), ("99 s", "2 s")),
+        (stating(rest_s=[0.0, 99.0]), ("99 s", "2 s")),
         (column("time_s", lambda table: 1e3 * table.time_s), ("1 s",)),
         (column("current_a", lambda _: 900.0), ("current_a", "900", "60 A")),
     ],

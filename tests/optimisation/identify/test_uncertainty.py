@@ -14,8 +14,6 @@ from aerodima.optimisation.identify.fit_pipeline import fit
 from aerodima.optimisation.identify.gauss_newton import solve
 from aerodima.optimisation.identify.least_squares import (
     Parameter,
-    Parameters,
-    Problem,
     Solution,
 )
 from aerodima.optimisation.identify.noise import (
@@ -26,13 +24,12 @@ from aerodima.optimisation.identify.noise import (
 )
 from aerodima.optimisation.identify.uncertainty import uncertainty
 from tests.optimisation.coverage import assert_held, draws
+from tests.optimisation.identify.problems import problem_of
 
 
 def line(y, t, *more):
-    parameters = Parameters.of(
-        [Parameter("slope", "N/s", 1.0), Parameter("offset", "N", 0.0), *more]
-    )
-    return Problem(parameters, lambda x: x[0] * t + x[1] - y)
+    first = (Parameter("slope", "N/s", 1.0), Parameter("offset", "N", 0.0))
+    return problem_of(lambda x: x[0] * t + x[1] - y, *first, *more)
 
 
 def test_covariance_of_a_line_is_the_textbook_one():
@@ -64,10 +61,8 @@ def test_a_parameter_without_effect_has_an_infinite_interval_and_is_named():
 
 def test_a_direction_that_is_not_determined_is_named_with_both_its_parameters():
     t = np.linspace(0.0, 1.0, 20)
-    parameters = Parameters.of(
-        [Parameter("a", "1", 1.0), Parameter("b", "1", 1.0), Parameter("c", "1", 1.0)]
-    )
-    problem = Problem(parameters, lambda x: (x[0] + x[1]) * t + x[2] - 4.0 * t)
+    parameters = (Parameter(name, "1", 1.0) for name in "abc")
+    problem = problem_of(lambda x: (x[0] + x[1]) * t + x[2] - 4.0 * t, *parameters)
     result = fit(problem, lambda s: independent_noise(s.residual, 3))
     assert [e.identifiable for e in result.estimates] == [False, False, True]
     (direction,) = result.unidentifiable
@@ -77,8 +72,8 @@ def test_a_direction_that_is_not_determined_is_named_with_both_its_parameters():
 @pytest.mark.parametrize("known", [True, False])
 def test_fewer_residuals_than_unknowns_leave_infinite_intervals(known):
     """Where the noise is not known either, no row is left to tell it."""
-    parameters = Parameters.of([Parameter(name, "1", 0.5, 0.0, 1.0) for name in "abc"])
-    problem = Problem(parameters, lambda p: np.array([p[0] + p[1] - 1.2, p[2] - 0.3]))
+    parameters = (Parameter(name, "1", 0.5, 0.0, 1.0) for name in "abc")
+    problem = problem_of(lambda p: np.array([p[0] + p[1] - 1.2, p[2] - 0.3]), *parameters)
     noise = Noise(np.full(2, 1e-4))
     result = fit(problem, lambda s: noise if known else independent_noise(s.residual, 3))
     assert [e.identifiable for e in result.estimates] == [False, False, known]
@@ -91,10 +86,11 @@ def test_an_estimate_that_follows_an_open_angle_is_open_unless_the_angle_is_boun
     reach, determined
 ):
     """At an angle of 0 its cosine has no slope: the linear theory sees nothing of it."""
-    parameters = Parameters.of(
-        [Parameter("pull", "N", 1.0), Parameter("angle", "rad", 0.0, -reach, reach)]
+    problem = problem_of(
+        lambda p: p[:1] * np.cos(p[1]) - 1.0,
+        Parameter("pull", "N", 1.0),
+        Parameter("angle", "rad", 0.0, -reach, reach),
     )
-    problem = Problem(parameters, lambda p: p[:1] * np.cos(p[1]) - 1.0)
     result = fit(problem, lambda _: Noise(np.array([1e-6])))
     assert not result["angle"].identifiable
     assert result["pull"].identifiable == determined
@@ -192,8 +188,7 @@ def test_intervals_of_filtered_data_hold_the_truth_in_95_percent(number):
 @pytest.mark.parametrize("even", [0.0, 0.5, 2.0, 50.0])
 def test_interval_of_a_rounded_reading_holds_95_percent(even):
     """One reading with a normal error of 1 and an evenly spread one within +-even."""
-    parameters = Parameters.of([Parameter("x", "1", 0.0)])
-    solution = solve(Problem(parameters, lambda x: x - 0.0))
+    solution = solve(problem_of(lambda x: x - 0.0, Parameter("x", "1", 0.0)))
     sure = uncertainty(
         solution, Noise(np.array([[1.0 + even**2 / 3.0]]), rounding=np.array([even]))
     )
@@ -205,11 +200,8 @@ def test_interval_of_a_rounded_reading_holds_95_percent(even):
 
 def fitted(y, x, low=-math.inf, high=math.inf):
     """A line through points of unit noise, its slope within bounds."""
-    seed = min(max(0.5, low), high)
-    parameters = Parameters.of(
-        [Parameter("slope", "N/m", seed, low, high), Parameter("offset", "N", 0.0)]
-    )
-    problem = Problem(parameters, lambda p: p[0] * x + p[1] - y)
+    slope = Parameter("slope", "N/m", min(max(0.5, low), high), low, high)
+    problem = problem_of(lambda p: p[0] * x + p[1] - y, slope, Parameter("offset", "N", 0.0))
     return fit(problem, lambda solution: Noise(np.ones(len(x))))
 
 
@@ -262,10 +254,12 @@ def test_intervals_hold_a_truth_near_the_bound_in_95_percent(number, inside):
     rng = np.random.default_rng(4)
     root = np.linalg.cholesky(np.array([[1.0, 0.9], [0.9, 1.0]]))
     jacobian = np.linalg.inv(root)
-    parameters = Parameters.of(
-        [Parameter("a", "1", 1.0, 0.0, scale=1.0), Parameter("b", "1", 0.0, scale=1.0)]
+    problem = problem_of(
+        lambda p: p,
+        Parameter("a", "1", 1.0, 0.0, scale=1.0),
+        Parameter("b", "1", 0.0, scale=1.0),
+        jacobian=lambda p: jacobian,
     )
-    problem = Problem(parameters, lambda p: p, lambda p: jacobian)
     truth = np.array([inside, 0.0])
     held = []
     for error in rng.normal(size=(number, 2)):
@@ -300,10 +294,11 @@ def test_the_one_sided_quantile_is_that_of_the_tail_and_stays_finite_far_out(fre
 
 def test_a_bound_that_the_data_do_not_see_is_no_active_one():
     x = np.linspace(0.0, 10.0, 11)
-    parameters = Parameters.of(
-        [Parameter("slope", "N/m", 0.5), Parameter("speed", "m/s", 0.0, 0.0, 1.0)]
+    problem = problem_of(
+        lambda p: p[0] * x - 2.0 * x,
+        Parameter("slope", "N/m", 0.5),
+        Parameter("speed", "m/s", 0.0, 0.0, 1.0),
     )
-    problem = Problem(parameters, lambda p: p[0] * x - 2.0 * x)
     result = fit(problem, lambda solution: Noise(np.ones(len(x))))
     assert not result["speed"].identifiable
     assert not result["speed"].bound
@@ -312,17 +307,12 @@ def test_a_bound_that_the_data_do_not_see_is_no_active_one():
 
 def test_two_bounds_at_once():
     x = np.linspace(-1.0, 1.0, 21)
-    parameters = Parameters.of(
-        [
-            Parameter("a", "1", 0.0, -1.0, 1.0),
-            Parameter("b", "1", 0.0, -1.0, 1.0),
-            Parameter("c", "1", 0.0, -9.0, 9.0),
-        ]
+    problem = problem_of(
+        lambda p: p[0] + p[1] * x + p[2] * x**2 - (2.0 - 3.0 * x + 0.5 * x**2),
+        Parameter("a", "1", 0.0, -1.0, 1.0),
+        Parameter("b", "1", 0.0, -1.0, 1.0),
+        Parameter("c", "1", 0.0, -9.0, 9.0),
     )
-    problem = Problem(
-        parameters, lambda p: p[0] + p[1] * x + p[2] * x**2 - (2.0 - 3.0 * x + 0.5 * x**2)
-    )
-
     result = fit(problem, lambda solution: Noise(np.full(21, 0.01)))
     assert (result["a"].bound, result["b"].bound, result["c"].bound) == ("upper", "lower", "")
     assert result["a"].lower < 1.0 == result["a"].upper

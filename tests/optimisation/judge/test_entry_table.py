@@ -15,6 +15,7 @@ from aerodima.optimisation.judge.entry_table import (
     median_interval,
     summarise_entries,
 )
+from tests.refusals import assert_named
 
 CARS = [f"car{index}" for index in range(5)]
 
@@ -39,12 +40,16 @@ def made_up(*parts):
     return pd.DataFrame([row for part in parts for row in part])
 
 
+def summary_of(candidate, *parts):
+    """Row of a candidate in the summary of these rows."""
+    return summarise_entries(made_up(*parts)).set_index("candidate").loc[candidate]
+
+
 NONE = rows(NO_TAIL.name, [2.0, 2.0, 2.0, 2.0, 2.0])
 
 
 def test_gains_are_over_the_same_car_and_its_worst_is_named():
-    table = made_up(NONE, rows("new", [2.1, 2.2, 2.3, 2.4, 1.9]))
-    row = summarise_entries(table).set_index("candidate").loc["new"]
+    row = summary_of("new", NONE, rows("new", [2.1, 2.2, 2.3, 2.4, 1.9]))
     assert row["median_m_per_s"] == 2.2
     assert row["gain_over_no_tail"] == pytest.approx(0.10)
     assert row["worst_over_no_tail"] == pytest.approx(-0.05)
@@ -83,7 +88,7 @@ def test_the_better_of_held_and_published_is_chosen_car_by_car():
 def test_no_entry_speed_is_the_worst_gain_but_an_error_is_none():
     nan = math.nan
     failed = rows("new", [nan, 2.2, 2.2, 2.2, 2.2], "lateral")
-    row = summarise_entries(made_up(NONE, failed)).set_index("candidate").loc["new"]
+    row = summary_of("new", NONE, failed)
     assert (row["worst_over_no_tail"], row["cars_over_no_tail"], row["without_entry"]) == (
         -1.0,
         5,
@@ -96,11 +101,11 @@ def test_no_entry_speed_is_the_worst_gain_but_an_error_is_none():
     ):
         unknown = rows("new", [speed, 2.2, 2.2, 2.2, 2.2])
         unknown[0]["ended_by"] = ended_by
-        row = summarise_entries(made_up(NONE, unknown)).set_index("candidate").loc["new"]
+        row = summary_of("new", NONE, unknown)
         assert (row["worst_over_no_tail"], row["cars_over_no_tail"]) == (pytest.approx(0.1), 4)
         assert (row["unknown"], row["median_m_per_s"]) == (1, 2.2)
-    without = made_up(rows(NO_TAIL.name, [nan, 2.0, 2.0, 2.0, 2.0]), rows("new", [2.2] * 5))
-    assert summarise_entries(without).set_index("candidate").loc["new", "cars_over_no_tail"] == 4
+    without = rows(NO_TAIL.name, [nan, 2.0, 2.0, 2.0, 2.0]), rows("new", [2.2] * 5)
+    assert summary_of("new", *without)["cars_over_no_tail"] == 4
 
 
 def test_a_car_counts_once_on_however_many_floors():
@@ -108,7 +113,7 @@ def test_a_car_counts_once_on_however_many_floors():
     new = rows("new", [2.2, 2.2, 2.2, 2.0, 2.0]) + rows(
         "new", [4.0, 4.0, 4.0, 8.0, 8.0], floor="ice"
     )
-    row = summarise_entries(made_up(NONE, slippery, new)).set_index("candidate").loc["new"]
+    row = summary_of("new", NONE, slippery, new)
     assert row["cars_over_no_tail"] == 5
     assert row["gain_over_no_tail"] == pytest.approx(0.05), "of 5 %, 5 %, 5 %, 50 % and 50 %"
     assert row["at_ceiling"] == 2
@@ -145,7 +150,7 @@ def test_lines_and_page_show_every_candidate_of_every_manoeuvre():
     table = made_up(NONE, rows("new", [2.1, 2.2, 2.3, 2.4, 1.9]), never)
     summary = summarise_entries(table)
     words = " ".join(entry_lines(summary)[3].split())
-    assert all(part in words for part in ("new", "2.20", "+10.0 %", "-5.0 %", "+20.0 %"))
+    assert_named(words, ("new", "2.20", "+10.0 %", "-5.0 %", "+20.0 %"))
     page = entry_page(table, summary)
     assert [section.title for section in page.sections[1:]] == ["turn", "corner"]
     assert page.html().count("<img") == 2

@@ -5,12 +5,12 @@ import pytest
 from aerodima.optimisation.judge import suite
 from aerodima.optimisation.judge.entry_search import EntrySearch
 from aerodima.optimisation.judge.entry_speed import Manoeuvre, Surface, find_entry_speeds
-from aerodima.optimisation.studies.runs import CachedRunner, RunTask, run_key
-from aerodima.workbench.cli.program import main
+from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.scenario.ensemble import Member, load_ensemble
 from aerodima.workbench.scenario.scenario import load_scenario
-from tests.refusals import assert_refused
+from tests.commands import refused
+from tests.refusals import assert_named, assert_refused
 
 CARS = load_ensemble("physical").split(1).test[:2]
 
@@ -104,18 +104,6 @@ def test_a_law_of_ones_own_climbs_and_one_that_fails_is_named(law_file):
     assert table.loc["Failing", "ended_by"] == "error: KeyError: 'gain'"
 
 
-def test_a_law_is_run_again_when_its_file_has_changed(law_file):
-    law, other = (
-        RunTask("", "turn_swing", law=f"{law_file}:{name}") for name in ("Upright", "Failing")
-    )
-    before = run_key(law)
-    assert before not in (run_key(other), run_key(RunTask("", "turn_swing")))
-    law_file.write_text(LAW.replace("17.0", "18.0"))
-    assert run_key(law) != before
-    law_file.write_text(LAW)
-    assert run_key(law) == before
-
-
 @pytest.mark.parametrize(
     ("flags", "named"),
     [
@@ -127,11 +115,7 @@ def test_a_law_is_run_again_when_its_file_has_changed(law_file):
         (["--law", "my_law.py:Upright"] * 2, ("Upright",)),
     ],
 )
-def test_wrong_flags_are_one_line_before_any_run(law_file, capsys, monkeypatch, flags, named):
+def test_wrong_flags_are_one_line_before_any_run(law_file, monkeypatch, flags, named):
     monkeypatch.chdir(law_file.parent)
-    monkeypatch.setattr("sys.argv", ["aerodima", "swing", "judge", "--out", "out", *flags])
-    with pytest.raises(SystemExit):
-        main()
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert [part for part in named if part not in line] == []
+    assert_named(refused("swing", "judge", "--out", "out", *flags), named)
     assert not (law_file.parent / "out").exists()

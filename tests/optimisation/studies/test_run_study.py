@@ -25,7 +25,7 @@ from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.logs.schema import read_run_log
-from tests.optimisation.studies.tiny import tiny_study, write_study
+from tests.optimisation.studies.tiny import assert_same_table, tiny_study, write_study
 from tests.refusals import assert_refused
 from tests.workbench.made_up_runs import signals_equal
 
@@ -49,6 +49,10 @@ class Stopping(Engine):
         return super().map(work, tasks, count)
 
 
+def assert_folder_refused(study, out):
+    assert_refused(lambda: run_study(study, out, Engine()), SweepError, str(out))
+
+
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("undisturbed")
@@ -69,7 +73,7 @@ def test_stopped_study_goes_on_without_losing_or_doubling_a_run(tmp_path, undist
     run_study(study, out, second, progress=said.append)
     assert (len(first.names), len(second.names)) == (3, 1)
     assert not set(first.names) & set(second.names)
-    assert (out / TABLE).read_bytes() == (undisturbed / TABLE).read_bytes()
+    assert_same_table(out, undisturbed)
     assert (out / "table.csv").read_bytes() == (undisturbed / "table.csv").read_bytes()
     third = Stopping(-1)
     pd.testing.assert_frame_equal(run_study(study, out, third), read_table(out))
@@ -90,7 +94,7 @@ run_study(load_study(Path({str(tiny_study(tmp_path))!r})), Path({str(tmp_path / 
 Engine())
 """
     subprocess.run([sys.executable, "-c", code], check=True)
-    assert (tmp_path / "out" / TABLE).read_bytes() == (undisturbed / TABLE).read_bytes()
+    assert_same_table(tmp_path / "out", undisturbed)
 
 
 def test_table_is_tidy_and_carries_the_study(undisturbed):
@@ -118,10 +122,10 @@ def test_a_folder_of_other_results_is_refused_and_made_anew_by_force(tmp_path, u
     study = load_study(tiny_study(tmp_path))
     out = tmp_path / "out"
     with open_store(out, {"runs": "others"}):
-        assert_refused(lambda: run_study(study, out, Engine()), SweepError, str(out))
-    assert_refused(lambda: run_study(study, out, Engine()), SweepError, str(out))
+        assert_folder_refused(study, out)
+    assert_folder_refused(study, out)
     run_study(study, out, Engine(), force=True)
-    assert (out / TABLE).read_bytes() == (undisturbed / TABLE).read_bytes()
+    assert_same_table(out, undisturbed)
 
 
 @pytest.mark.parametrize("other", ["default_values", "software_versions", "load_any_scenario"])
@@ -134,7 +138,7 @@ def test_results_of_another_car_or_version_are_not_mixed(tmp_path, undisturbed, 
         changed = load_any_scenario("straight", ["car.mass=6.9"])
     module = sys.modules[run_study.__module__]
     monkeypatch.setattr(module, other, lambda *_: changed)
-    assert_refused(lambda: run_study(study, out, Engine()), SweepError, str(out))
+    assert_folder_refused(study, out)
 
 
 def test_a_full_disk_is_one_error_and_what_was_written_is_used_again(
@@ -154,11 +158,11 @@ def test_a_full_disk_is_one_error_and_what_was_written_is_used_again(
 
     with monkeypatch.context() as patch:
         patch.setattr(RowStore, "_write", write_until_full)
-        assert_refused(lambda: run_study(study, out, Engine()), SweepError, str(out))
+        assert_folder_refused(study, out)
     rest = Stopping(-1)
     run_study(study, out, rest)
     assert len(rest.names) == 2
-    assert (out / TABLE).read_bytes() == (undisturbed / TABLE).read_bytes()
+    assert_same_table(out, undisturbed)
 
 
 def test_kind_of_a_column_does_not_depend_on_the_order_of_the_rows():

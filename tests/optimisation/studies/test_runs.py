@@ -20,7 +20,7 @@ from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.swing_file import read_swing, write_swing
 from tests.optimisation.studies.tiny import POISON, TINY_SETTINGS, evaluate_or_die
-from tests.refusals import assert_refused
+from tests.refusals import assert_named, assert_refused
 
 
 def tasks(number, *settings):
@@ -56,7 +56,7 @@ def test_impossible_run_is_a_row_with_one_line_of_error(setting, named):
     assert row["outcome"] is None
     assert "\n" not in row["error"]
     assert row["settings"].endswith(setting)
-    assert [part for part in named if part not in row["error"]] == []
+    assert_named(row["error"], named)
 
 
 @pytest.mark.parametrize(

@@ -14,20 +14,21 @@ from pathlib import Path
 
 import psutil
 import pytest
-from typer.testing import CliRunner
 
 from aerodima.optimisation.studies.run_study import ROWS, TABLE, run_study
 from aerodima.optimisation.studies.study import load_study
 from aerodima.workbench.batch.engine import Engine
-from aerodima.workbench.cli.program import build_app
-from tests.optimisation.studies.tiny import tiny_study, write_study
+from tests.code_measure import ROOT
+from tests.commands import refused
+from tests.optimisation.studies.tiny import assert_same_table, tiny_study, write_study
+from tests.refusals import assert_named
 
 PATIENCE = 300.0
 """s; a busy machine starts workers slowly."""
 MANY = 80
 """Runs of a study that cannot end before a test that watches it has stepped in, however late that
 test is served."""
-PAGE = Path(__file__).resolve().parents[3] / "docs" / "howto" / "studies.md"
+PAGE = ROOT / "docs/howto/studies.md"
 AERODIMA = [sys.executable, "-m", "aerodima"]
 
 
@@ -96,7 +97,7 @@ def test_killed_worker_and_ctrl_c_lose_and_double_nothing(tmp_path):
     assert not (out / TABLE).exists()
     subprocess.run(command, capture_output=True, timeout=PATIENCE, check=True)
     run_study(load_study(study), tmp_path / "undisturbed", Engine())
-    assert (out / TABLE).read_bytes() == (tmp_path / "undisturbed" / TABLE).read_bytes()
+    assert_same_table(out, tmp_path / "undisturbed")
 
 
 @pytest.mark.slow
@@ -130,7 +131,7 @@ def test_scheduler_and_worker_of_the_page_give_the_same_table(tmp_path):
         done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
         assert done.returncode == 0, done.stderr
     run_study(load_study(study), tmp_path / "here", Engine())
-    assert (tmp_path / "out" / TABLE).read_bytes() == (tmp_path / "here" / TABLE).read_bytes()
+    assert_same_table(tmp_path / "out", tmp_path / "here")
 
 
 def _has_worker(address):
@@ -155,9 +156,6 @@ def test_mistakes_end_in_one_line_before_any_worker_is_started(tmp_path, words, 
     tiny_study(tmp_path)
     out = tmp_path / "out"
     words = [word.format(folder=tmp_path) for word in words]
-    words += ["--out", str(out)] if words[0] == "run" else []
-    result = CliRunner().invoke(build_app(), ["sweep", *words], catch_exceptions=False)
-    assert result.exit_code == 2
-    (line,) = [line for line in result.stderr.splitlines() if line.startswith("error: ")]
-    assert [part for part in named if part not in line] == []
+    words += ["--out", out] if words[0] == "run" else []
+    assert_named(refused("sweep", *words), named)
     assert not out.exists()

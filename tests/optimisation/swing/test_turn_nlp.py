@@ -30,10 +30,11 @@ from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.control.swing_player import SwingPlayer
 from aerodima.workbench.core.errors import SwingError
 from aerodima.workbench.scenario.swing_file import read_swing, swing_at, write_swing
-from tests.refusals import assert_refused
+from tests.refusals import assert_named, assert_refused
 from tests.workbench.car.reduced.test_turns import plans_of
 
 FEW = MotionSearch(starts=1, knots=6, length=0.6, iterations=5)
+TURN = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
 TASK = Task(scenario="turn_designed", training=0, floors=[1.3])
 
 
@@ -49,6 +50,10 @@ def variables(**changes):
     return TurnVariables(**{**data, "steering": (0.04, 0.5), **changes})
 
 
+def start_of(programme):
+    return programme.shooting.random_start(np.random.default_rng([1, 0]))
+
+
 @pytest.fixture(scope="module")
 def programme():
     turns = [
@@ -61,7 +66,7 @@ def programme():
 
 @pytest.fixture(scope="module")
 def start(programme):
-    return programme.shooting.random_start(np.random.default_rng([1, 0]))
+    return start_of(programme)
 
 
 def test_the_knots_are_the_integral_of_the_rates():
@@ -112,9 +117,8 @@ def test_slopes_are_those_of_differences(programme, start):
 
 def test_a_few_iterations_turn_the_car_further_within_its_limits(tmp_path):
     """What the programme says is what the reduced car does with the file that is written."""
-    turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
-    alone = make_turn_nlp([turn], FEW)
-    start = alone.shooting.random_start(np.random.default_rng([1, 0]))
+    alone = make_turn_nlp([TURN], FEW)
+    start = start_of(alone)
     start[alone.shooting.variables.tail :][:2] *= 0.8  # less steering: within the limits
     assert alone.prog.CheckSatisfied(alone.prog.GetAllConstraints(), start, FEASIBILITY_TOL)
     solution = alone.solve(start, 4)
@@ -122,12 +126,12 @@ def test_a_few_iterations_turn_the_car_further_within_its_limits(tmp_path):
     assert solution.course[0] > alone.at(start).course[0] + math.radians(3.0)
     floor = TaskSurface(SCENARIO_CAR, 4.5, 1.3, 1.1 / 1.3)
     path = write_swing(
-        swing_of("found", TASK, [(floor, turn)], alone, [solution], FEW), tmp_path / "found.yaml"
+        swing_of("found", TASK, [(floor, TURN)], alone, [solution], FEW), tmp_path / "found.yaml"
     )
     swing = read_swing(path)
     steering = steering_of(alone.shooting, solution.x, 0)
     assert f"manoeuvre.first_hold={steering['first_hold']!r}" in swing.provenance.settings
-    driven = turn.varied(manoeuvre={**steering, "turn_hold": TASK.pulse})
+    driven = TURN.varied(manoeuvre={**steering, "turn_hold": TASK.pulse})
     plans = plans_of(driven, swing)
     again = drive_turns(alone.shooting.cars, plans, duration=1.3, length=alone.shooting.length)
     assert again.course[0] == pytest.approx(solution.course[0], abs=1e-4)
@@ -136,11 +140,10 @@ def test_a_few_iterations_turn_the_car_further_within_its_limits(tmp_path):
 
 def test_a_constraint_of_the_user_is_kept():
     """A tail that may swing at 4 rad/s only; without it the programme swings faster."""
-    turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
     rates = slice(1, 1 + FEW.knots - 2)
-    free = make_turn_nlp([turn], FEW)
-    slow = make_turn_nlp([turn], FEW)
-    start = free.shooting.random_start(np.random.default_rng([1, 0]))
+    free = make_turn_nlp([TURN], FEW)
+    slow = make_turn_nlp([TURN], FEW)
+    start = start_of(free)
     unit = slow.shooting.variables.units[1]
     slow.prog.AddBoundingBoxConstraint(-4.0 / unit, 4.0 / unit, slow.x[rates])
     fastest = [np.max(np.abs(unit * one.solve(start, 4).x[rates])) for one in (free, slow)]
@@ -149,29 +152,27 @@ def test_a_constraint_of_the_user_is_kept():
 
 
 def test_a_constraint_that_is_not_kept_is_named():
-    turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
-    late = make_turn_nlp([turn], FEW)
+    late = make_turn_nlp([TURN], FEW)
     unit = late.shooting.variables.units[0]
     (_, high) = late.shooting.variables.bounds
     added = late.prog.AddBoundingBoxConstraint(high[0] + 0.5, high[0] + 1.0, late.x[0])
     added.evaluator().set_description("release in time")
-    solution = late.solve(late.shooting.random_start(np.random.default_rng([1, 0])), 1)
+    solution = late.solve(start_of(late), 1)
     assert solution.x[0] * unit <= 0.5 + 1e-6
     assert solution.violation >= 0.5 - 1e-3
     assert "release in time" in solution.worst
 
 
 def test_pulse_and_limits_are_those_of_the_task():
-    turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
     long = make_turn_nlp(
-        [turn], FEW, Task(scenario="turn_designed", pulse=1.0, most_roll=0.2, most_sideslip=0.3)
+        [TURN], FEW, Task(scenario="turn_designed", pulse=1.0, most_roll=0.2, most_sideslip=0.3)
     )
     shooting = long.shooting
     assert shooting.plans.pulse.hold == pytest.approx([1.0])
     _, first, time = shooting.variables.steered(
         shooting.variables.bounds[1][shooting.variables.own(0)]
     )
-    assert first <= turn.servo.limit
+    assert first <= TURN.servo.limit
     assert time == pytest.approx(0.99)
     rows = {row.name: row for row in shooting.rows}
     assert "roll from 1.7 s on" in rows
@@ -181,7 +182,7 @@ def test_pulse_and_limits_are_those_of_the_task():
     torque = rows["torque asked for from 0.0 s on"]
     assert -torque.lower == torque.upper
     # A motor that is asked for less than it has still follows its knots.
-    assert 0.8 < torque.upper / turn.tail_motor.torque_limit < 1.0
+    assert 0.8 < torque.upper / TURN.tail_motor.torque_limit < 1.0
 
 
 def test_a_turn_that_breaks_a_limit_has_not_converged_whatever_the_solver_says(
@@ -197,12 +198,11 @@ def test_a_turn_that_breaks_a_limit_has_not_converged_whatever_the_solver_says(
 
 def test_the_tail_travels_within_its_limits_from_where_it_waits():
     """From -1.5 rad it may go 3 rad to the right, and not at all to the left."""
-    turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
-    prog = make_turn_nlp([turn], FEW).prog
+    prog = make_turn_nlp([TURN], FEW).prog
     (travel,) = prog.linear_constraints()
     row = travel.evaluator()
-    limit = turn.tail.roll_limit
-    start = -turn.controller.hold_angle
+    limit = TURN.tail.roll_limit
+    start = -TURN.controller.hold_angle
     assert row.upper_bound() == pytest.approx(np.full(row.num_constraints(), limit - start))
     assert row.lower_bound() == pytest.approx(np.full(row.num_constraints(), -limit - start))
 
@@ -246,7 +246,7 @@ def test_the_command_refuses_before_it_drives(tmp_path, flags, named):
     words = ["swing", "search", "short_turn", "--out", str(tmp_path), *flags]
     result = CliRunner().invoke(build_app(), words)
     told = result.output + str(result.exception)
-    assert [part for part in named if part not in told] == []
+    assert_named(told, named)
     assert not list(tmp_path.glob("*.yaml"))
 
 

@@ -4,22 +4,18 @@ import math
 
 import pytest
 import yaml
-from typer.testing import CliRunner
 
 from aerodima.optimisation.swing.verification import Check, Verification
-from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.swing_file import read_swing, write_swing
+from tests.commands import call, refused
 
 
 def thesis():
     return read_swing(model_path("swings/thesis_8_rad_per_s.yaml"))
 
 
-def call(*words):
-    return CliRunner().invoke(
-        build_app(), ["swing", "verify", *map(str, words)], catch_exceptions=False
-    )
+VERIFY = ("swing", "verify")
 
 
 @pytest.mark.parametrize(
@@ -43,8 +39,9 @@ def test_each_limit_that_is_broken_is_named_with_its_value(value, limits, kept):
 
 @pytest.mark.slow
 def test_the_published_swing_is_measured_and_a_report_is_left(tmp_path):
-    words = ("--set", "manoeuvre.speed=3.33", "--set", "manoeuvre.duration=3", "--step", 0.002)
-    result = call("thesis_8_rad_per_s", "--out", tmp_path / "a", *words)
+    short = ("--set", "manoeuvre.speed=3.33", "--set", "manoeuvre.duration=3", "--step", 0.002)
+    words = (*VERIFY, "thesis_8_rad_per_s", "--out", tmp_path / "a", *short)
+    result = call(*words)
     verdict = yaml.safe_load((tmp_path / "a" / "verification.yaml").read_text())
     assert result.exit_code == (0 if verdict["verified"] else 1)
     own = {one["name"]: one["value"] for one in verdict["checks"]}
@@ -54,8 +51,7 @@ def test_the_published_swing_is_measured_and_a_report_is_left(tmp_path):
     assert own["tail roll"] == pytest.approx(math.pi / 2, abs=0.01)
     page = (tmp_path / "a" / "report.html").read_text()
     assert "data:image/png;base64," in page
-    again = call("thesis_8_rad_per_s", "--out", tmp_path / "a", *words)
-    assert again.exit_code == 2
+    assert call(*words).exit_code == 2
 
 
 @pytest.mark.parametrize(
@@ -75,9 +71,7 @@ def test_bad_swings_are_refused_before_anything_runs(tmp_path, section, change, 
         data[section] = data.get(section, {}) | change
     path = tmp_path / "bad.yaml"
     path.write_text(yaml.safe_dump(data))
-    result = call(path, "--out", tmp_path / "out")
-    assert result.exit_code == 2
-    assert named in result.stderr
+    assert named in refused(*VERIFY, path, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -88,6 +82,6 @@ def test_a_swing_that_is_never_released_is_said_to_be(tmp_path):
     )
     path = write_swing(lazy, tmp_path / "lazy.yaml")
     short = ("--set", "manoeuvre.duration=2.7", "--step", 0.002)
-    result = call(path, "--out", tmp_path / "out", *short)
+    result = call(*VERIFY, path, "--out", tmp_path / "out", *short)
     assert thesis().name in result.stderr
     assert not (tmp_path / "out").exists()

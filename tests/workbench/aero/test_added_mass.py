@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.autodiffutils import InitializeAutoDiff
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import (
@@ -25,7 +26,7 @@ from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.aero.wind import WindModel, WindSource
 from aerodima.workbench.core.errors import ModelError
 from tests.refusals import assert_refused
-from tests.workbench.aero.plants import add_plant
+from tests.workbench.aero.plants import accelerations, add_plant
 
 LENGTH, MASS, GRAVITY = 0.4, 0.1, 9.81
 LAYOUT = SectionLayout.strip(start=0.0, length=LENGTH, width=0.06)
@@ -144,11 +145,7 @@ def test_a_two_joint_tail_accelerates_by_the_mass_matrix_of_the_jacobians(added)
     own = np.setdiff1d(np.arange(plant.num_velocities()), slides)
     for _ in range(50):
         state = random_tail_state(plant, rng)
-        context = diagram.CreateDefaultContext()
-        plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), state)
-        vdot = plant.EvalTimeDerivatives(plant.GetMyContextFromRoot(context)).CopyToVector()[
-            plant.num_positions() :
-        ]
+        vdot = accelerations(diagram, plant, state)
         bare_context = bare.CreateDefaultContext()
         bare.SetPositions(bare_context, state[: bare.num_positions()])
         bare.SetVelocities(bare_context, state[plant.num_positions() :][: bare.num_velocities()])
@@ -158,9 +155,7 @@ def test_a_two_joint_tail_accelerates_by_the_mass_matrix_of_the_jacobians(added)
             bare, bare_context, tail, LAYOUT, added
         )
         expected = np.linalg.solve(total, tau)
-        np.testing.assert_allclose(
-            vdot[own], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max()
-        )
+        assert_allclose(vdot[own], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
 def transport_of_parts(plant, context, body, added):
@@ -263,15 +258,12 @@ def test_only_the_acceleration_relative_to_the_air_counts(spanwise_free):
     plant.Finalize()
     wind = builder.AddSystem(WindSource(WindModel(gust=tuple(gust), gust_frequency=1.0)))
     mass.add_to_builder(builder, wind_acceleration=wind.GetOutputPort("wind_acceleration"))
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    vdot = plant.EvalTimeDerivatives(plant.GetMyContextFromRoot(context)).CopyToVector()[
-        plant.num_positions() :
-    ]
+    state = plant.GetPositionsAndVelocities(plant.CreateDefaultContext())
+    vdot = accelerations(builder.Build(), plant, state)
     # The rod's centre of mass is the middle of the parts, so it does not turn.
-    np.testing.assert_allclose(vdot[:3], 0.0, atol=1e-9)
+    assert_allclose(vdot[:3], 0.0, atol=1e-9)
     carried = 5 * added / (5 * added + MASS) * 2 * math.pi * gust[0]
-    np.testing.assert_allclose(vdot[3:6], [carried, 0.0, 0.0], rtol=1e-9, atol=1e-9)
+    assert_allclose(vdot[3:6], [carried, 0.0, 0.0], rtol=1e-9, atol=1e-9)
 
 
 def test_gradients_pass_through_added_mass_jet_and_gusts():
@@ -280,12 +272,8 @@ def test_gradients_pass_through_added_mass_jet_and_gusts():
     plant = add_plant(builder)
     tail, mass = two_joint_tail(plant, 0.02)
     plant.Finalize()
-    wind = builder.AddNamedSystem(
-        "wind",
-        WindSource(
-            WindModel(mean=(1.0, -4.0, 0.5), gust=(0.0, 1.0, 0.0), turbulence=(0.3, 0.3, 0.0))
-        ),
-    )
+    model = WindModel(mean=(1.0, -4.0, 0.5), gust=(0.0, 1.0, 0.0), turbulence=(0.3, 0.3, 0.0))
+    wind = builder.AddNamedSystem("wind", WindSource(model))
     mass.add_to_builder(builder, wind_acceleration=wind.GetOutputPort("wind_acceleration"))
     jet = Jet((0.0, 0.0, 0.2))
     add_tail_force(
@@ -299,21 +287,13 @@ def test_gradients_pass_through_added_mass_jet_and_gusts():
     )
     diagram = builder.Build()
     state = random_tail_state(plant, np.random.default_rng(10))
-    nq = plant.num_positions()
-
-    def vdot(at):
-        context = diagram.CreateDefaultContext()
-        plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), at)
-        return plant.EvalTimeDerivatives(plant.GetMyContextFromRoot(context)).CopyToVector()[nq:]
-
     converted = diagram.ToAutoDiffXd()
     twin = converted.GetSubsystemByName("plant")
-    context = converted.CreateDefaultContext()
-    twin.SetPositionsAndVelocities(
-        twin.GetMyMutableContextFromRoot(context), InitializeAutoDiff(state)
-    )
-    values = twin.EvalTimeDerivatives(twin.GetMyContextFromRoot(context)).CopyToVector()[nq:]
+    values = accelerations(converted, twin, InitializeAutoDiff(state))
     exact = np.array([value.derivatives() for value in values])
-    step = 1e-6 * np.eye(len(state))
-    numeric = np.column_stack([(vdot(state + h) - vdot(state - h)) / 2e-6 for h in step])
-    np.testing.assert_allclose(exact, numeric, atol=1e-6 * np.abs(numeric).max())
+    ends = [
+        [accelerations(diagram, plant, state + h) for h in sign * np.eye(len(state))]
+        for sign in (-1e-6, 1e-6)
+    ]
+    numeric = np.transpose(np.diff(ends, axis=0)[0]) / 2e-6
+    assert_allclose(exact, numeric, atol=1e-6 * np.abs(numeric).max())

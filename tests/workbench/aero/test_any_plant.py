@@ -22,7 +22,7 @@ from aerodima.workbench import (
 )
 from aerodima.workbench.aero.polar_law import PolarLaw
 from tests.refusals import assert_refused
-from tests.workbench.aero.plants import add_free_body, add_plant
+from tests.workbench.aero.plants import add_free_plant, add_plant, port_value
 
 MASS, WIDTH, HEIGHT, C_N, DENSITY, START = 0.4, 0.3, 0.5, 1.3, 1.225, 8.0
 
@@ -38,22 +38,22 @@ def plate(angle):
     )
 
 
-def sled(builder, time_step=0.0):
-    """A body that slides along x without friction."""
+def jointed(builder, name, joint, axis, time_step=0.0):
     plant = add_plant(builder, time_step)
-    body = plant.AddRigidBody("sled", SpatialInertia.SolidBoxWithMass(MASS, 0.1, 0.1, 0.1))
-    plant.AddJoint(PrismaticJoint("slide", plant.world_frame(), body.body_frame(), [1.0, 0.0, 0.0]))
+    body = plant.AddRigidBody(name, SpatialInertia.SolidBoxWithMass(MASS, 0.1, 0.1, 0.1))
+    plant.AddJoint(joint("joint", plant.world_frame(), body.body_frame(), axis))
     plant.Finalize()
     return plant
+
+
+def sled(builder, time_step=0.0):
+    """A body that slides along x without friction."""
+    return jointed(builder, "sled", PrismaticJoint, [1.0, 0.0, 0.0], time_step)
 
 
 def pole(builder):
     """A body that turns about y."""
-    plant = add_plant(builder)
-    body = plant.AddRigidBody("pole", SpatialInertia.SolidBoxWithMass(MASS, 0.1, 0.1, 0.1))
-    plant.AddJoint(RevoluteJoint("swing", plant.world_frame(), body.body_frame(), [0.0, 1.0, 0.0]))
-    plant.Finalize()
-    return plant
+    return jointed(builder, "pole", RevoluteJoint, [0.0, 1.0, 0.0])
 
 
 @pytest.mark.parametrize("angle", [0.0, math.pi / 4, math.radians(80.0)])
@@ -73,9 +73,7 @@ def test_drag_of_a_plate_slows_a_sled_as_the_formula_says(angle, time_step):
     pressed = 0.5 * DENSITY * area * C_N * START**2
     simulator.Initialize()
     if time_step == 0.0:
-        wrench = force.GetOutputPort("wrench").Eval(
-            force.GetMyContextFromRoot(simulator.get_context())
-        )
+        wrench = port_value(force, simulator.get_context(), "wrench")
         expected = -pressed * math.cos(angle) * np.array([math.cos(angle), math.sin(angle), 0.0])
         assert wrench[:3] == pytest.approx(expected, rel=1e-12)
         assert wrench[3:6] == pytest.approx(
@@ -106,9 +104,7 @@ def test_right_normals_and_plants_that_move_any_way_are_not_warned_of(wrong):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         builder = DiagramBuilder()
-        plant = add_plant(builder)
-        add_free_body(plant)  # nothing but a floating base
-        plant.Finalize()
+        plant, _ = add_free_plant(builder)  # nothing but a floating base
         add_tail_force(builder, plant, "tail", layout, C_N)
         builder = DiagramBuilder()
         add_tail_force(

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from pydrake.math import RigidTransform
-from pydrake.multibody.tree import FixedOffsetFrame, RevoluteJoint, SpatialInertia
+from numpy.testing import assert_array_equal
+from pydrake.multibody.tree import RevoluteJoint, SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
@@ -18,24 +18,20 @@ from tests.refusals import assert_refused
 from tests.workbench.aero.plants import add_plant, plant_context, port_value
 
 EDGE_DEPTH = 0.265  # h0, design section 5
-DOWN = {"axis_B": (0.0, 0.0, -1.0), "normal_B": (0.0, 1.0, 0.0)}
 TAIL = SectionLayout.strip(
     start=0.270, length=0.390, width=0.0639, axis_B=(0.0, 0.0, -1.0), normal_B=(0.0, 1.0, 0.0)
 )
 """Tail 1 of Table 4.2 on the rig."""
-BAR = SectionLayout.strip(start=0.0, length=0.270, width=0.02, number=1, **DOWN)
 
 
-def pendulum(builder, pivot_height=0.0, limits=None):
+def pendulum(builder, limits=None):
     """A tail that hangs from the pivot on a joint about -x: positive angles swing it towards -y,
     downstream.
     """
     plant = add_plant(builder)
     body = plant.AddRigidBody("tail", SpatialInertia.SolidSphereWithMass(0.1, 0.05))
-    pivot = plant.AddFrame(
-        FixedOffsetFrame("pivot", plant.world_frame(), RigidTransform([0.0, 0.0, pivot_height]))
-    )
-    joint = plant.AddJoint(RevoluteJoint("swing", pivot, body.body_frame(), [-1.0, 0.0, 0.0]))
+    frames = plant.world_frame(), body.body_frame()
+    joint = plant.AddJoint(RevoluteJoint("swing", *frames, [-1.0, 0.0, 0.0]))
     if limits:
         joint.set_position_limits([limits[0]], [limits[1]])
     plant.Finalize()
@@ -79,7 +75,7 @@ def test_without_exposure_the_force_is_zero_and_flagged():
         context = plant_context(diagram, plant, np.array([math.radians(angle_deg), 0.0]))
         wrench = port_value(force, context, "wrench")
         assert (np.linalg.norm(wrench[:6]) > 0.0) == exposed, angle_deg
-        np.testing.assert_array_equal(
+        assert_array_equal(
             port_value(force, context, "validity"), np.full(5, 1.0 if exposed else 0.0)
         )
 
@@ -119,4 +115,4 @@ def test_above_the_quasi_steady_limit_a_section_is_marked():
             quasi_steady_limit=coefficients.quasi_steady_limit,
         )
         context = plant_context(builder.Build(), plant, np.zeros(2))
-        np.testing.assert_array_equal(port_value(force, context, "validity"), np.full(5, mark))
+        assert_array_equal(port_value(force, context, "validity"), np.full(5, mark))

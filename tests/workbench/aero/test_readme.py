@@ -7,12 +7,11 @@ import shlex
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from aerodima.workbench import aero
-from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.metrics.turn_metrics import metrics_of
+from tests.commands import done
 
 SECTION = (
     (Path(aero.__file__).parent / "README.md")
@@ -30,12 +29,10 @@ def block(language):
 @pytest.mark.slow
 def test_example_on_the_car_runs_and_gives_what_it_says(tmp_path, monkeypatch, standard_runs):
     monkeypatch.chdir(tmp_path)
-    app = build_app()
     for line in block("sh").splitlines():
         program, *words = shlex.split(line)
         assert program == "aerodima"
-        result = CliRunner().invoke(app, words, catch_exceptions=False)
-        assert result.exit_code == 0, result.output
+        done(*words)
     names = {}
     exec(block("python"), names)
     line = names["line"]

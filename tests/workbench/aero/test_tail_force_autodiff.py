@@ -6,18 +6,15 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.autodiffutils import AutoDiffXd, InitializeAutoDiff
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource
 
 from aerodima.workbench.aero.coefficient_files import load_coefficients
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.section_laws import NormalForceLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
-from aerodima.workbench.aero.tail_force import add_tail_force
 from tests.workbench.aero.plants import (
-    add_free_body,
-    add_plant,
+    free_tail,
     plant_context,
     port_value,
     random_state,
@@ -33,15 +30,7 @@ LAWS = {
 
 
 def diagrams(law, jet=None):
-    builder = DiagramBuilder()
-    plant = add_plant(builder)
-    add_free_body(plant)
-    plant.Finalize()
-    wind = builder.AddSystem(ConstantVectorSource([1.0, -2.0, 0.5]))
-    force = add_tail_force(
-        builder, plant, "tail", LAYOUT, law, wind=wind.get_output_port(), jet=jet
-    )
-    diagram = builder.Build()
+    diagram, plant, force, wind = free_tail(LAYOUT, law, (1.0, -2.0, 0.5), jet=jet)
     converted = diagram.ToAutoDiffXd()
     return (
         (diagram, plant, force, wind),
@@ -52,10 +41,7 @@ def diagrams(law, jet=None):
 
 def gradient(parts, state, wind=None):
     _, (plant, force, source), converted = parts
-    context = converted.CreateDefaultContext()
-    plant.SetPositionsAndVelocities(
-        plant.GetMyMutableContextFromRoot(context), InitializeAutoDiff(state)
-    )
+    context = plant_context(converted, plant, InitializeAutoDiff(state))
     if wind is not None:
         air = source.get_mutable_source_value(source.GetMyMutableContextFromRoot(context))
         air.SetFromVector([AutoDiffXd(w) for w in wind])
@@ -66,16 +52,16 @@ def gradient(parts, state, wind=None):
     )
 
 
-def differences(parts, state, step=1e-6):
+def differences(parts, state):
     (diagram, plant, force, _), _, _ = parts
     columns = []
     for i in range(len(state)):
         ends = []
         for sign in (1.0, -1.0):
             moved = state.copy()
-            moved[i] += sign * step
+            moved[i] += sign * 1e-6
             ends.append(port_value(force, plant_context(diagram, plant, moved), "wrench")[:6])
-        columns.append((ends[0] - ends[1]) / (2 * step))
+        columns.append((ends[0] - ends[1]) / 2e-6)
     return np.column_stack(columns)
 
 
@@ -90,14 +76,14 @@ def test_gradients_equal_central_jacobian(name):
         state = random_state(parts[0][1], rng, speed=2.0)
         exact = gradient(parts, state)
         approximate = differences(parts, state)
-        np.testing.assert_allclose(exact, approximate, atol=1e-6 * np.abs(approximate).max())
+        assert_allclose(exact, approximate, atol=1e-6 * np.abs(approximate).max())
 
 
 def test_gradients_inside_a_jet_follow_the_moving_exposure():
     parts = diagrams(PolarLaw(1.2, 0.4), Jet((0.0, 0.0, 0.3)))
     state = np.array([1.0, 0.05, 0.02, 0.01, 0.0, 0.0, 0.1, 0.3, -0.2, 0.4, 1.0, 2.0, 0.5])
     exact = gradient(parts, state)
-    np.testing.assert_allclose(exact, differences(parts, state), atol=1e-6 * np.abs(exact).max())
+    assert_allclose(exact, differences(parts, state), atol=1e-6 * np.abs(exact).max())
     assert np.abs(exact[:3, 6]).max() > 0.0  # raising the body takes sections out of the jet
 
 
@@ -112,7 +98,7 @@ def test_gradients_are_finite_in_still_air_and_at_ninety_degrees(name):
         slopes = gradient(parts, rest, wind)
         assert np.all(np.isfinite(slopes))
         if not along:
-            np.testing.assert_array_equal(slopes[:, 7:], 0.0)  # quadratic in the velocity
+            assert_array_equal(slopes[:, 7:], 0.0)  # quadratic in the velocity
 
 
 def test_other_outputs_convert_too():

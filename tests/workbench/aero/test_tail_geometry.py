@@ -3,10 +3,11 @@ what is refused.
 """
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
-from pydrake.math import RollPitchYaw
+from numpy.testing import assert_allclose
 
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.aero.tail_geometry import Plate, TailArm, TailGeometry
@@ -44,116 +45,87 @@ def about_origin(inertia):
     return inertia.CalcRotationalInertia().CopyToFullMatrix3()
 
 
-def first(inertia):
-    return inertia.get_mass() * inertia.get_com()
-
-
 def second(inertia):
     moments = about_origin(inertia)
     return np.trace(moments) / 2 * np.eye(3) - moments
 
 
-def test_trapezoid_is_a_triangle_less_its_tip():
-    shape = plate(chords=(0.2, 0.1))
-    length = 0.4
-    near = 0.2
-    far = 0.1
-
-    def triangle(base, height, start):
-        """Area, its first and its second moments (x^2, 0, z^2), of a triangle with its base at z =
-        start.
-        """
-        area = base * height / 2
-        middle = start + height / 3
-        return (
-            area,
-            np.array([0, 0, area * middle]),
-            np.array([area * base**2 / 24, 0, area * (height**2 / 18 + middle**2)]),
-        )
-
-    whole = triangle(near, length * near / (near - far), 0.3)
-    tip = triangle(far, length * near / (near - far) - length, 0.3 + length)
-    area, moment, square = (a - b for a, b in zip(whole, tip, strict=True))
-    assert shape.area == pytest.approx(area, rel=1e-9)
-    np.testing.assert_allclose(shape.centre_of_pressure, moment / area, **EXACT)
-    np.testing.assert_allclose(np.diag(second(shape.inertia)), 0.5 * square, **EXACT)
-    assert shape.inertia.get_mass() == pytest.approx(0.5 * area, rel=1e-9)
+GAUSS = list(zip(*np.polynomial.legendre.leggauss(20), strict=True))
 
 
-def test_half_cylinder_has_the_moments_of_a_half_ring():
-    shape = plate(kind="half_shell")
-    radius = 0.1
-    length = 0.4
-    mass = 0.5 * math.pi * radius * length
-    found = shape.inertia
-    assert shape.area == pytest.approx(2 * radius * length, rel=1e-9)
-    assert found.get_mass() == pytest.approx(mass, rel=1e-9)
-    np.testing.assert_allclose(
-        found.get_com(), [0, -2 * radius / math.pi, 0.5], **EXACT
-    )  # round towards -y
-    inertia = about_origin(found)
-    assert inertia[2, 2] == pytest.approx(mass * radius**2, rel=1e-9)
-    along = mass * (length**2 / 12 + 0.5**2)
-    np.testing.assert_allclose(np.diag(inertia)[:2], [mass * radius**2 / 2 + along] * 2, **EXACT)
-    assert inertia[1, 2] == pytest.approx(mass * 2 * radius / math.pi * 0.5, rel=1e-9)
+def surface(shape, kind):
+    """Points of Gauss and Legendre on a plate as one of some kind, in T (n, 3), and the mass at
+    each (n), kg.
+    """
+    found = []
+    start = np.array(shape.root)
+    last = len(shape.lengths) - 1
+    for number, length in enumerate(shape.lengths):
+        near, far = shape.chords[number : number + 2]
+        axis = np.array(shape.axes[number % len(shape.axes)])
+        axis /= np.linalg.norm(axis)
+        normal = shape.normal - (axis @ shape.normal) * axis
+        normal /= np.linalg.norm(normal)
+        across = np.cross(normal, axis)
+        end = start + length * axis
+        for (x, along), (y, over) in product(GAUSS, GAUSS):
+            weight = 0.25 * along * over
+            share = 0.5 * (1.0 + x)
+            width = near + share * (far - near)
+            place = start + share * (end - start)
+            if kind == "plate":
+                mass = shape.density * length * width
+                found.append((place + 0.5 * y * width * across, weight * mass))
+                continue
+            # A half circle of diameter 1, and the slant of a cone.
+            rim = 0.5 * (math.sin(math.pi / 2 * y) * across + math.cos(math.pi / 2 * y) * normal)
+            mass = shape.density * math.pi / 2 * width * math.hypot(length, (far - near) / 2)
+            found.append((place + width * rim, weight * mass))
+            for middle, chord, closed in ((start, near, number == 0), (end, far, number == last)):
+                if closed:
+                    mass = shape.cap_density * math.pi / 4 * chord**2 * share
+                    found.append((middle + share * chord * rim, weight * mass))
+        start = end
+    points, masses = zip(*found, strict=True)
+    return np.array(points), np.array(masses)
 
 
-def test_end_caps_are_half_discs_at_both_ends():
-    shell = plate(kind="half_shell")
-    capped = plate(kind="half_shell", cap_density=1.5)
-    radius = 0.1
-    disc = 1.5 * math.pi * 0.1**2 / 2
-    one = capped.inertia
-    other = shell.inertia
-    assert capped.area == shell.area
-    assert one.get_mass() - other.get_mass() == pytest.approx(2 * disc, rel=1e-9)
-    np.testing.assert_allclose(
-        first(one) - first(other),
-        [0, -2 * disc * 4 * radius / (3 * math.pi), disc * (0.3 + 0.7)],
-        **EXACT,
-    )
-    square = 2 * disc * radius**2 / 4
-    np.testing.assert_allclose(
-        np.diag(second(one) - second(other)), [square, square, disc * (0.3**2 + 0.7**2)], **EXACT
-    )
+BENT = ((0.0, 0.0, 1.0), (0.6, 0.0, 0.8))
 
 
-def test_half_cone_is_a_cone_less_its_tip():
-    shape = plate(kind="half_shell", chords=(0.2, 0.1), root=(0.0, 0.0, 0.0))
-    near = 0.1
-    far = 0.05
-    height = 0.8
+@pytest.mark.parametrize(
+    "shape",
+    [
+        plate(chords=(0.2, 0.1)),
+        plate(lengths=(0.2, 0.3), chords=(0.2, 0.1, 0.06), axes=BENT),
+        plate(kind="half_shell"),
+        plate(kind="half_shell", chords=(0.2, 0.1), root=(0.0, 0.0, 0.0), cap_density=1.5),
+        plate(
+            kind="half_shell",
+            lengths=(0.2, 0.3),
+            chords=(0.2, 0.1, 0.06),
+            cap_density=1.0,
+            root=(0.1, -0.2, 0.3),
+            axes=((0.3, -0.5, 1.1), (0.4, -0.5, 1.0)),
+            normal=(1.0, 0.7, -0.2),
+        ),
+    ],
+    ids=["trapezoid", "bent", "half cylinder", "closed half cone", "closed, bent and turned"],
+)
+def test_mass_moments_and_area_are_those_of_the_surface(shape):
+    """The planform is that of the flat plate with the same outline."""
+    points, masses = surface(shape, shape.kind)
+    inertia = shape.inertia
+    assert inertia.get_mass() == pytest.approx(masses.sum(), rel=1e-9)
+    assert_allclose(inertia.get_com(), masses @ points / masses.sum(), **EXACT)
+    assert_allclose(second(inertia), masses * points.T @ points, **EXACT)
+    points, masses = surface(shape, "plate")
+    assert shape.area == pytest.approx(masses.sum() / shape.density, rel=1e-9)
+    assert_allclose(shape.centre_of_pressure, masses @ points / masses.sum(), **EXACT)
 
-    def cone(radius, high):
-        """Mass, second moments about the apex and the product of depth and height, of half a cone's
-        shell.
-        """
-        mass = 0.5 * math.pi * radius * math.hypot(radius, high) / 2
-        square = mass * radius**2 / 4
-        return (
-            mass,
-            np.array([square, square, mass * high**2 / 2]),
-            mass * (2 * radius / math.pi) * high / 2,
-        )
 
-    (mass, square, mixed) = cone(near, height)
-    (off, less, other) = cone(far, height / 2)
-    found = shape.inertia
-    assert found.get_mass() == pytest.approx(mass - off, rel=1e-9)
-    # From the apex, which is 0.8 m up the axis, back to the base.
-    apex = second(found.Shift([0.0, 0.0, height]))
-    np.testing.assert_allclose(np.diag(apex), square - less, **EXACT)
-    assert apex[1, 2] == pytest.approx(mixed - other, rel=1e-9)
-
-
-def test_bent_and_swept_tails_are_their_pieces():
-    bend = (0.6, 0.0, 0.8)
-    whole = plate(lengths=(0.2, 0.3), chords=(0.2, 0.1, 0.06), axes=((0.0, 0.0, 1.0), bend))
-    inner = plate(lengths=(0.2,), chords=(0.2, 0.1))
-    outer = plate(lengths=(0.3,), chords=(0.1, 0.06), root=(0.0, 0.0, 0.5), axes=(bend,))
-    pieces = second(inner.inertia) + second(outer.inertia)
-    np.testing.assert_allclose(second(whole.inertia), pieces, **EXACT)
-    assert whole.area == pytest.approx(inner.area + outer.area, rel=1e-9)
+def test_bent_parts_are_their_pieces():
+    whole = plate(lengths=(0.2, 0.3), chords=(0.2, 0.1, 0.06), axes=BENT)
     assert len(whole.section_layouts()) == 2
     rod = arm(0.5, 0.5, density=0.1, axes=((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)))
     inertia = about_origin(rod.inertia)
@@ -161,29 +133,12 @@ def test_bent_and_swept_tails_are_their_pieces():
     assert inertia[0, 0] == pytest.approx(0.05 * 0.25 * (1 / 3 + 1 / 12 + 5 / 4), rel=1e-9)
 
 
-def test_moments_do_not_depend_on_how_the_plate_is_turned():
-    turn = RollPitchYaw(0.3, -0.5, 1.1).ToRotationMatrix().matrix()
-    straight = plate(kind="half_shell", chords=(0.2, 0.1), cap_density=1.0)
-    turned = plate(
-        kind="half_shell",
-        chords=(0.2, 0.1),
-        cap_density=1.0,
-        root=tuple(turn @ straight.root),
-        axes=(tuple(turn @ [0.0, 0.0, 1.0]),),
-        normal=tuple(turn @ straight.normal),
-    )
-    np.testing.assert_allclose(
-        second(turned.inertia), turn @ second(straight.inertia) @ turn.T, **EXACT
-    )
-    np.testing.assert_allclose(first(turned.inertia), turn @ first(straight.inertia), **EXACT)
-
-
 def test_sections_share_the_area_and_have_its_centre():
     shape = plate(lengths=(0.2, 0.3), chords=(0.2, 0.1, 0.06), sections=3)
     (layout,) = shape.section_layouts()
     assert layout.number == 6
     assert sum(layout.areas) == pytest.approx(shape.area, rel=1e-12)
-    np.testing.assert_allclose(
+    assert_allclose(
         np.asarray(layout.areas) @ layout.p_BoSi_B / shape.area, shape.centre_of_pressure, **EXACT
     )
     assert layout.end == pytest.approx(0.8)
@@ -193,8 +148,8 @@ def test_centre_of_pressure_counts_what_a_direction_sees():
     both = tail(
         plate(), plate(name="rudder", normal=(1.0, 0.0, 0.0), chords=(0.1, 0.1), lengths=(0.1,))
     )
-    np.testing.assert_allclose(both.centre_of_pressure(), [0, 0, 0.5], **EXACT)
-    np.testing.assert_allclose(both.centre_of_pressure((1.0, 0.0, 0.0)), [0, 0, 0.35], **EXACT)
+    assert_allclose(both.centre_of_pressure(), [0, 0, 0.5], **EXACT)
+    assert_allclose(both.centre_of_pressure((1.0, 0.0, 0.0)), [0, 0, 0.35], **EXACT)
     assert both.facing_area((1.0, 1.0, 0.0)) == pytest.approx((0.08 + 0.01) / math.sqrt(2))
     assert_refused(lambda: both.centre_of_pressure((0.0, 0.0, 1.0)), ModelError)
 
@@ -212,7 +167,7 @@ def test_tail_of_a_scenario_made_of_densities_is_the_same_tail(name):
         one = getattr(known, part)
         other = getattr(made, part)
         for field in ("mass", "com", "moments", "products"):
-            np.testing.assert_allclose(getattr(one, field), getattr(other, field), **EXACT)
+            assert_allclose(getattr(one, field), getattr(other, field), **EXACT)
     # Drake parses the same text, so that every outcome is the same too.
     assert tail_sdf(parameters, motor, car, made).text() == tail_sdf(parameters, motor, car).text()
     assert made.inertial.mass == pytest.approx(parameters.mass, rel=1e-12)
@@ -242,7 +197,7 @@ def test_file_gives_the_same_tail_to_the_last_bit(tmp_path):
             chords=(0.1, 0.2, 0.123456789012345),
         ),
         plate(name="board", normal=(1.0, 0.0, 0.0), root=(0.0, -0.2, 0.3), depth=0.01),
-        arm=arm(0.4, 0.4, axes=((0.0, 0.0, 1.0), (0.1, 0.0, 1.0))),
+        arm=arm(0.4, 0.4, axes=BENT),
     )
     for number, geometry in enumerate((bent, tail_geometry(scenario_from_dict({}).tail))):
         assert read_tail(write_tail(geometry, tmp_path / f"{number}.yaml")) == geometry
@@ -255,9 +210,7 @@ def test_known_mass_and_inertia_replace_those_of_the_densities():
     total = geometry.inertial
     assert total.mass == pytest.approx(0.2 + 0.06 * 0.7)
     assert total.com[1] == pytest.approx(0.2 * 0.01 / total.mass)
-    np.testing.assert_allclose(
-        inertial_of_inertia(inertia_of_inertial(known)).matrix, known.matrix, **EXACT
-    )
+    assert_allclose(inertial_of_inertia(inertia_of_inertial(known)).matrix, known.matrix, **EXACT)
 
 
 def test_plates_that_overlap_are_refused_and_those_that_touch_or_cross_are_not():
@@ -286,9 +239,6 @@ def test_plates_that_overlap_are_refused_and_those_that_touch_or_cross_are_not()
 )
 def test_impossible_plate_is_refused(changes, named):
     assert_refused(lambda: plate(**changes), ModelError, *named)
-
-
-BENT = ((0.0, 0.0, 1.0), (0.1, 0.0, 1.0))
 
 
 @pytest.mark.parametrize(

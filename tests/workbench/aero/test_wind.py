@@ -6,23 +6,20 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.aero.sections import Jet
 from aerodima.workbench.aero.wind import WindModel, WindSource
 from aerodima.workbench.core.errors import ModelError
 from tests.refusals import assert_refused
+from tests.workbench.samples import sampled
 
 
-def history(model, duration, step=0.01):
+def history(model, duration):
     """Wind sampled after every update (steps x 3), m/s."""
-    source = WindSource(model)
-    simulator = Simulator(source)
-    rows = []
-    for i in range(int(duration / step)):
-        simulator.AdvanceTo((i + 0.5) * step)
-        rows.append(source.GetOutputPort("wind_velocity").Eval(simulator.get_context()))
-    return np.array(rows)
+    times = (np.arange(int(duration / 0.01)) + 0.5) * 0.01
+    return sampled(Simulator(WindSource(model)), times, "wind_velocity")
 
 
 def test_a_gust_is_a_sine_about_the_mean():
@@ -30,12 +27,12 @@ def test_a_gust_is_a_sine_about_the_mean():
     context = source.CreateDefaultContext()
     for time, expected in ((0.0, 2.0), (0.5, 5.0), (1.0, 2.0), (1.5, -1.0)):
         context.SetTime(time)
-        np.testing.assert_allclose(
+        assert_allclose(
             source.GetOutputPort("wind_velocity").Eval(context), [1.0, expected, 0.0], atol=1e-12
         )
     context.SetTime(0.0)
     acceleration = source.GetOutputPort("wind_acceleration").Eval(context)
-    np.testing.assert_allclose(acceleration, [0.0, 3.0 * math.pi, 0.0], atol=1e-12)
+    assert_allclose(acceleration, [0.0, 3.0 * math.pi, 0.0], atol=1e-12)
 
 
 def test_turbulence_has_the_given_spread_and_memory():
@@ -55,7 +52,7 @@ def test_turbulence_has_the_given_spread_and_memory():
 def test_the_tunnel_blows_downstream():
     """Towards -y, turned by psi about z (design section 4)."""
     jet = Jet.below_pivot((0, 0, 0), 0.265, psi=0.1)
-    np.testing.assert_allclose(
+    assert_allclose(
         WindModel.in_jet(jet, 10.0).mean, [10 * math.sin(0.1), -10 * math.cos(0.1), 0.0], rtol=1e-12
     )
 

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.car.outcome_record import CONTACT_COLUMNS, SETTLED
@@ -54,9 +55,7 @@ def test_trial_of_a_surviving_car_has_the_outcome_and_metrics_of_its_logged_run(
         if name in (*CONTACT_COLUMNS, *LIFT_COLUMNS):  # from the motion: see test_ground_loads.py
             continue
         scale = max(1.0, float(np.max(np.abs(logged.signal(name)))))
-        np.testing.assert_allclose(
-            run.signal(name), logged.signal(name), atol=1e-9 * scale, err_msg=name
-        )
+        assert_allclose(run.signal(name), logged.signal(name), atol=1e-9 * scale, err_msg=name)
 
 
 def test_flipped_run_stops_once_the_turn_is_over_with_the_metrics_of_the_turn():
@@ -73,7 +72,7 @@ def test_flipped_run_stops_once_the_turn_is_over_with_the_metrics_of_the_turn():
         whole.metrics.raw, roll_integral_rad=stopped.metrics.raw.roll_integral_rad
     )
     rows = len(runs[0].table)
-    np.testing.assert_array_equal(runs[0].table.to_numpy(), runs[1].table.to_numpy()[:rows])
+    assert_array_equal(runs[0].table.to_numpy(), runs[1].table.to_numpy()[:rows])
 
 
 @pytest.mark.parametrize("mode", ["none", "swing"])
@@ -87,9 +86,7 @@ def test_surviving_car_ends_its_trial_once_it_has_settled_and_every_metric_is_th
     rows = len(early.table)
     assert early.extra[SETTLED] == early.time[-1] < 2.8 < 2.99 < whole.time[-1]
     # Wheel loads of a table of another length: rounding.
-    np.testing.assert_allclose(
-        early.table.to_numpy(), whole.table.to_numpy()[:rows], rtol=0.0, atol=1e-8
-    )
+    assert_allclose(early.table.to_numpy(), whole.table.to_numpy()[:rows], rtol=0.0, atol=1e-8)
     found, expected = (flat(metrics_of(run).as_row()) for run in (early, whole))
     ends = {name for name in found if name.startswith("filtered_") or name == "tail_energy_j"}
     for name in set(found) - ends:

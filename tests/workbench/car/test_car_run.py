@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.core.errors import LogError, UserError
@@ -36,7 +37,7 @@ def test_log_has_every_column_in_order_and_one_row_per_step(standard_runs):
         expected = [column.name for column in car_run_columns(positions)]
         assert names[: len(expected)] == expected
         assert all(name.startswith("plant_velocity_") for name in names[len(expected) :])
-        np.testing.assert_allclose(log.time, np.arange(2001) * 0.002, atol=1e-9)
+        assert_allclose(log.time, np.arange(2001) * 0.002, atol=1e-9)
         assert np.isfinite(log.table.to_numpy()).all()
 
 
@@ -143,9 +144,9 @@ def test_sensors_follow_the_truth(standard_runs):
 def test_log_rate_thins_the_rows_only(run):
     full = run(name="full")
     thin = run("simulation.log_rate=100", name="thin")
-    np.testing.assert_allclose(thin.time, np.arange(51) * 0.01, atol=1e-9)
+    assert_allclose(thin.time, np.arange(51) * 0.01, atol=1e-9)
     for name in ("position_x_truth_m", "imu_gyro_z_rad_per_s", "wheel_force_rear_left_z_truth_n"):
-        np.testing.assert_array_equal(thin.signal(name), full.signal(name)[::5])
+        assert_array_equal(thin.signal(name), full.signal(name)[::5])
 
 
 def test_step_of_the_scenario_is_that_of_the_plant(run):
@@ -188,4 +189,4 @@ def test_progress_is_told_ten_times_a_second(tmp_path):
     times = np.array([time for time, _ in told])
     assert {length for _, length in told} == {0.5}
     assert 5 <= len(told) <= 7
-    np.testing.assert_allclose(np.diff(times), 0.1, atol=0.01)
+    assert_allclose(np.diff(times), 0.1, atol=0.01)

@@ -4,8 +4,9 @@ outside.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.car.car_diagram import assemble
 from aerodima.workbench.car.car_station import make_car_station, simulated_car
@@ -18,54 +19,27 @@ from aerodima.workbench.scenario.signal_table import (
     IMU,
     RIG_STATUS,
     SPEED,
-    STATION_INPUTS,
     STATION_OUTPUTS,
     STATUS,
     TAIL_STATE,
 )
 from tests.refusals import assert_refused
-from tests.workbench.stands import CarStand
+from tests.workbench.stands import CarStand, Interface, port_sizes
 
 INPUTS = {"steering_angle": 1, "throttle": 1, "tail_pitch_command": 5, "tail_roll_command": 5}
 OUTPUTS = {"tail_state": 6, "tail_torque": 2, "imu": 9, "speed": 1, "status": 13}
 MODES = ("none", "swing")
 
 
-def sizes(system):
-    inputs = [system.get_input_port(index) for index in range(system.num_input_ports())]
-    outputs = [system.get_output_port(index) for index in range(system.num_output_ports())]
-    return tuple({port.get_name(): port.size() for port in ports} for ports in (inputs, outputs))
-
-
 def stand(mode, **sections):
     return CarStand(scenario_from_dict({"tail": {"mode": mode}} | sections))
-
-
-class DummyInterface(LeafSystem):
-    """Has the ports of the station and does nothing; `changes` gives other sizes, None takes a port
-    away.
-    """
-
-    def __init__(self, **changes):
-        super().__init__()
-        self.set_name("dummy_car")
-        ports = {
-            name: fields.size for name, fields in (STATION_INPUTS | STATION_OUTPUTS).items()
-        } | changes
-        for name, size in ports.items():
-            if size is None:
-                continue
-            if name in STATION_INPUTS or name.endswith("_in"):
-                self.DeclareVectorInputPort(name, size)
-            else:
-                self.DeclareVectorOutputPort(name, size, lambda context, output: None)
 
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("truth", [True, False])
 def test_simulated_station_has_the_ports_of_the_contract_with_and_without_its_truth(mode, truth):
     scenario = scenario_from_dict({"tail": {"mode": mode}})
-    inputs, outputs = sizes(make_car_station(scenario, with_truth=truth))
+    inputs, outputs = port_sizes(make_car_station(scenario, with_truth=truth))
     assert inputs == INPUTS
     assert {n: size for n, size in outputs.items() if not n.endswith("_truth")} == OUTPUTS
     assert "plant_state_truth" in outputs
@@ -74,13 +48,13 @@ def test_simulated_station_has_the_ports_of_the_contract_with_and_without_its_tr
 def test_interface_takes_the_place_of_the_plant_with_the_same_ports():
     scenario = scenario_from_dict({})
     station = make_car_station(
-        scenario, lambda given: DummyInterface() if given is scenario else None
+        scenario, lambda given: Interface(INPUTS, OUTPUTS) if given is scenario else None
     )
-    assert sizes(station) == (INPUTS, OUTPUTS)
+    assert port_sizes(station) == (INPUTS, OUTPUTS)
 
 
 def test_driver_and_controller_connect_to_an_interface_as_to_the_simulation():
-    car = assemble(load_scenario("turn_swing"), lambda scenario: DummyInterface())
+    car = assemble(load_scenario("turn_swing"), lambda _: Interface(INPUTS, OUTPUTS))
     assert not [
         name
         for _, names in car.signals
@@ -91,22 +65,23 @@ def test_driver_and_controller_connect_to_an_interface_as_to_the_simulation():
 
 
 @pytest.mark.parametrize(
-    ("changes", "named"),
+    ("inputs", "outputs", "named"),
     [
-        ({"imu": None}, ("imu (9)", "speed (1)")),
-        ({"imu": 6}, ("imu (6)", "imu (9)")),
-        ({"throttle": None}, ("throttle (1)",)),
-        ({"brake_in": 1}, ("brake_in (1)",)),
-        ({"odometer": 1}, ("odometer (1)",)),
-        ({"tail_roll_command": 4}, ("tail_roll_command (4)", "tail_roll_command (5)")),
+        ({}, {"imu": 0}, ("imu (9)", "speed (1)")),
+        ({}, {"imu": 6}, ("imu (6)", "imu (9)")),
+        ({"throttle": 0}, {}, ("throttle (1)",)),
+        ({"brake": 1}, {}, ("brake (1)",)),
+        ({}, {"odometer": 1}, ("odometer (1)",)),
+        ({"tail_roll_command": 4}, {}, ("tail_roll_command (4)", "tail_roll_command (5)")),
     ],
     ids=str,
 )
-def test_interface_with_other_ports_is_refused_by_name(changes, named):
+def test_interface_with_other_ports_is_refused_by_name(inputs, outputs, named):
     def make():
-        make_car_station(scenario_from_dict({}), lambda scenario: DummyInterface(**changes))
+        other = Interface(INPUTS | inputs, OUTPUTS | outputs)
+        make_car_station(scenario_from_dict({}), lambda _: other)
 
-    assert_refused(make, UserError, "'dummy_car'", *named)
+    assert_refused(make, UserError, "'interface'", *named)
 
 
 def test_simulation_without_a_port_of_the_contract_is_refused(monkeypatch):
@@ -124,9 +99,9 @@ def test_status_needs_every_field_once():
 
 def test_tail_state_names_pitch_and_roll_with_their_signs():
     car = stand("held", tail_motor={"position_range": 12.5}, controller={"pitch_angle": 0.3})
-    car.plant.GetJointByName("tail_roll").set_angle(car.plant_context, 0.8)
-    car.plant.GetJointByName("tail_pitch").set_angular_rate(car.plant_context, 1.5)
-    car.plant.GetJointByName("tail_roll").set_angular_rate(car.plant_context, -2.5)
+    car.turn("tail_roll", 0.8)
+    car.spin("tail_pitch", 1.5)
+    car.spin("tail_roll", -2.5)
     car.simulator.Initialize()
     state = TAIL_STATE.read(car.output("tail_state"))
     # One word of the motors' reply: 25 rad in 16 bit, 100 rad/s in 12 bit.
@@ -162,15 +137,10 @@ def test_each_knuckle_gets_its_own_angle_of_the_linkage():
     sections = {"tail": {"mode": "none"}, "servo": {"linkage": "ackermann"}}
     car = CarStand(scenario_from_dict(sections), steering_angle=[0.3], throttle=[0.3])
     car.advance(1.0)
-    angles = [
-        car.plant.GetJointByName(f"front_{side}_steering").get_angle(car.plant_context)
-        for side in ("left", "right")
-    ]
+    angles = [car.angle(f"front_{side}_steering") for side in ("left", "right")]
     # The servo gives way by 200 N m/rad: a few milliradians, where the linkage parts the wheels
     # by 100.
-    np.testing.assert_allclose(
-        angles, knuckle_angles(0.3, car.scenario.servo, car.scenario.car), atol=0.01
-    )
+    assert_allclose(angles, knuckle_angles(0.3, car.scenario.servo, car.scenario.car), atol=0.01)
 
 
 def test_status_of_a_simulated_car_is_fresh_armed_and_without_fault():
@@ -208,8 +178,8 @@ def test_station_without_tail_ignores_the_commands_and_says_so():
     without = CarStand(scenario)
     for car in (with_commands, without):
         car.advance(0.1)
-        np.testing.assert_array_equal(car.output("tail_state"), np.zeros(6))
-        np.testing.assert_array_equal(car.output("tail_torque"), np.zeros(2))
+        assert_array_equal(car.output("tail_state"), np.zeros(6))
+        assert_array_equal(car.output("tail_torque"), np.zeros(2))
         status = STATUS.read(car.output("status"))
         assert (status.tail_pitch_fault, status.tail_roll_fault, status.sail_fault) == (
             1.0,
@@ -217,7 +187,7 @@ def test_station_without_tail_ignores_the_commands_and_says_so():
             1.0,
         )
         assert (status.imu_fault, status.speed_fault, status.operator_fault) == (0.0, 0.0, 0.0)
-    np.testing.assert_array_equal(with_commands.output("body_truth"), without.output("body_truth"))
+    assert_array_equal(with_commands.output("body_truth"), without.output("body_truth"))
     assert with_commands.tail is None
     assert not simulated_car(with_commands.station).plant.HasModelInstanceNamed("tail")
 
@@ -237,8 +207,8 @@ def test_each_command_moves_its_own_joint_with_the_torque_that_is_shown():
     joints = [car.plant.GetJointByName(f"tail_{name}") for name in ("pitch", "roll")]
     joints[1].set_angle(car.plant_context, 0.0)
     car.simulator.Initialize()
-    np.testing.assert_allclose(car.output("tail_torque"), [0.7, -0.4])
-    np.testing.assert_allclose(car.output("tail_actuation_truth"), [0.7, -0.4])
+    assert_allclose(car.output("tail_torque"), [0.7, -0.4])
+    assert_allclose(car.output("tail_actuation_truth"), [0.7, -0.4])
     car.advance(0.004)
     rates = [joint.get_angular_rate(car.plant_context) for joint in joints]
     assert rates[0] > 0.01
@@ -250,10 +220,10 @@ def test_each_command_moves_its_own_joint_with_the_torque_that_is_shown():
 def test_friction_of_the_joints_is_told_apart_from_the_torque_of_the_motors():
     car = stand("held", friction={"coulomb": 0.0, "viscous": 0.1})
     for name, rate in (("pitch", 3.0), ("roll", -2.0)):
-        car.plant.GetJointByName(f"tail_{name}").set_angular_rate(car.plant_context, rate)
+        car.spin(f"tail_{name}", rate)
     car.simulator.Initialize()
-    np.testing.assert_array_equal(car.output("tail_torque"), [0.0, 0.0])
-    np.testing.assert_allclose(car.output("tail_actuation_truth"), [-0.3, 0.2])
+    assert_array_equal(car.output("tail_torque"), [0.0, 0.0])
+    assert_allclose(car.output("tail_actuation_truth"), [-0.3, 0.2])
 
 
 def test_rolling_wheels_are_braked_by_their_axle_s_resistance():
@@ -265,13 +235,13 @@ def test_rolling_wheels_are_braked_by_their_axle_s_resistance():
     numbers = car.scenario.car
     car.place(RigidTransform([0.0, 0.0, 50.0]))
     for sign, wheel in ((1.0, "front_left"), (-1.0, "front_right")):
-        car.plant.GetJointByName(f"{wheel}_spin").set_angular_rate(car.plant_context, sign * 50.0)
+        car.spin(f"{wheel}_spin", sign * 50.0)
     car.advance(0.1)
     load = 0.5 * numbers.mass * 9.81 * numbers.com_x / numbers.wheelbase
     inertia = 0.5 * numbers.wheel_mass * numbers.tyre_radius**2
     lost = resistance * load * numbers.tyre_radius / inertia * 0.1
     for sign, wheel in ((1.0, "front_left"), (-1.0, "front_right")):
-        rate = car.plant.GetJointByName(f"{wheel}_spin").get_angular_rate(car.plant_context)
+        rate = car.rate(f"{wheel}_spin")
         assert sign * rate == pytest.approx(50.0 - lost, abs=0.05 * lost)
 
 
@@ -291,6 +261,6 @@ def test_imu_is_where_the_scenario_puts_it():
     truth = car.output("body_truth")[BODY_TRUTH.index("acceleration_x_truth_m_per_s2") :][:3]
     car.advance(0.0101)
     imu = IMU.read(car.output("imu"))
-    np.testing.assert_allclose(imu[6:], truth, atol=0.006)
+    assert_allclose(imu[6:], truth, atol=0.006)
     lever = np.array([0.2, 0.0, 0.1])
     assert np.abs(np.cross(spin, np.cross(spin, lever))).min() > 1.0

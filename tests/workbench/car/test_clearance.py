@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from aerodima.workbench.car.clearance import (
     PARTS,
@@ -38,16 +39,14 @@ def test_a_tail_pitched_forwards_meets_the_rear_bar_of_the_cage(motion):
         math.hypot(0.08, 0.08) * math.sin(math.radians(45 - pitch)) - 0.012
         for pitch in (0, 15, 30, 45)
     ]
-    np.testing.assert_allclose(cage, by_hand, atol=2e-3)
+    assert_allclose(cage, by_hand, atol=2e-3)
     assert motion.clearance(0.8, 0.0) < 0.0 < motion.clearance(-0.8, 0.0), "forwards is positive"
 
 
 def test_the_map_is_that_of_a_car_with_two_equal_sides(motion):
     for part in ("cage", "wheels"):
         there = motion.clearance(0.3, motion.roll, (part,))
-        np.testing.assert_allclose(
-            there, there[::-1], atol=0.03
-        )  # the drawn sail stands out to one side only
+        assert_allclose(there, there[::-1], atol=0.03)  # the drawn sail stands out to one side only
 
 
 def test_ground_under_a_car_on_its_wheels_and_under_one_that_leans(motion):

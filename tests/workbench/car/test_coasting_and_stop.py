@@ -9,14 +9,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aerodima.workbench import UserError, load_scenario, simulate
+from aerodima.workbench import load_scenario, simulate
 from aerodima.workbench.car.laws import shaft_torque, steady_speed
 from aerodima.workbench.car.reduced.dynamics import equations, step
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.states import STATES, Commands
 from aerodima.workbench.car.reduced.turn_plans import TurnPlans
 from aerodima.workbench.car.reduced.turns import drive_turns
-from tests.refusals import assert_refused
 
 RESISTANCE = 0.04
 FORWARD = STATES.index("v_x")
@@ -98,14 +97,3 @@ def test_without_a_stop_the_motor_carries_the_tail_that_is_held():
 
 def log_at(log, name):
     return float(log.signal(name)[-1])
-
-
-def test_command_beyond_the_stop_is_refused():
-    assert_refused(
-        lambda: load_scenario("turn_swing", ("tail.roll_stop=1.2",)),
-        UserError,
-        "tail.roll_limit",
-        "1.57",
-        "tail.roll_stop",
-        "1.2",
-    )

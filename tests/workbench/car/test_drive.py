@@ -30,27 +30,28 @@ def test_reverse_mirrors_forward_and_the_dead_band_stands_still():
     )
 
 
-def test_torque_pulls_the_shaft_towards_the_speed_of_the_line():
-    target = steady_speed(0.3, DRIVE) / RADIUS
-    assert torque(0.3, target) == pytest.approx(0.0, abs=1e-9)
-    assert torque(0.3, target - 0.5) == pytest.approx(0.5)
-    assert torque(0.3, target + 0.5) == pytest.approx(-0.5)
+TARGET, FULL = (steady_speed(throttle, DRIVE) / RADIUS for throttle in (0.3, 1.0))
 
 
-def test_torque_is_limited_on_both_sides():
-    assert torque(1.0, 0.0) == DRIVE.torque_limit
-    assert torque(-1.0, 0.0) == -DRIVE.torque_limit
-
-
-def test_zero_throttle_rolls_freely_and_nan_counts_as_zero():
-    assert torque(0.0, 50.0) == 0.0
-    assert torque(math.nan, 50.0) == 0.0
-
-
-def test_throttle_beyond_one_is_full_throttle():
-    full = steady_speed(1.0, DRIVE) / RADIUS
-    assert torque(7.0, full) == pytest.approx(0.0, abs=1e-9)
-    assert torque(-7.0, -full) == pytest.approx(0.0, abs=1e-9)
+@pytest.mark.parametrize(
+    ("throttle", "speed", "expected"),
+    [
+        (0.3, TARGET, 0.0),
+        (0.3, TARGET - 0.5, 0.5),
+        (0.3, TARGET + 0.5, -0.5),
+        (1.0, 0.0, DRIVE.torque_limit),
+        (-1.0, 0.0, -DRIVE.torque_limit),
+        (0.0, 50.0, 0.0),
+        (math.nan, 50.0, 0.0),
+        (7.0, FULL, 0.0),
+        (-7.0, -FULL, 0.0),
+    ],
+)
+def test_torque_pulls_the_shaft_to_the_speed_of_the_line_within_its_limits(
+    throttle, speed, expected
+):
+    """A throttle of zero or none rolls freely; one beyond one is full throttle."""
+    assert torque(throttle, speed) == pytest.approx(expected, abs=1e-9)
 
 
 def test_without_governor_the_car_answers_with_its_time_constant():

@@ -4,12 +4,14 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.math import RigidTransform
 
 from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.scenario.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.scenario.signal_table import WHEELS
+from tests.workbench.made_up_runs import both_sides
 from tests.workbench.stands import CarStand
 
 QUIET = [
@@ -86,7 +88,7 @@ def test_straight_driving_holds_speed_and_heading(drive, tail, speed_error, head
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
+@both_sides
 def test_hard_start_turns_the_car_to_the_side_of_its_held_tail(drive, direction, side):
     # Its nose in the air, only the rear tyres push, in the middle; the centre of mass c lies beside
     # it, to the side of the tail. About the rear axle: yaw acceleration = a c / (k_z^2 + x^2),
@@ -114,9 +116,8 @@ def test_hard_start_turns_the_car_to_the_side_of_its_held_tail(drive, direction,
     assert 0.25 * undamped < yaw < undamped
 
 
-@pytest.mark.parametrize("direction", ["left", "right"])
-def test_slow_turn_follows_the_kinematic_bicycle(drive, direction):
-    side = 1.0 if direction == "left" else -1.0
+@both_sides
+def test_slow_turn_follows_the_kinematic_bicycle(drive, direction, side):
     angle = math.radians(15.0)
     run = drive(
         "turn_none",
@@ -154,12 +155,10 @@ def test_left_and_right_turns_mirror_each_other(drive):
             # of the signal's size.
             scale = np.abs(values).max()
             assert scale > 0.0, name
-            np.testing.assert_allclose(
-                right.signal(name), sign * values, atol=1e-6 * scale, err_msg=name
-            )
+            assert_allclose(right.signal(name), sign * values, atol=1e-6 * scale, err_msg=name)
     for wheel in WHEELS:
         other = wheel.replace("left", "LEFT").replace("right", "left").replace("LEFT", "right")
-        np.testing.assert_allclose(
+        assert_allclose(
             right.signal(f"wheel_force_{other}_z_truth_n"),
             left.signal(f"wheel_force_{wheel}_z_truth_n"),
             atol=1e-4,
@@ -206,13 +205,12 @@ def energy(car):
     context = car.plant_context
     total = car.plant.EvalKineticEnergy(context) + car.plant.EvalPotentialEnergy(context)
     for wheel in WHEELS:
-        height = car.plant.GetBodyByName(f"{wheel}_wheel").EvalPoseInWorld(context).translation()[2]
         stiffness = (
             numbers.tyre_stiffness_front
             if wheel.startswith("front")
             else numbers.tyre_stiffness_rear
         )
-        total += 0.5 * stiffness * max(0.0, numbers.tyre_radius - height) ** 2
+        total += 0.5 * stiffness * max(0.0, numbers.tyre_radius - car.wheel_height(wheel)) ** 2
     return total
 
 
@@ -223,7 +221,7 @@ def test_energy_never_grows_with_the_drive_off_in_still_air(tail):
     car = CarStand(scenario_from_dict({"tail": {"mode": tail}}))
     car.place(RigidTransform([0.0, 0.0, 0.03]), (2.0, 0.0, 0.0))
     if tail == "swing":
-        car.plant.GetJointByName("tail_roll").set_angle(car.plant_context, -0.5)
+        car.turn("tail_roll", -0.5)
     history = [energy(car)]
     for time in np.arange(0.004, 0.8, 0.004):
         car.advance(time)
@@ -231,4 +229,4 @@ def test_energy_never_grows_with_the_drive_off_in_still_air(tail):
     assert history[0] - history[-1] > 2.0
     assert np.diff(history).max() < 1e-9
     if tail == "swing":
-        assert car.plant.GetJointByName("tail_roll").get_angle(car.plant_context) < -0.8
+        assert car.angle("tail_roll") < -0.8

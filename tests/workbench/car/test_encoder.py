@@ -1,17 +1,15 @@
 import math
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.analysis import Simulator
 
-from aerodima.workbench.car.car_sensors import (
-    SailEncoder,
-    quantise_symmetric,
-)
+from aerodima.workbench.car.car_sensors import SailEncoder, quantise_symmetric
 from aerodima.workbench.core.errors import UserError
 from tests.refusals import assert_refused
+from tests.workbench.samples import sampled
 
 
 def sail_encoder(bits=12, rate=500.0, delay=0.0, noise=0.0, **arguments):
@@ -74,30 +72,23 @@ def test_rate_is_zero_until_the_window_is_filled():
     assert turning(12.0, 0.01)[1] == 0.0
 
 
-def noisy_readings(seed, noise=0.01, samples=400):
+def noisy_readings(seed, noise=0.01):
     """Angles and rates of a 20 bit encoder at a shaft at rest, a sample apart."""
     encoder = sail_encoder(bits=20, noise=noise, seed=seed)
     simulator = Simulator(encoder)
-    context = simulator.get_mutable_context()
-    encoder.GetInputPort("joint_angle").FixValue(context, [1.0])
+    encoder.GetInputPort("joint_angle").FixValue(simulator.get_mutable_context(), [1.0])
     simulator.Initialize()
-    shown = []
-    for k in range(samples):
-        simulator.AdvanceTo(0.002 * k + 0.001)
-        shown.append([encoder.GetOutputPort(name).Eval(context)[0] for name in ("angle", "rate")])
-    return np.array(shown).T
+    return sampled(simulator, 0.002 * np.arange(400) + 0.001, "angle", "rate").T
 
 
 def test_noise_has_its_standard_deviation_and_belongs_to_the_seed():
     angle, rate = noisy_readings(seed=3)
     assert np.mean(angle) == pytest.approx(1.0, abs=0.002)
     assert np.std(angle) == pytest.approx(0.01, rel=0.15)
-    np.testing.assert_array_equal(noisy_readings(seed=3)[0], angle)
+    assert_array_equal(noisy_readings(seed=3)[0], angle)
     assert np.any(noisy_readings(seed=4)[0] != angle)
     assert np.ptp(noisy_readings(seed=3, noise=0.0)[0]) == 0.0
-    np.testing.assert_allclose(
-        rate[10:], (angle[10:] - angle[:-10]) / 0.02, atol=1e-9
-    )  # of the shown angles
+    assert_allclose(rate[10:], (angle[10:] - angle[:-10]) / 0.02, atol=1e-9)  # of the shown angles
 
 
 def test_motor_reply_is_rounded_to_the_nearest_of_2_to_the_n_minus_1_steps():
@@ -106,24 +97,14 @@ def test_motor_reply_is_rounded_to_the_nearest_of_2_to_the_n_minus_1_steps():
     shown = np.array([quantise_symmetric(value, 12.5, 16) for value in values])
     assert np.max(np.abs(shown - values)) <= position_step / 2 * (1 + 1e-9)
     counts = (shown + 12.5) / position_step
-    np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
-
-
-def test_motor_at_rest_reports_half_a_step():
-    assert abs(quantise_symmetric(0.0, 50.0, 12)) == pytest.approx(50.0 / 4095)
+    assert_allclose(counts, np.round(counts), atol=1e-6)
 
 
 def test_motor_reply_saturates_at_its_ranges():
-    assert quantise_symmetric(80.0, 50.0, 12) == pytest.approx(50.0)
-    assert quantise_symmetric(-80.0, 50.0, 12) == pytest.approx(-50.0)
+    for side in (1.0, -1.0):
+        assert quantise_symmetric(side * 80.0, 50.0, 12) == pytest.approx(side * 50.0)
 
 
-@pytest.mark.parametrize(
-    ("make", "named"),
-    [
-        (partial(sail_encoder, 3), ("sail_encoder.bits", "3", "20")),
-        (partial(sail_encoder, 21), ("sail_encoder.bits", "21", "20")),
-    ],
-)
-def test_impossible_word_length_is_refused(make, named):
-    assert_refused(make, UserError, *named)
+@pytest.mark.parametrize("bits", [3, 21])
+def test_impossible_word_length_is_refused(bits):
+    assert_refused(lambda: sail_encoder(bits), UserError, "sail_encoder.bits", str(bits), "20")

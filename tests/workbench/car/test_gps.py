@@ -8,6 +8,7 @@ from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.car.car_sensors import GpsSpeed
 from tests.workbench.car.body_motion import motion_vector
+from tests.workbench.samples import sampled
 
 
 def chassis_motion_at(velocity):
@@ -29,12 +30,8 @@ def receiver(velocity, noise=0.0, delay=0.0, seed=1):
 
 
 def readings(count, **arguments):
-    gps, simulator = receiver(**arguments)
-    shown = []
-    for k in range(count):
-        simulator.AdvanceTo(0.1 * k + 0.05)
-        shown.append(gps.GetOutputPort("speed").Eval(simulator.get_context())[0])
-    return np.array(shown)
+    _, simulator = receiver(**arguments)
+    return sampled(simulator, 0.1 * np.arange(count) + 0.05, "speed")[:, 0]
 
 
 def test_speed_is_horizontal_and_has_no_sign():
@@ -61,8 +58,4 @@ def test_change_of_speed_shows_after_the_delay():
     gps.get_input_port().FixValue(
         simulator.get_mutable_context(), chassis_motion_at([2.0, 0.0, 0.0])
     )
-    shown = []
-    for time in (1.1299, 1.1301):
-        simulator.AdvanceTo(time)
-        shown.append(gps.GetOutputPort("speed").Eval(simulator.get_context())[0])
-    assert shown == [1.0, 2.0]
+    assert sampled(simulator, (1.1299, 1.1301), "speed").tolist() == [[1.0], [2.0]]

@@ -4,6 +4,7 @@ those of a pose.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
@@ -37,10 +38,8 @@ def test_heights_are_those_of_the_plant_wherever_it_stands(sail):
         for column in range(positions.shape[1]):
             plant.SetPositions(context, positions[:, column])
             X_WB = plant.EvalBodyPoseInWorld(context, plant.get_body(body))
-            np.testing.assert_allclose(height[column], X_WB.translation()[2], rtol=0.0, atol=1e-12)
-            np.testing.assert_allclose(
-                up[:, column], X_WB.rotation().matrix()[2], rtol=0.0, atol=1e-12
-            )
+            assert_allclose(height[column], X_WB.translation()[2], rtol=0.0, atol=1e-12)
+            assert_allclose(up[:, column], X_WB.rotation().matrix()[2], rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("shape", ["cylinder", "ellipsoid"])
@@ -122,7 +121,7 @@ def test_loads_of_a_car_that_is_dropped_are_those_of_the_contact_solver(roll, ca
     found = GroundLoads(simulated_car(stand.station)).forces(motion[:, :-1], motion[:, 1:])
     loads = np.array(expected[1:]).T
     assert loads[(*WHEELS, *GROUND_CONTACTS).index(part)].max() > 20.0
-    np.testing.assert_allclose(found, loads, rtol=1e-5, atol=1e-3)
+    assert_allclose(found, loads, rtol=1e-5, atol=1e-3)
 
 
 def test_outcome_of_a_run_has_the_columns_of_its_log():
@@ -138,7 +137,7 @@ def test_outcome_of_a_run_has_the_columns_of_its_log():
     assert {"tail_power_truth_w", "acceleration_y_truth_m_per_s2", "yaw_truth_rad"} <= shared
     for name in sorted(shared):
         loads = name.startswith(("wheel_force", "ground_contact"))
-        np.testing.assert_allclose(
+        assert_allclose(
             outcome.signal(name),
             log.signal(name),
             rtol=0.0,

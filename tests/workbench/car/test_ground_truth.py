@@ -4,6 +4,7 @@ power.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.integrate import trapezoid
 from scipy.spatial.transform import Rotation
 
@@ -42,7 +43,7 @@ def test_velocity_is_the_derivative_of_position_in_body_axes(run):
     velocity = in_world(run, run.vector("velocity", "truth_m_per_s"))
     # The plant moves with the velocity of the end of the step; the turning of the body adds |gyro|
     # v dt = 0.02 m/s.
-    np.testing.assert_allclose(rate_of(run.vector("position", "truth_m")), velocity[1:], atol=0.02)
+    assert_allclose(rate_of(run.vector("position", "truth_m")), velocity[1:], atol=0.02)
 
 
 def test_yaw_is_the_integral_of_what_the_gyros_say(standard_runs):
@@ -52,7 +53,7 @@ def test_yaw_is_the_integral_of_what_the_gyros_say(standard_runs):
     assert z.max() > 1.0
     # Rate of the yaw angle of roll-pitch-yaw angles; the turning of the body within a step adds
     # 5e-4.
-    np.testing.assert_allclose(
+    assert_allclose(
         rate_of(run.signal("yaw_truth_rad")),
         (y * np.sin(roll) + z * np.cos(roll)) / np.cos(pitch),
         atol=0.005,
@@ -62,7 +63,7 @@ def test_yaw_is_the_integral_of_what_the_gyros_say(standard_runs):
 def test_tilt_is_the_angle_between_both_up_axes(run):
     expected = np.arccos(np.clip(rotation(run)[:, 2, 2], -1.0, 1.0))
     # Near zero the cosine resolves angles to 2e-8 only.
-    np.testing.assert_allclose(run.signal("tilt_truth_rad"), expected, atol=1e-7)
+    assert_allclose(run.signal("tilt_truth_rad"), expected, atol=1e-7)
 
 
 def test_acceleration_is_that_of_the_imu_with_the_turning_of_the_axes(run):
@@ -118,7 +119,7 @@ def test_contact_points_lie_on_the_ground_under_their_wheels(run):
         )
         # The tyres of a car that leans by a few mrad stand more on one edge than on the other, and
         # 2 mm deep.
-        np.testing.assert_allclose(point[[0, 2]], [x, 0.0], atol=0.003)
+        assert_allclose(point[[0, 2]], [x, 0.0], atol=0.003)
         assert abs(point[1] - y) < 0.4 * scenario["tyre_width"]
 
 
@@ -133,9 +134,7 @@ def test_tail_momentum_is_its_mass_times_the_velocity_of_its_centre_of_mass(tail
     assert np.abs(momentum).max() > 0.5
     # Along an arc at 8 rad/s the chord of a step differs from the velocity at its end by 1 % of 0.5
     # N s.
-    np.testing.assert_allclose(
-        mass * rate_of(tailed.vector("tail_com", "truth_m")), momentum, atol=0.006
-    )
+    assert_allclose(mass * rate_of(tailed.vector("tail_com", "truth_m")), momentum, atol=0.006)
 
 
 def test_angular_momentum_counts_about_the_world_origin(standard_runs):
@@ -146,7 +145,7 @@ def test_angular_momentum_counts_about_the_world_origin(standard_runs):
     # The held tail turns with the car only: inertia about its own centre of mass times the car's
     # rates.
     straight = (run.time > 1.5) & (run.time < 2.0)
-    np.testing.assert_allclose(spin[straight], 0.0, atol=1e-3)
+    assert_allclose(spin[straight], 0.0, atol=1e-3)
     turning = (run.time > 2.2) & (run.time < 2.5)
     inertia = spin[turning, 2] / run.signal("gyro_z_truth_rad_per_s")[turning]
     tail = run.scenario["tail"]
@@ -160,9 +159,7 @@ def test_angular_momentum_counts_about_the_world_origin(standard_runs):
     )
     offset = (rod * tail["length"] / 2 + sail * middle) / run.extra["tail_mass_kg"]
     # The hub of 0.05 kg adds its own 2e-5 kg m2.
-    np.testing.assert_allclose(
-        inertia, about_root - run.extra["tail_mass_kg"] * offset**2, rtol=0.02
-    )
+    assert_allclose(inertia, about_root - run.extra["tail_mass_kg"] * offset**2, rtol=0.02)
 
 
 def test_tip_is_one_length_from_the_joints_and_on_the_side_of_the_roll_angle(tailed):
@@ -175,10 +172,10 @@ def test_tip_is_one_length_from_the_joints_and_on_the_side_of_the_roll_angle(tai
     )
     arm = tailed.vector("tail_tip", "truth_m") - root
     # The chassis frame is B: the joints move with it exactly.
-    np.testing.assert_allclose(np.linalg.norm(arm, axis=1), length, atol=1e-6)
+    assert_allclose(np.linalg.norm(arm, axis=1), length, atol=1e-6)
     in_body = np.einsum("nji,nj->ni", rotation(tailed), arm)
     roll = tailed.signal("plant_position_tail_tail_roll_q")
-    np.testing.assert_allclose(in_body[:, 1], -length * np.sin(roll), atol=0.01)
+    assert_allclose(in_body[:, 1], -length * np.sin(roll), atol=0.01)
 
 
 def test_drive_power_becomes_kinetic_energy(standard_runs):
@@ -201,4 +198,4 @@ def test_tail_power_is_torque_times_rate_of_both_joints(tailed):
         * tailed.signal(f"plant_velocity_tail_tail_{joint}_w")
         for joint in ("pitch", "roll")
     )
-    np.testing.assert_allclose(tailed.signal("tail_power_truth_w"), power, rtol=1e-9, atol=1e-9)
+    assert_allclose(tailed.signal("tail_power_truth_w"), power, rtol=1e-9, atol=1e-9)

@@ -3,13 +3,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialAcceleration, SpatialVelocity
 from pydrake.systems.analysis import Simulator
+from scipy.spatial.transform import Rotation
 
 from aerodima.workbench.car.car_sensors import STEPS, ChassisMotion, Imu, motion_at_imu
 from aerodima.workbench.scenario.signal_table import IMU
 from tests.workbench.car.body_motion import motion_vector
+from tests.workbench.samples import sampled
 
 QUIET = {"gyro_noise": 0.0, "gyro_bias": 0.0, "accelerometer_noise": 0.0, "attitude_noise": 0.0}
 ORIGIN = np.zeros(3)
@@ -35,22 +38,16 @@ def imu_on(motion, p_BoImu_B=ORIGIN, seed=1, **changes):
     simulator = Simulator(imu)
     imu.get_input_port().FixValue(simulator.get_mutable_context(), motion_vector(*motion, STEP))
     simulator.Initialize()
-    return imu, simulator
+    return simulator
 
 
 def sample(motion, **arguments):
-    imu, simulator = imu_on(motion, **arguments)
-    return IMU.read(imu.GetOutputPort("imu").Eval(simulator.get_context()))
+    return IMU.read(sampled(imu_on(motion, **arguments), [0.0], "imu")[0])
 
 
 def samples(count, **arguments):
     """(count, 9) successive samples."""
-    imu, simulator = imu_on(**arguments)
-    rows = []
-    for k in range(count):
-        simulator.AdvanceTo(0.01 * k + 0.005)
-        rows.append(imu.GetOutputPort("imu").Eval(simulator.get_context()).copy())
-    return np.array(rows)
+    return sampled(imu_on(**arguments), 0.01 * np.arange(count) + 0.005, "imu")
 
 
 def test_hanging_still_shows_no_linear_acceleration_in_any_attitude():
@@ -60,9 +57,7 @@ def test_hanging_still_shows_no_linear_acceleration_in_any_attitude():
         assert (shown.acceleration_x, shown.acceleration_y, shown.acceleration_z) == (0.0, 0.0, 0.0)
         assert (shown.gyro_x, shown.gyro_y, shown.gyro_z) == (0.0, 0.0, 0.0)
         # One count of the attitude is 1/900 rad; rounding makes half of it.
-        np.testing.assert_allclose(
-            [shown.roll, shown.pitch, shown.yaw], roll_pitch_yaw, atol=0.51 / 900
-        )
+        assert_allclose([shown.roll, shown.pitch, shown.yaw], roll_pitch_yaw, atol=0.51 / 900)
 
 
 def test_constant_turn_to_the_left_gives_centripetal_acceleration_to_the_left():
@@ -79,48 +74,25 @@ def test_constant_turn_to_the_left_gives_centripetal_acceleration_to_the_left():
         )
         shown = sample(motion)
         assert shown.gyro_z == pytest.approx(2.0, abs=1e-3)
-        np.testing.assert_allclose(shown[6:], [0.0, 8.0, 0.0], atol=0.006)
+        assert_allclose(shown[6:], [0.0, 8.0, 0.0], atol=0.006)
         assert shown.yaw == pytest.approx(heading, abs=1e-3)
 
 
 def test_motion_at_the_imu_is_the_second_derivative_of_its_path():
-    """A body that rolls, pitches and yaws at once, against finite differences of the path (error
-    about 1e-5).
+    """A body that stands askew, turns faster and faster about another axis, and is pushed: against
+    differences of the path (error about 1e-5).
     """
-    p_BoImu_B = np.array([0.12, -0.05, 0.2])
-
-    def X_WB(t):
-        R = RotationMatrix(RollPitchYaw(0.4 * math.sin(3 * t), 0.3 * math.cos(2 * t), 1.5 * t))
-        return RigidTransform(R, [math.sin(t), t**2, 0.1 * math.cos(4 * t)])
-
-    def twist(t, h=1e-5):
-        before = X_WB(t - h)
-        after = X_WB(t + h)
-        axis = (after.rotation() @ before.rotation().inverse()).ToAngleAxis()
-        velocity = (after.translation() - before.translation()) / (2 * h)
-        return np.array(axis.axis()) * axis.angle() / (2 * h), velocity
-
-    t = 0.7
-    h = 1e-3
-    omega, _ = twist(t)
-    (omega_after, velocity_after) = twist(t + h)
-    (omega_before, velocity_before) = twist(t - h)
-    roll_pitch_yaw, gyro, acceleration = motion_at_imu(
-        ChassisMotion(
-            X_WB(t).rotation().matrix(),
-            omega,
-            (omega_after - omega_before) / (2 * h),
-            (velocity_after - velocity_before) / (2 * h),
-        ),
-        p_BoImu_B,
-    )
-    path = [X_WB(t + k * h) @ p_BoImu_B for k in (-1, 0, 1)]
-    expected = X_WB(t).rotation().inverse() @ ((path[2] - 2 * path[1] + path[0]) / h**2)
-    np.testing.assert_allclose(acceleration, expected, atol=1e-3)
-    np.testing.assert_allclose(gyro, X_WB(t).rotation().inverse() @ omega, atol=1e-9)
-    np.testing.assert_allclose(
-        roll_pitch_yaw, RollPitchYaw(X_WB(t).rotation()).vector(), atol=1e-12
-    )
+    attitude = [0.9, -0.3, 1.5]
+    R_WB = RotationMatrix(RollPitchYaw(attitude)).matrix()
+    omega, alpha, pushed = np.array([[3.0, -0.5, 1.5], [2.0, 4.0, -3.0], [0.7, -2.0, 1.6]])
+    lever = np.array([0.12, -0.05, 0.2])
+    t = np.array([[-1e-3], [0.0], [1e-3]])
+    turned = Rotation.from_rotvec(t * omega + t**2 / 2 * alpha)
+    path = t**2 / 2 * pushed + turned.apply(R_WB @ lever)
+    shown = motion_at_imu(ChassisMotion(R_WB, omega, alpha, pushed), lever)
+    expected = (attitude, R_WB.T @ omega, R_WB.T @ np.diff(path, 2, axis=0)[0] / 1e-6)
+    for found, value, error in zip(shown, expected, (1e-12, 1e-9, 1e-3), strict=True):
+        assert_allclose(found, value, atol=error)
 
 
 def test_ranges_of_the_chip():
@@ -135,10 +107,10 @@ def test_ranges_of_the_chip():
     )
     shown = sample(up)
     limit = math.radians(2000.0)
-    np.testing.assert_allclose(shown[3:6], [limit, -limit, limit], atol=1e-3)
+    assert_allclose(shown[3:6], [limit, -limit, limit], atol=1e-3)
     four_g = 4 * 9.80665
     # The horizontal axes also feel the centripetal part of the lever arm, which is zero here.
-    np.testing.assert_allclose(shown[6:], [four_g, -four_g, four_g - 9.81], atol=0.006)
+    assert_allclose(shown[6:], [four_g, -four_g, four_g - 9.81], atol=0.006)
     down = (
         RigidTransform(),
         SpatialVelocity(np.zeros(3), np.zeros(3)),
@@ -158,15 +130,13 @@ def test_noise_has_the_asked_deviations_and_one_bias_per_run():
         "attitude_noise": 0.02,
     }
     rows = samples(2000, motion=still(), **noisy)
-    np.testing.assert_allclose(rows.std(axis=0), np.repeat([0.02, 0.05, 0.5], 3), rtol=0.08)
+    assert_allclose(rows.std(axis=0), np.repeat([0.02, 0.05, 0.5], 3), rtol=0.08)
     bias = rows[:, 3:6].mean(axis=0)
     assert np.all(np.abs(bias) > 0.006), (
         "more than five standard errors of the mean: a bias, not noise"
     )
-    np.testing.assert_allclose(
-        rows[:, [0, 1, 2]].mean(axis=0), 0.0, atol=5 * 0.02 / math.sqrt(2000)
-    )
-    np.testing.assert_allclose(rows[:, 6:].mean(axis=0), 0.0, atol=5 * 0.5 / math.sqrt(2000))
+    assert_allclose(rows[:, [0, 1, 2]].mean(axis=0), 0.0, atol=5 * 0.02 / math.sqrt(2000))
+    assert_allclose(rows[:, 6:].mean(axis=0), 0.0, atol=5 * 0.5 / math.sqrt(2000))
     biases = [sample(still(), seed=seed, gyro_bias=0.2)[3:6] for seed in range(300)]
     # 900 biases: their deviation is known to 2.4 %.
     assert np.std(biases) == pytest.approx(0.2, rel=0.12)
@@ -177,5 +147,5 @@ def test_resolution_of_the_data_sheet():
         20, motion=still(), gyro_noise=0.05, accelerometer_noise=0.5, attitude_noise=0.02
     )
     counts = rows * np.repeat([900.0, 900.0, 100.0], 3)
-    np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
+    assert_allclose(counts, np.round(counts), atol=1e-9)
     assert STEPS[0] == pytest.approx(1 / 900)

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
@@ -23,6 +24,10 @@ from aerodima.workbench.car.tail_plant import (
 from aerodima.workbench.scenario.scenario import scenario_from_dict
 
 FRICTIONLESS = {"friction": {"coulomb": 0.0, "viscous": 0.0}}
+OFF = [0.0] * 5
+HELD = [0.0, 0.0, 17.0, 5.0, 0.0]
+"""Command of a joint that stays in the middle."""
+STIFF = [0.0, 0.0, 50.0, 5.0, 0.0]
 
 
 class ArmDrive(LeafSystem):
@@ -80,7 +85,9 @@ class ArmDrive(LeafSystem):
 class ArmOnTheBench:
     """The arm with its motors, welded to the world, without gravity."""
 
-    def __init__(self, step=0.002, commands=None, angles=(0.0, 0.0), gravity=0.0, **overrides):
+    def __init__(
+        self, step=0.002, roll=OFF, angles=(0.0, 0.0), gravity=0.0, pitch=HELD, **overrides
+    ):
         self.scenario = scenario_from_dict(
             {"simulation": {"step": step, "log_rate": 100.0}} | overrides
         )
@@ -97,15 +104,10 @@ class ArmOnTheBench:
         plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("tail_anchor"))
         plant.Finalize()
         added.add_to_builder(builder)
-        given = [
-            (commands or {}).get(f"tail_{joint}_command", [0.0] * 5) for joint in ("pitch", "roll")
-        ]
-        ArmDrive(self.scenario, plant, arm, given).wire(builder, plant, arm)
+        ArmDrive(self.scenario, plant, arm, (pitch, roll)).wire(builder, plant, arm)
         self.simulator = Simulator(builder.Build())
-        self.plant, self.context = (
-            plant,
-            plant.GetMyMutableContextFromRoot(self.simulator.get_mutable_context()),
-        )
+        self.plant = plant
+        self.context = plant.GetMyMutableContextFromRoot(self.simulator.get_mutable_context())
         for joint, angle in zip(("tail_pitch", "tail_roll"), angles, strict=True):
             plant.GetJointByName(joint).set_angle(self.context, angle)
 
@@ -150,13 +152,9 @@ def roll_inertia(tail, motor):
 
 def test_positive_roll_swings_to_the_right_and_positive_pitch_forward():
     length = ArmOnTheBench().scenario.tail.length
-    np.testing.assert_allclose(ArmOnTheBench().tip(), [0.0, 0.0, length], atol=1e-12)
-    np.testing.assert_allclose(
-        ArmOnTheBench(angles=(0.0, math.pi / 2)).tip(), [0.0, -length, 0.0], atol=1e-12
-    )
-    np.testing.assert_allclose(
-        ArmOnTheBench(angles=(math.pi / 2, 0.0)).tip(), [length, 0.0, 0.0], atol=1e-12
-    )
+    assert_allclose(ArmOnTheBench().tip(), [0.0, 0.0, length], atol=1e-12)
+    assert_allclose(ArmOnTheBench(angles=(0.0, math.pi / 2)).tip(), [0.0, -length, 0.0], atol=1e-12)
+    assert_allclose(ArmOnTheBench(angles=(math.pi / 2, 0.0)).tip(), [length, 0.0, 0.0], atol=1e-12)
 
 
 def test_roll_inertia_is_that_of_rod_sail_and_rotor():
@@ -181,24 +179,18 @@ def test_inertia_that_the_motors_count_with_is_that_of_the_plant_and_its_added_m
     ]
     felt = np.linalg.inv(inverse[np.ix_(joints, joints)])
     rotor = motor.rotor_inertia * motor.gear_ratio**2
-    np.testing.assert_allclose(
-        np.diag(np.array(arm.about_joints(roll)) + rotor), felt, rtol=1e-6, atol=1e-9
-    )
+    assert_allclose(np.diag(np.array(arm.about_joints(roll)) + rotor), felt, rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize("added", [0.03, -0.039])
 def test_swing_with_added_mass_is_the_same_at_a_quarter_of_the_step(added):
     times = np.arange(0.02, 1.01, 0.02)
-    commands = {
-        "tail_roll_command": [1.0, 0.0, 17.0, 5.0, 0.0],
-        "tail_pitch_command": [0.0, 0.0, 17.0, 5.0, 0.0],
-    }
     angles = []
     for step in (0.002, 0.0005):
-        bench = ArmOnTheBench(step, commands, (0.0, -1.5), tail={"added_mass": added})
+        bench = ArmOnTheBench(step, [1.0, *HELD[1:]], (0.0, -1.5), tail={"added_mass": added})
         angles.append(bench.history("tail_roll", times))
     # First order in the step: 1.5 ms on a rate of at most 8.5 rad/s (2.5 rad, kp / kd = 3.4 /s).
-    np.testing.assert_allclose(angles[0], angles[1], atol=0.013)
+    assert_allclose(angles[0], angles[1], atol=0.013)
     assert angles[0][-1] == pytest.approx(1.0, abs=0.15)  # there, less what friction keeps
 
 
@@ -207,13 +199,11 @@ def test_step_of_the_roll_command_follows_the_closed_form(kp, kd):
     start = -0.5
     target = 0.4
     times = np.arange(0.05, 1.01, 0.05)
-    commands = {
-        "tail_roll_command": [target, 0.0, kp, kd, 0.0],
-        "tail_pitch_command": [0.0, 0.0, 50.0, 5.0, 0.0],
-    }
     errors = []
     for step in (0.002, 0.001):
-        bench = ArmOnTheBench(step, commands, (0.0, start), **FRICTIONLESS)
+        bench = ArmOnTheBench(
+            step, [target, 0.0, kp, kd, 0.0], (0.0, start), pitch=STIFF, **FRICTIONLESS
+        )
         inertia = roll_inertia(bench.scenario.tail, bench.scenario.tail_motor)
         expected = second_order(times, start, target, inertia, kp, kd)
         errors.append(np.abs(bench.history("tail_roll", times) - expected).max())
@@ -226,11 +216,7 @@ def test_step_of_the_roll_command_follows_the_closed_form(kp, kd):
 def test_swing_reaches_the_commanded_rate_less_what_friction_takes():
     speed = 8.0
     kd = 3.0
-    commands = {
-        "tail_roll_command": [0.0, speed, 0.0, kd, 0.0],
-        "tail_pitch_command": [0.0, 0.0, 17.0, 5.0, 0.0],
-    }
-    bench = ArmOnTheBench(0.002, commands, (0.0, -1.5))
+    bench = ArmOnTheBench(roll=[0.0, speed, 0.0, kd, 0.0], angles=(0.0, -1.5))
     bench.simulator.AdvanceTo(0.3)
     rate = bench.plant.GetJointByName("tail_roll").get_angular_rate(bench.context)
     friction = bench.scenario.friction
@@ -243,11 +229,8 @@ def test_swing_reaches_the_commanded_rate_less_what_friction_takes():
 def test_held_tail_sags_by_its_weight_over_the_gain():
     kp = 17.0
     angle = 0.5
-    commands = {
-        "tail_roll_command": [angle, 0.0, kp, 5.0, 0.0],
-        "tail_pitch_command": [0.0, 0.0, 17.0, 5.0, 0.0],
-    }
-    bench = ArmOnTheBench(0.002, commands, (0.0, angle), gravity=9.81, **FRICTIONLESS)
+    hold = [angle, *HELD[1:]]
+    bench = ArmOnTheBench(roll=hold, angles=(0.0, angle), gravity=9.81, **FRICTIONLESS)
     bench.simulator.AdvanceTo(3.0)
     tail = bench.scenario.tail
     first_moment = tail.mass * (
@@ -264,11 +247,7 @@ def test_held_tail_sags_by_its_weight_over_the_gain():
 
 
 def test_motor_cannot_pass_the_stop_of_the_joint():
-    commands = {
-        "tail_roll_command": [3.0, 0.0, 50.0, 2.0, 0.0],
-        "tail_pitch_command": [0.0, 0.0, 17.0, 5.0, 0.0],
-    }
-    bench = ArmOnTheBench(0.002, commands, (0.0, 1.0))
+    bench = ArmOnTheBench(roll=[3.0, 0.0, 50.0, 2.0, 0.0], angles=(0.0, 1.0))
     bench.simulator.AdvanceTo(1.0)
     # The stop is a stiff spring: it gives way by less than a hundredth of a radian under the peak
     # torque.

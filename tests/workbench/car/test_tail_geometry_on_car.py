@@ -4,6 +4,7 @@ drawn as it is.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.batch.simulation import simulate
@@ -47,6 +48,12 @@ def files(tmp_path_factory):
     }
 
 
+def tail_plant(car):
+    """The plant of a car, and its context."""
+    plant = add_car_plant(DiagramBuilder(), car).plant
+    return plant, plant.CreateDefaultContext()
+
+
 def scenario(files, name):
     return load_scenario(
         "turn_swing", [*LOCKED, *([f"tail.geometry={files[name]}"] if name else [])]
@@ -84,23 +91,21 @@ def test_bent_tail_drives_with_its_own_mass_sections_and_tip(
 ):
     geometry = read_tail(files["bent"])
     car = scenario(files, "bent")
-    builder = DiagramBuilder()
-    plant = add_car_plant(builder, car).plant
-    context = plant.CreateDefaultContext()
+    plant, context = tail_plant(car)
     bodies = [plant.GetBodyByName(name).index() for name in ("tail_rod", "tail_sail")]
     frame = plant.GetFrameByName("tail_rod")
     found = plant.CalcSpatialInertia(context, frame, bodies)
     assert found.get_mass() == pytest.approx(geometry.inertial.mass, rel=1e-8)
-    np.testing.assert_allclose(found.get_com(), geometry.inertial.com, rtol=1e-7, atol=1e-9)
+    assert_allclose(found.get_com(), geometry.inertial.com, rtol=1e-7, atol=1e-9)
     inertia = found.CalcRotationalInertia().CopyToFullMatrix3()
-    np.testing.assert_allclose(inertia, geometry.inertia_about_joints, rtol=1e-7, atol=1e-9)
+    assert_allclose(inertia, geometry.inertia_about_joints, rtol=1e-7, atol=1e-9)
     assert len(sail_strips(car.tail)) == 2
     stand = CarStand(car)
     tip = stand.output("tail_truth")[TAIL_TRUTH.index("tail_tip_x_truth_m") :][:3]
     roll = -np.pi / 2
     # At rest the tail lies to the left: its own y points down then.
     _, y, z = geometry.arm.points[-1]
-    np.testing.assert_allclose(
+    assert_allclose(
         tip[1:], [np.cos(roll) * y - np.sin(roll) * z, car.tail.mount_height - y], atol=0.01
     )
 
@@ -108,14 +113,12 @@ def test_bent_tail_drives_with_its_own_mass_sections_and_tip(
 @pytest.mark.parametrize("roll", [0.0, 0.7])
 def test_motors_count_with_the_inertia_of_a_tail_that_is_bent_sideways(files, roll):
     car = scenario(files, "bent")
-    builder = DiagramBuilder()
-    plant = add_car_plant(builder, car).plant
-    context = plant.CreateDefaultContext()
+    plant, context = tail_plant(car)
     plant.GetJointByName("tail_roll").set_angle(context, roll)
     joints = [plant.GetJointByName(f"tail_{name}").velocity_start() for name in ("pitch", "roll")]
     rotor = car.tail_motor.rotor_inertia * car.tail_motor.gear_ratio**2
     found = np.diag(plant.CalcMassMatrix(context))[joints] - rotor
-    np.testing.assert_allclose(
+    assert_allclose(
         arm_inertia(car.tail, car.tail_motor, car.car).about_joints(roll), found, rtol=1e-6
     )
 

@@ -1,7 +1,7 @@
 """The tail as a point mass on a massless arm, for which every moment is known in closed form."""
 
-import dataclasses
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ import pytest
 from aerodima.workbench.car.tail_impulses import tail_impulses, tail_yaw_impulses
 from aerodima.workbench.core.errors import LogError
 from tests.refusals import assert_refused
-from tests.workbench.made_up_runs import GRAVITY, TAIL_MASS, made_up_run, times
+from tests.workbench.made_up_runs import GRAVITY, TAIL_MASS, both_sides, changed, made_up_run, times
 
 LENGTH, HEIGHT = 0.6, 0.24
 """Of the arm and of its axis above the ground, m."""
@@ -72,12 +72,13 @@ def at(time):
     return round(time / (times()[1] - times()[0]))
 
 
-@pytest.mark.parametrize(("direction", "inside"), [("left", -math.pi / 2), ("right", math.pi / 2)])
+@both_sides
 @pytest.mark.parametrize("yaw", [0.0, 2.1])
-def test_the_weight_of_a_tail_on_the_inside_helps(direction, inside, yaw):
+def test_the_weight_of_a_tail_on_the_inside_helps(direction, side, yaw):
     """m g l about the ground point, in any heading and however far the car is from the origin of
     the world.
     """
+    inside = -side * math.pi / 2
     result = tail_impulses(point_mass_run(*at_rest(inside), yaw=yaw, direction=direction))
     expected = TAIL_MASS * GRAVITY * LENGTH
     assert result.weight == pytest.approx(expected * 0.64, rel=1e-9)
@@ -87,7 +88,7 @@ def test_the_weight_of_a_tail_on_the_inside_helps(direction, inside, yaw):
     assert outside.weight == pytest.approx(-expected * 0.64, rel=1e-9)
 
 
-@pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
+@both_sides
 @pytest.mark.parametrize("yaw", [0.0, 2.1])
 def test_speeding_the_tail_up_outwards_helps(direction, side, yaw):
     """Angular momentum about the ground point along the heading: m (l^2 + h l cos(roll)) times the
@@ -102,7 +103,7 @@ def test_speeding_the_tail_up_outwards_helps(direction, side, yaw):
     assert result.inertial == pytest.approx(gained[at(2.64)] - gained[at(2.0)], rel=1e-6)
 
 
-@pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
+@both_sides
 def test_air_that_holds_the_tail_back_while_it_swings_outwards_helps(direction, side):
     """Upright tail moving outwards: drag points to the inside at height h + l.
 
@@ -112,11 +113,9 @@ def test_air_that_holds_the_tail_back_while_it_swings_outwards_helps(direction, 
     run = point_mass_run(*at_rest(0.0), direction=direction)
     force = np.tile([0.0, side * 2.0, 1.0], (times().size, 1))
     moment = np.cross(run.vector("tail_com", "truth_m"), force)
-    table = run.table.assign(
-        **in_axes("tail_force", "truth_n", force),
-        **in_axes("tail_force_moment", "truth_n_m", moment),
-    )
-    result = tail_impulses(dataclasses.replace(run, table=table))
+    columns = in_axes("tail_force", "truth_n", force)
+    columns |= in_axes("tail_force_moment", "truth_n_m", moment)
+    result = tail_impulses(changed(run, **columns))
     assert result.aerodynamic == pytest.approx(2.0 * (HEIGHT + LENGTH) * 0.64, rel=1e-9)
 
 
@@ -158,12 +157,12 @@ def test_inertial_moment_of_any_motion_is_minus_arm_cross_mass_times_acceleratio
 
 def test_no_tail_no_impulses_and_no_truth_is_an_error():
     assert tail_impulses(made_up_run(tail_mode="none")) is None
-    without_mass = dataclasses.replace(made_up_run(), extra={})
+    without_mass = replace(made_up_run(), extra={})
     assert_refused(lambda: tail_impulses(made_up_run(truth=False)), LogError, "truth")
     assert_refused(lambda: tail_impulses(without_mass), LogError, "tail_mass_kg")
 
 
-@pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
+@both_sides
 @pytest.mark.parametrize("yaw", [0.0, 2.1])
 def test_a_tail_behind_the_centre_of_mass_that_speeds_up_outwards_turns_the_car_out_of_the_turn(
     direction, side, yaw
@@ -175,12 +174,12 @@ def test_a_tail_behind_the_centre_of_mass_that_speeds_up_outwards_turns_the_car_
     run = point_mass_run(*speeding_up(side), yaw=yaw, direction=direction)
     ahead = np.array([math.cos(yaw), math.sin(yaw), 0.0])
     com = run.vector("position", "truth_m") + lever * ahead
-    run = dataclasses.replace(run, table=run.table.assign(**in_axes("com", "truth_m", com)))
+    run = changed(run, **in_axes("com", "truth_m", com))
     shorter = {
         **run.scenario,
         "manoeuvre": {**run.scenario["manoeuvre"], "turn_hold": 0.1},
     }  # until 2.24 s
-    found = tail_yaw_impulses(dataclasses.replace(run, scenario=shorter))
+    found = tail_yaw_impulses(replace(run, scenario=shorter))
     roll, rate = speeding_up(1.0)
     outwards = LENGTH * rate[at(2.24)] * math.cos(roll[at(2.24)])
     assert outwards > 1.0

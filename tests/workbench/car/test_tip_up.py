@@ -5,7 +5,7 @@ import pytest
 
 from aerodima.workbench.car.tip_up import LIFT_COLUMNS, lateral_acceleration, tip_up
 from aerodima.workbench.car.verdict import side_lift
-from tests.workbench.made_up_runs import made_up_run, times
+from tests.workbench.made_up_runs import both_sides, made_up_run, times
 
 LEFT_FRONT, RIGHT_FRONT, LEFT_REAR, RIGHT_REAR = range(4)
 
@@ -42,7 +42,7 @@ def test_lateral_acceleration_is_speed_times_rate_of_the_course_into_each_turn()
     assert lateral_acceleration(time, speed, course, [(5.0, 6.0, 1)]) is None
 
 
-@pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
+@both_sides
 def test_a_turned_path_is_lateral_acceleration_and_a_spin_is_none(direction, side):
     yaw = side * 1.5 * np.clip(times() - 2.0, 0.0, 0.64)
     assert tip_up(

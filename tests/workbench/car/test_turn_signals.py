@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from aerodima.workbench.car.turn_signals import (
     settled_row,
@@ -15,7 +16,7 @@ from aerodima.workbench.car.verdict import CALM
 from aerodima.workbench.control.manoeuvre import make_schedule
 from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.scenario.scenario import load_scenario
-from tests.workbench.made_up_runs import made_up_run, times
+from tests.workbench.made_up_runs import both_sides, made_up_run, times
 
 STEER = math.radians(30.0)
 
@@ -26,29 +27,30 @@ def commanded(name, *settings):
     return np.array([schedule.at(time).steering_angle for time in times()])
 
 
-def fishhook(side=1.0):
+def fishhook():
     t = times()
-    return side * np.select([t < 0.3, t < 0.8, t < 2.0], [0.0, STEER, -STEER], 0.0)
+    return np.select([t < 0.3, t < 0.8, t < 2.0], [0.0, STEER, -STEER], 0.0)
 
 
-def test_two_turns_are_two_windows_of_one_side():
-    run = made_up_run({"steering_command_rad": commanded("entry_twice")})
-    expected = [(0.3, 0.8, 1.0), (1.8, 2.3, 1.0)]
-    np.testing.assert_allclose(steered_windows(run), expected, atol=1e-9)
-
-
-def test_both_halves_of_a_fishhook_are_windows_of_opposite_sides():
-    windows = steered_windows(made_up_run({"steering_command_rad": fishhook()}))
-    np.testing.assert_allclose(windows, [(0.3, 0.8, 1.0), (0.8, 2.0, -1.0)], atol=1e-9)
-
-
-def test_the_half_waves_of_a_slalom_are_windows_of_changing_sides():
-    """Half waves of 1 s from 0.3 s on; a row of 2 ms may belong to either side of a zero, and the
-    log ends at 4 s.
+@pytest.mark.parametrize(
+    ("steering", "expected", "error"),
+    [
+        (commanded("entry_twice"), [(0.3, 0.8, 1.0), (1.8, 2.3, 1.0)], 1e-9),
+        (fishhook(), [(0.3, 0.8, 1.0), (0.8, 2.0, -1.0)], 1e-9),
+        (
+            commanded("entry_slalom"),
+            [(0.3, 1.3, 1.0), (1.3, 2.3, -1.0), (2.3, 3.3, 1.0), (3.3, 4.0, -1.0)],
+            0.0021,
+        ),
+    ],
+    ids=["two turns", "fishhook", "slalom"],
+)
+def test_windows_are_the_steered_times_with_their_sides(steering, expected, error):
+    """Half waves of a slalom last 1 s from 0.3 s on; a row of 2 ms may belong to either side of a
+    zero, and the log ends at 4 s.
     """
-    windows = steered_windows(made_up_run({"steering_command_rad": commanded("entry_slalom")}))
-    expected = [(0.3, 1.3, 1.0), (1.3, 2.3, -1.0), (2.3, 3.3, 1.0), (3.3, 4.0, -1.0)]
-    np.testing.assert_allclose(windows, expected, atol=0.0021)
+    windows = steered_windows(made_up_run({"steering_command_rad": steering}))
+    assert_allclose(windows, expected, atol=error)
 
 
 def test_a_trembling_hand_is_no_steering_and_a_straight_run_has_no_window():
@@ -56,11 +58,7 @@ def test_a_trembling_hand_is_no_steering_and_a_straight_run_has_no_window():
     assert windows_of_steering(time, 0.009 * np.sin(20.0 * time)) == []
     assert windows_of_steering(time, np.zeros(100)) == []
     assert windows_of_steering(np.zeros(0), np.zeros(0)) == []
-
-
-def test_a_car_that_is_steered_all_the_time_has_one_window():
-    time = np.arange(101) * 0.01
-    assert windows_of_steering(time, np.full(101, -0.2)) == [(0.0, 1.0, -1.0)]
+    assert windows_of_steering(time, np.full(100, -0.2)) == [(0.0, 0.99, -1.0)], "all the time"
 
 
 def test_window_of_two_turns_reaches_until_the_wheels_are_straight_after_the_second():
@@ -135,16 +133,16 @@ def test_a_calm_car_has_settled_a_tenth_after_its_turn_and_not_before():
     assert settled_row(made_up_run(truth=False).table, TURN_END) is None, "a real car"
 
 
-@pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
+@both_sides
 def test_the_bias_of_the_gyro_is_that_of_the_straight_driving_before_the_turn(direction, side):
     """What the car did in the first half of it, while it gathered speed, is no bias."""
     rolling = np.where(times() >= 2.1, 0.3, 0.0)
     rate = rolling + 0.05 + until(0.9, 0.4)
     run = made_up_run({"imu_gyro_x_rad_per_s": side * rate}, direction, truth=False)
     found = turn_signals(run).roll_rate
-    np.testing.assert_allclose(found[times() >= 1.0], rolling[times() >= 1.0], atol=1e-12)
+    assert_allclose(found[times() >= 1.0], rolling[times() >= 1.0], atol=1e-12)
 
 
 def test_tilt_from_the_sensors_is_that_of_roll_and_pitch_together():
     run = made_up_run({"imu_roll_rad": 0.6, "imu_pitch_rad": -0.8}, truth=False)
-    np.testing.assert_allclose(turn_signals(run).tilt, math.acos(math.cos(0.6) * math.cos(0.8)))
+    assert_allclose(turn_signals(run).tilt, math.acos(math.cos(0.6) * math.cos(0.8)))

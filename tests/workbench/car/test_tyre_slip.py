@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from aerodima.workbench import UserError, load_scenario, simulate
+from aerodima.workbench import load_scenario, simulate
 from aerodima.workbench.car.car_model import slip_speed
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.turn_plans import TurnPlans
 from aerodima.workbench.car.reduced.turns import drive_turns
 from aerodima.workbench.scenario.signal_table import WHEELS
-from tests.refusals import assert_refused
 
 FRICTION, SLIP_ANGLE = 0.8, 0.15
 STEERED = math.radians(2.0)
@@ -142,8 +141,3 @@ def test_reduced_car_has_the_same_tyre():
             )
             assert history[row - 1, 14, place] == pytest.approx(rate, rel=0.04)
             assert history[row - 1, 16, place] == pytest.approx(left, abs=0.003)
-
-
-def test_negative_slip_angle_is_refused():
-    settings = "car.tyre_slip_angle=-0.1"
-    assert_refused(lambda: circle(3.0, settings), UserError, "tyre_slip_angle", "-0.1")

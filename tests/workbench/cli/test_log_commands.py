@@ -11,6 +11,7 @@ from aerodima.workbench.logs.journal import journal_path
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.scenario.scenario import load_scenario
+from tests.commands import done
 
 SETTINGS = [
     "manoeuvre.turn_start=0.9",
@@ -28,10 +29,9 @@ def log(tmp_path_factory):
     return path
 
 
-def test_metrics_prints_and_writes_the_figures_of_the_log(call, log, tmp_path):
+def test_metrics_prints_and_writes_the_figures_of_the_log(log, tmp_path):
     table = tmp_path / "metrics.csv"
-    result = call("log", "metrics", log, "--out", table)
-    assert result.exit_code == 0, result.output
+    done("log", "metrics", log, "--out", table)
     written = pd.read_csv(table, index_col="run").loc[str(log)]
     expected = metrics_of(read_run_log(log)).as_row()
     assert written["outcome"] == "survived"
@@ -43,8 +43,8 @@ def test_metrics_prints_and_writes_the_figures_of_the_log(call, log, tmp_path):
         assert written[name] == pytest.approx(expected[name], rel=1e-12)
 
 
-def test_metrics_prints_the_eight_raw_and_filtered(call, log):
-    shown = dict(line.split() for line in call("log", "metrics", log).stdout.splitlines()[1:])
+def test_metrics_prints_the_eight_raw_and_filtered(log):
+    shown = dict(line.split() for line in done("log", "metrics", log).splitlines()[1:])
     expected = metrics_of(read_run_log(log))
     for prefix, metrics in (("", expected.raw), ("filtered_", expected.filtered)):
         for name, value in asdict(metrics).items():
@@ -63,7 +63,7 @@ def test_metrics_table_is_not_overwritten(refused, log, untouched):
     assert table.read_text() == "precious"
 
 
-def test_recover_says_what_it_saved(call, refused, log, tmp_path):
+def test_recover_says_what_it_saved(refused, log, tmp_path):
     """A journal as a killed run leaves it: the run is interrupted by an exception, its journal
     stays.
     """
@@ -76,12 +76,10 @@ def test_recover_says_what_it_saved(call, refused, log, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         simulate(load_scenario("turn_none", SETTINGS), path, progress=interrupt)
     assert not path.exists()
-    result = call("log", "recover", journal_path(path))
-    assert result.exit_code == 0, result.output
+    assert str(path) in done("log", "recover", journal_path(path))
     rescued = read_run_log(path)
     assert rescued.time[-1] > 0.7
     for name in ("time_s", "position_x_truth_m", "imu_gyro_z_rad_per_s"):
         whole = read_run_log(log).signal(name)
         np.testing.assert_array_equal(rescued.signal(name), whole[: len(rescued.table)])
-    assert str(path) in result.stdout
     assert "no.journal" in refused("log", "recover", tmp_path / "no.journal")

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from aerodima.workbench.logs.schema import read_run_log, write_run_log
+from tests.commands import done
 from tests.workbench.made_up_runs import made_up_run
 
 MAPPING = """
@@ -44,15 +45,10 @@ def test_import_names_the_file_that_is_missing(refused, folder):
     assert not out.exists()
 
 
-def test_condition_keeps_the_raw_log_and_refuses_to_overwrite(call, refused, folder, untouched):
+def test_condition_keeps_the_raw_log_and_refuses_to_overwrite(refused, folder, untouched):
     raw = folder / "raw.parquet"
     out = folder / "out.parquet"
-    assert (
-        call(
-            "log", "import", folder / "log.csv", "--mapping", folder / "m.yaml", "--out", raw
-        ).exit_code
-        == 0
-    )
+    done("log", "import", folder / "log.csv", "--mapping", folder / "m.yaml", "--out", raw)
     condition = ("log", "condition", raw, "--columns", "angle_rad", "--low-pass", "5", "--out")
     assert "raw.parquet" in refused(*condition, raw, "--force")
     assert "--force" in refused(*condition, untouched)
@@ -60,16 +56,16 @@ def test_condition_keeps_the_raw_log_and_refuses_to_overwrite(call, refused, fol
     assert "-1 s" in refused("log", "condition", raw, "--fill", "-1", "--out", out)
     assert "0 Hz" in refused(*condition[:-2], "0", "--out", out)
     assert not out.exists()
-    assert "5 Hz" in call(*condition, out).stdout
+    assert "5 Hz" in done(*condition, out)
     ours = read_run_log(raw).signal("angle_rad")
     assert np.array_equal(ours, np.sin(np.arange(300) / 100))
     assert 0.0 < np.max(np.abs(read_run_log(out).signal("angle_rad") - ours)) < 0.05
 
 
-def test_export_goes_beside_the_log_and_names_a_wrong_format(call, refused, folder):
+def test_export_goes_beside_the_log_and_names_a_wrong_format(refused, folder):
     assert "'xlsx'" in refused("log", "export", folder / "run.parquet", "--to", "xlsx")
-    result = call("log", "export", folder / "run.parquet", "--to", "csv")
-    assert result.stdout.split() == [str(folder / "run.csv"), str(folder / "run.csv.json")]
+    told = done("log", "export", folder / "run.parquet", "--to", "csv")
+    assert told.split() == [str(folder / "run.csv"), str(folder / "run.csv.json")]
     assert "--force" in refused("log", "export", folder / "run.parquet", "--to", "csv")
     again = pd.read_csv(folder / "run.csv")
     assert again.equals(read_run_log(folder / "run.parquet").table)

@@ -1,9 +1,6 @@
 """What the doctor finds, and what it says when something is missing."""
 
-from typer.testing import CliRunner
-
 from aerodima.workbench.cli import doctor_commands as doctor
-from aerodima.workbench.cli.program import build_app
 
 
 def finding(subject):
@@ -30,10 +27,10 @@ def test_missing_module_of_an_extra_is_named_with_its_use(monkeypatch):
     assert finding("extra hardware").ok
 
 
-def test_old_drake_is_required_and_fails_the_command(monkeypatch):
+def test_old_drake_is_required_and_fails_the_command(call, monkeypatch):
     monkeypatch.setattr(doctor, "version", lambda name: "1.40.0")
     assert not finding("Drake").ok
-    result = CliRunner().invoke(build_app(), ["doctor"])
+    result = call("doctor")
     assert result.exit_code == 1
     assert "1.40.0" in result.output
 

@@ -6,6 +6,8 @@ import pytest
 
 from aerodima.workbench.cli.model_check import check_shipped_models
 from aerodima.workbench.core.resources import models_dir
+from tests.commands import done
+from tests.refusals import assert_named
 
 LINK = """
 <link name="{name}"><inertial><mass>{mass}</mass>
@@ -24,12 +26,15 @@ URDF = """
 MESH = '<{kind}><geometry><mesh filename="none.obj"/></geometry></{kind}>'
 
 
-def sdf(tmp_path, dynamics="", mass=1.0, izz=0.1):
+def sdf(dynamics="", mass=1.0, izz=0.1):
     links = LINK.format(name="a", mass=1.0, izz=0.1) + LINK.format(name="b", mass=mass, izz=izz)
-    path = tmp_path / "model.sdf"
-    path.write_text(
-        f'<sdf version="1.9"><model name="m">{links}{JOINT.format(dynamics=dynamics)}</model></sdf>'
-    )
+    joint = JOINT.format(dynamics=dynamics)
+    return f'<sdf version="1.9"><model name="m">{links}{joint}</model></sdf>'
+
+
+def written(folder, text):
+    path = folder / ("model.sdf" if "<sdf" in text else "model.urdf")
+    path.write_text(text)
     return path
 
 
@@ -37,7 +42,7 @@ def test_everything_that_ships_passes():
     results = list(check_shipped_models())
     assert [problem for result in results for problem in result.problems] == []
     subjects = " ".join(result.subject for result in results)
-    for part in (
+    named = (
         "car.sdf: numbers equal",
         "tail.sdf: numbers equal",
         "parameters/car.yaml",
@@ -45,8 +50,8 @@ def test_everything_that_ships_passes():
         "parameters/hardware/motor_safety.yaml",
         "coefficients/robot_tail_line.yaml",
         "coefficients/half_cylinder.yaml",
-    ):
-        assert part in subjects
+    )
+    assert_named(subjects, named)
 
 
 def test_broken_coefficients_and_hardware_parameters_are_found(tmp_path, monkeypatch):
@@ -71,52 +76,32 @@ def test_broken_coefficients_and_hardware_parameters_are_found(tmp_path, monkeyp
     assert "motor_safety.yaml: temperature_limit" in problems
 
 
-def test_good_model_of_a_user_passes(call, tmp_path):
-    assert call("models", "check", sdf(tmp_path, "<damping>0.1</damping>")).exit_code == 0
+def urdf(attribute, shape=""):
+    return URDF.format(attribute=attribute).replace("</link>", f"{shape}</link>")
 
 
-@pytest.fixture
-def failed(call):
-    """Checks a file; the verdict is no, exit status 1, with the problems on stderr."""
-
-    def check(path):
-        result = call("models", "check", path)
-        assert result.exit_code == 1, result.output
-        return result.stderr
-
-    return check
+def test_good_model_of_a_user_passes(tmp_path):
+    done("models", "check", written(tmp_path, sdf("<damping>0.1</damping>")))
 
 
-def test_joint_friction_is_refused(failed, tmp_path):
-    message = failed(sdf(tmp_path, "<friction>0.2</friction>"))
-    assert "joint 'hinge'" in message
-    assert "friction" in message
-
-
-@pytest.mark.parametrize("attribute", ["friction", "spring_stiffness"])
-def test_urdf_attributes_that_drake_drops_are_refused(failed, tmp_path, attribute):
-    path = tmp_path / "model.urdf"
-    path.write_text(URDF.format(attribute=attribute))
-    message = failed(path)
-    assert attribute in message
-    assert "2.5" in message
-
-
-@pytest.mark.parametrize("kind", ["visual", "collision"])
-def test_a_missing_mesh_is_refused(failed, tmp_path, kind):
-    path = tmp_path / "model.urdf"
-    shape = MESH.format(kind=kind)
-    path.write_text(URDF.format(attribute="effort").replace("</link>", f"{shape}</link>"))
-    assert "none.obj" in failed(path)
-
-
-def test_unphysical_inertia_is_refused(failed, tmp_path):
-    """Triangle inequality: no body has izz above ixx + iyy."""
-    assert "model.sdf" in failed(sdf(tmp_path, izz=0.5))
-
-
-def test_negative_mass_is_refused(failed, tmp_path):
-    assert "model.sdf" in failed(sdf(tmp_path, mass=-1.0))
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        (sdf("<friction>0.2</friction>"), ("joint 'hinge'", "friction")),
+        (urdf("friction"), ("friction", "2.5")),
+        (urdf("spring_stiffness"), ("spring_stiffness", "2.5")),
+        (urdf("effort", MESH.format(kind="visual")), ("none.obj",)),
+        (urdf("effort", MESH.format(kind="collision")), ("none.obj",)),
+        # Triangle inequality: no body has izz above ixx + iyy.
+        (sdf(izz=0.5), ("model.sdf",)),
+        (sdf(mass=-1.0), ("model.sdf",)),
+    ],
+)
+def test_a_wrong_model_fails_with_its_problem(call, tmp_path, text, named):
+    """The verdict is no, exit status 1, with the problems on stderr."""
+    result = call("models", "check", written(tmp_path, text))
+    assert result.exit_code == 1, result.output
+    assert_named(result.stderr, named)
 
 
 def test_missing_and_foreign_files_are_named(refused, tmp_path, untouched):
@@ -124,12 +109,11 @@ def test_missing_and_foreign_files_are_named(refused, tmp_path, untouched):
     assert ".sdf, .urdf" in refused("models", "check", untouched)
 
 
-def test_tail_is_shown_saved_and_drawn(call, refused, tmp_path):
+def test_tail_is_shown_saved_and_drawn(refused, tmp_path):
     saved = tmp_path / "tail.yaml"
     picture = tmp_path / "tail.png"
-    shown = call("models", "tail", "--out", saved, "--out", picture)
-    assert shown.exit_code == 0
-    lines = [line.split() for line in shown.stdout.splitlines()]
+    shown = done("models", "tail", "--out", saved, "--out", picture)
+    lines = [line.split() for line in shown.splitlines()]
     assert ["sail", "plate", "77.87", "0", "0", "0.694", "5"] in lines
     assert ["mass_g", "174"] in lines
     assert picture.read_bytes().startswith(b"\x89PNG")

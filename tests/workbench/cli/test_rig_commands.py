@@ -5,14 +5,14 @@ import math
 import pytest
 
 from aerodima.workbench.logs.schema import read_run_log
+from tests.commands import done
 
 
-def test_static_hold_writes_its_log(call, tmp_path):
+def test_static_hold_writes_its_log(tmp_path):
     out = tmp_path / "new folder" / "hold.parquet"
     words = "rig static --tail 2 --axis minor --wind 20 --angle 15 --seed 7 --duration 0.5"
-    result = call(*words.split(), "--out", out)
-    assert result.exit_code == 0, result.output
-    shown = dict(line.split()[:2] for line in result.stdout.splitlines() if line)
+    told = done(*words.split(), "--out", out)
+    shown = dict(line.split()[:2] for line in told.splitlines() if line)
     facts = ("tail", "axis", "wind_speed_m_per_s")
     assert [shown[name] for name in facts] == ["2", "minor", "20"]
     assert float(shown["angle_rad"]) == pytest.approx(math.radians(15.0), abs=1e-3)
@@ -27,21 +27,17 @@ def test_static_hold_writes_its_log(call, tmp_path):
 @pytest.mark.parametrize(
     ("command", "kind"), [("flick", "swing"), ("bar", "bar_swing"), ("robot", "robot_swing")]
 )
-def test_swings_write_their_logs(call, tmp_path, command, kind):
+def test_swings_write_their_logs(tmp_path, command, kind):
     out = tmp_path / "swing.parquet"
-    result = call("rig", command, "--duration", 0.2, "--set", "experiment.rest=0.05", "--out", out)
-    assert result.exit_code == 0, result.output
-    assert result.stdout.split()[:2] == ["kind", kind]
+    told = done("rig", command, "--duration", 0.2, "--set", "experiment.rest=0.05", "--out", out)
+    assert told.split()[:2] == ["kind", kind]
     assert read_run_log(out).kind == kind
 
 
 @pytest.mark.parametrize(
     ("flags", "message"),
     [
-        (("--tail", 4), "experiment.tail: 4"),
-        (("--axis", "sideways"), "experiment.axis: 'sideways'"),
         (("--wind", -10), "experiment.wind_speed: -10.0"),
-        (("--set", "force_sensor.rate=5000"), "force_sensor.rate: 5000 Hz"),
         (("--set", "maxon.torque_const=1"), "'torque_constant'"),
     ],
 )
@@ -50,8 +46,8 @@ def test_wrong_input_is_one_line(refused, tmp_path, flags, message):
     assert not (tmp_path / "hold.parquet").exists()
 
 
-def test_existing_log_is_kept_without_force(call, refused, untouched):
+def test_existing_log_is_kept_without_force(refused, untouched):
     flags = ("rig", "static", "--duration", 0.1, "--out", untouched)
     assert "--force" in refused(*flags)
     assert untouched.read_text() == "precious"
-    assert call(*flags, "--force").exit_code == 0
+    done(*flags, "--force")

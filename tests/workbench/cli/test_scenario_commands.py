@@ -4,36 +4,35 @@ import json
 
 from aerodima.workbench.scenario.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.view.model_figures import DiagramPicture
+from tests.commands import done
+from tests.refusals import assert_named
 
 
-def test_export_is_the_whole_scenario(call):
-    result = call("models", "export", "turn_swing", "--set", "manoeuvre.speed=4.0")
-    assert result.exit_code == 0, result.output
-    bundle = json.loads(result.stdout)
+def test_export_is_the_whole_scenario():
+    bundle = json.loads(done("models", "export", "turn_swing", "--set", "manoeuvre.speed=4.0"))
     assert (
         bundle["car"]["tyre_stiffness_front"] == 9869.34
     )  # Table 6.1: not in the scenario file, so resolved
     assert scenario_from_dict(bundle) == load_scenario("turn_swing", ["manoeuvre.speed=4.0"])
 
 
-def test_export_to_a_file_is_not_overwritten(call, refused, tmp_path):
+def test_export_to_a_file_is_not_overwritten(refused, tmp_path):
     out = tmp_path / "bundle.json"
-    assert call("models", "export", "turn_none", "--out", out).exit_code == 0
+    done("models", "export", "turn_none", "--out", out)
     before = out.read_text()
     assert "--force" in refused("models", "export", "turn_swing", "--out", out)
     assert out.read_text() == before
 
 
-def test_diagram_is_a_picture(call, tmp_path, monkeypatch):
+def test_diagram_is_a_picture(tmp_path, monkeypatch):
     drawn = []
     monkeypatch.setattr(
         DiagramPicture, "render", lambda picture, kind: drawn.append(picture) or kind.encode()
     )
     out = tmp_path / "car.svg"
-    assert call("models", "diagram", "turn_swing", "--out", out).exit_code == 0
+    done("models", "diagram", "turn_swing", "--out", out)
     assert out.read_text() == "svg"
-    for part in ("car_station", "tail_controller", "driver", "roll_estimator"):
-        assert part in drawn[0].text
+    assert_named(drawn[0].text, ("car_station", "tail_controller", "driver", "roll_estimator"))
 
 
 def test_diagram_without_graphviz_is_refused(refused, tmp_path, monkeypatch):

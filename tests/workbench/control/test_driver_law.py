@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from aerodima.workbench.control.driver_law import (
     FishhookDriver,
@@ -30,10 +31,20 @@ def driven(law, roll_rate, side=1.0, length=3.0):
     for tick in range(round(100 * length)):
         before = memory.copy()
         after, given = law.step(memory, Seen(0.01 * tick, roll_rate=side * roll_rate(0.01 * tick)))
-        np.testing.assert_array_equal(memory, before, err_msg="a law must not change its arguments")
+        assert_array_equal(memory, before, err_msg="a law must not change its arguments")
         memory = after
         inputs.append((given.steering_angle, given.planned_turn))
     return np.array(inputs).T
+
+
+def steered(law, *seen):
+    """Angle at each of some ticks."""
+    memory = law.start()
+    angles = []
+    for one in seen:
+        memory, given = law.step(memory, one)
+        angles.append(given.steering_angle)
+    return angles
 
 
 def roll_until(end):
@@ -50,13 +61,16 @@ def test_fishhook_counter_steers_when_the_car_stops_rolling_outwards(end):
     assert set(steering) == {0.0, STEER, -STEER}
 
 
-def test_fishhook_holds_the_wheels_at_the_second_angle_for_its_time():
+def test_fishhook_holds_the_wheels_at_the_second_angle_for_its_time_and_announces_its_sides():
     """The servo takes 0.28 s from one side to the other (0.14 s for 30 degrees), then 0.95 s, in
     ticks of 10 ms.
     """
-    steering, _ = driven(FISHHOOK, roll_until(0.6))
+    steering, side = driven(FISHHOOK, roll_until(0.6))
     assert np.count_nonzero(steering < 0.0) == pytest.approx(28 + 95, abs=1)
     assert steering[-1] == 0.0
+    counter = np.argmax(steering < 0.0)
+    assert set(side[:counter]) == {1.0}
+    assert set(side[counter:]) == {-1.0}
 
 
 def test_fishhook_waits_for_the_wheels_before_it_believes_that_nothing_rolls():
@@ -72,17 +86,10 @@ def test_fishhook_waits_while_the_roll_rate_is_not_known():
     assert set(steering[30:]) == {STEER}
 
 
-def test_fishhook_announces_the_side_to_which_it_steers():
-    steering, side = driven(FISHHOOK, roll_until(0.6))
-    counter = np.argmax(steering < 0.0)
-    assert set(side[:counter]) == {1.0}
-    assert set(side[counter:]) == {-1.0}
-
-
 def test_fishhook_to_the_right_is_the_mirror_image():
     left = driven(FISHHOOK, roll_until(0.6))
     right = driven(replace(FISHHOOK, side=-1.0), roll_until(0.6), side=-1.0)
-    np.testing.assert_array_equal(left, -right)
+    assert_array_equal(left, -right)
 
 
 def test_a_schedule_is_a_driver_that_looks_at_nothing():
@@ -157,8 +164,8 @@ def test_path_driver_keeps_a_slow_kinematic_car_in_its_lane(name, side):
 def test_a_mirrored_path_is_steered_as_its_mirror_image(name):
     """Up to rounding, which a stable driver does not blow up."""
     left, right = (follow(name, f"manoeuvre.direction={side}")[2] for side in ("left", "right"))
-    np.testing.assert_allclose(left[1:], -right[1:], atol=1e-9)
-    np.testing.assert_allclose(left[0], right[0], atol=1e-9)
+    assert_allclose(left[1:], -right[1:], atol=1e-9)
+    assert_allclose(left[0], right[0], atol=1e-9)
 
 
 def test_path_driver_reacts_late_and_turns_the_wheel_no_faster_than_hands_do():
@@ -166,11 +173,8 @@ def test_path_driver_reacts_late_and_turns_the_wheel_no_faster_than_hands_do():
     delay.
     """
     law = make_driver(load_scenario("entry_corner", ["manoeuvre.driver_rate=2"]))
-    memory = law.start()
-    angles = []
-    for tick in range(40):
-        memory, given = law.step(memory, Seen(0.01 * tick, (0.0, 0.3), 0.0, 0.0, 2.0, 0.0))
-        angles.append(given.steering_angle)
+    beside = Seen(0.0, (0.0, 0.3), 0.0, 0.0, 2.0, 0.0)
+    angles = steered(law, *(beside._replace(time=0.01 * tick) for tick in range(40)))
     assert angles[:6] == [0.0] * 6
     assert angles[6] < 0.0, "to the right, back to the path"
     assert np.max(np.abs(np.diff(angles))) <= 2.0 / 100.0 + 1e-12
@@ -178,20 +182,15 @@ def test_path_driver_reacts_late_and_turns_the_wheel_no_faster_than_hands_do():
 
 def test_path_driver_steers_no_further_than_the_angle_of_the_manoeuvre():
     law = make_driver(load_scenario("entry_corner", ["manoeuvre.steer_angle=0.2"]))
-    memory = law.start()
-    given = []
-    for tick in range(50):
-        memory, inputs = law.step(memory, Seen(0.01 * tick, (0.0, 0.3), 0.5, 0.5, 2.0, 0.0))
-        given.append(inputs.steering_angle)
-    assert min(given) == given[-1] == -0.2
+    beside = Seen(0.0, (0.0, 0.3), 0.5, 0.5, 2.0, 0.0)
+    angles = steered(law, *(beside._replace(time=0.01 * tick) for tick in range(50)))
+    assert min(angles) == angles[-1] == -0.2
 
 
 def test_path_driver_without_yaw_rate_takes_it_for_none():
     law = make_driver(load_scenario("entry_corner", ["manoeuvre.driver_delay=0"]))
     seen = Seen(0.0, (1.0, 0.05), 0.1, 0.1, 2.0, 0.0)
-    assert (
-        law.step(law.start(), seen._replace(yaw_rate=math.nan))[1] == law.step(law.start(), seen)[1]
-    )
+    assert steered(law, seen._replace(yaw_rate=math.nan)) == steered(law, seen)
 
 
 def test_path_driver_steers_more_when_the_car_lacks_curvature():
@@ -201,26 +200,12 @@ def test_path_driver_steers_more_when_the_car_lacks_curvature():
     )
     x, y = law.path.centre(law.path.bend + 0.8)
     heading = 0.8 / law.path.radius
-    steered = {}
-    for share in (1.0, 0.5):
-        memory = law.start()
-        for tick in range(100):
-            seen = Seen(
-                0.01 * tick,
-                (float(x), float(y)),
-                heading,
-                heading,
-                2.0,
-                share * 2.0 / law.path.radius,
-            )
-            memory, given = law.step(memory, seen)
-        steered[share] = math.tan(given.steering_angle) * law.path.radius / 0.27
-    assert steered[1.0] == pytest.approx(1.0, abs=1e-3), (
-        "the angle of the kinematic car on this circle"
-    )
-    assert steered[0.5] == pytest.approx(1.0 + 0.5 * law.correction, abs=1e-3), (
-        "after ten time constants"
-    )
+    seen = Seen(0.0, (float(x), float(y)), heading, heading, 2.0, 0.0)
+    # The angle of the kinematic car on this circle; and after ten time constants.
+    for share, expected in ((1.0, 1.0), (0.5, 1.0 + 0.5 * law.correction)):
+        now = seen._replace(yaw_rate=share * 2.0 / law.path.radius)
+        last = steered(law, *(now._replace(time=0.01 * tick) for tick in range(100)))[-1]
+        assert math.tan(last) * law.path.radius / 0.27 == pytest.approx(expected, abs=1e-3)
 
 
 def test_a_car_on_rigid_tyres_is_not_steered_from_side_to_side():

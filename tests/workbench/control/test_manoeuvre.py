@@ -3,6 +3,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from aerodima.workbench.control.manoeuvre import (
     RisingSchedule,
@@ -158,7 +159,7 @@ def test_straight_line_announces_no_turn():
 
 def test_slalom_is_a_sine_of_30_degrees_that_starts_to_the_left():
     schedule = make_schedule(scenario(kind="slalom"))
-    np.testing.assert_allclose(
+    assert_allclose(
         steering(schedule, [1.0, 2.0, 2.25, 2.5, 3.0, 3.5, 4.0, 4.5]),
         STEER * np.array([0.0, 0.0, math.sqrt(0.5), 1.0, 0.0, -1.0, 0.0, 1.0]),
         atol=1e-15,
@@ -198,12 +199,10 @@ def test_two_turns_are_the_same_pulse_twice_with_straight_wheels_in_between():
     twice = make_schedule(scenario(turns=2, turn_gap=1.0))
     ticks = 0.01 * np.arange(500)
     angles = steering(twice, ticks)
-    np.testing.assert_array_equal(
-        ticks[angles > 0.0], np.concatenate([ticks[200:250], ticks[350:400]])
-    )
+    assert_array_equal(ticks[angles > 0.0], np.concatenate([ticks[200:250], ticks[350:400]]))
     once = steering(make_schedule(scenario()), ticks)
-    np.testing.assert_array_equal(angles[150:300], once[150:300])
-    np.testing.assert_array_equal(angles[300:450], once[150:300])
+    assert_array_equal(angles[150:300], once[150:300])
+    assert_array_equal(angles[300:450], once[150:300])
     assert steering_time(0.5, 2, 1.0) == 2.0
     withdrawn = [float(tick) for tick in ticks if twice.at(tick).planned_turn == 0.0]
     assert withdrawn == pytest.approx(0.01 * np.arange(280, 290))

@@ -3,6 +3,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from aerodima.workbench.control.paths import Corner, LaneChange, off_path, path_of
 from aerodima.workbench.core.errors import ScenarioError, UserError
@@ -50,9 +51,9 @@ def test_centre_line_runs_through_the_middle_of_the_lanes_without_a_kink():
     path = lane_change()
     x = np.linspace(0.0, 7.0, 7001)
     places, y = path.centre(x)
-    np.testing.assert_array_equal(places, x)
+    assert_array_equal(places, x)
     for lane in path.lanes:
-        np.testing.assert_allclose(y[(x >= lane.start) & (x <= lane.end)], lane.centre, atol=1e-12)
+        assert_allclose(y[(x >= lane.start) & (x <= lane.end)], lane.centre, atol=1e-12)
     slope = np.diff(y) / np.diff(x)
     assert np.max(np.abs(np.diff(slope))) < 0.005, (
         "in 1 mm: curvature below 5 per m, where a kink would jump by 0.4"
@@ -62,7 +63,7 @@ def test_centre_line_runs_through_the_middle_of_the_lanes_without_a_kink():
 @pytest.mark.parametrize("path", [lane_change(0.4), Corner(1.2, 0.4, 0.4, 1.0)])
 def test_station_of_the_centre_line_is_the_one_it_was_made_from(path):
     stations = np.linspace(-0.5, path.end + 1.0, 200)
-    np.testing.assert_allclose(path.station(*path.centre(stations)), stations, atol=1e-12)
+    assert_allclose(path.station(*path.centre(stations)), stations, atol=1e-12)
 
 
 def test_a_corner_is_a_quarter_of_a_circle_between_two_straights():
@@ -73,7 +74,7 @@ def test_a_corner_is_a_quarter_of_a_circle_between_two_straights():
     assert path.centre(after) == pytest.approx((3.0, 1.2))
     assert path.centre(after + 0.7) == pytest.approx((3.0, 1.9))
     places = np.array(path.centre(np.linspace(0.0, 6.0, 6001)))
-    np.testing.assert_allclose(np.hypot(*np.diff(places)), 1e-3, rtol=1e-6)
+    assert_allclose(np.hypot(*np.diff(places)), 1e-3, rtol=1e-6)
 
 
 def test_edges_of_a_corner_are_half_its_width_from_the_centre_line():
@@ -132,7 +133,7 @@ def test_mirrored_paths_judge_mirrored_cars_alike():
     for make in (lane_change, lambda side: Corner(1.2, 0.4, 0.0, side)):
         left = off_path(make(side=1.0), x, y, heading, 0.09, WHEELBASE)
         right = off_path(make(side=-1.0), x, -y, -heading, 0.09, WHEELBASE)
-        np.testing.assert_allclose(left, right, atol=1e-12)
+        assert_allclose(left, right, atol=1e-12)
 
 
 def test_a_car_along_the_centre_line_keeps_the_path_to_its_end_and_a_wide_one_does_not():

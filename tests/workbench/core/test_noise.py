@@ -1,4 +1,5 @@
 import numpy as np
+from numpy.testing import assert_array_equal
 
 from aerodima.workbench.core.sampled import CounterNoise
 
@@ -8,7 +9,7 @@ def test_same_seed_and_name_repeat_bit_for_bit_in_any_order():
     backwards = CounterNoise(7, "imu", 9)
     a = np.array([forwards.at(k) for k in range(300)])
     b = np.array([backwards.at(k) for k in reversed(range(300))])[::-1]
-    np.testing.assert_array_equal(a, b)
+    assert_array_equal(a, b)
 
 
 def test_other_seed_or_name_is_independent():
@@ -43,5 +44,5 @@ def test_numbers_are_standard_normal_and_white():
 
 def test_bias_of_the_run_is_constant_and_no_sample():
     noise = CounterNoise(3, "imu", 9)
-    np.testing.assert_array_equal(noise.constant(), CounterNoise(3, "imu", 9).constant())
+    assert_array_equal(noise.constant(), CounterNoise(3, "imu", 9).constant())
     assert not any(np.array_equal(noise.constant(), noise.at(k)) for k in range(200))

@@ -42,11 +42,11 @@ def swing_truth(time):
     return table
 
 
-def swing_readings(seed=3):
+def swing_readings():
     """The truth with drift and noise, and with the gap, in our names and units."""
     time = np.arange(round(LENGTH * RATE) + 1) / RATE
     table = swing_truth(time)
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(3)
     table[list(WRENCH)] += np.outer(time, DRIFT) + NOISE * generator.standard_normal((time.size, 6))
     table["current_a"] += 0.005 * generator.standard_normal(time.size)
     lost = (time > GAP[0] + 1e-9) & (time < GAP[1] - 1e-9)

@@ -14,21 +14,14 @@ from aerodima.workbench.logs.signals import (
     low_pass_columns,
     remove_drift,
 )
-from tests.refusals import assert_refused
+from tests.refusals import assert_named, assert_refused
 
 TIMES = np.arange(5001) / 500.0
 
 
-def rig_log(
-    signals=None,
-    time=TIMES,
-    kind="swing",
-    **extra,
-):
+def rig_log(signals=None, time=TIMES):
     table = pd.DataFrame({"time_s": time, "angle_rad": np.zeros(time.size), **(signals or {})})
-    return run_log_from_metadata(
-        table, run_metadata({}, 0, kind=kind, extra=extra), source="rig.parquet"
-    )
+    return run_log_from_metadata(table, run_metadata({}, 0, kind="swing"), source="rig.parquet")
 
 
 def test_drift_is_the_line_through_the_resting_part_only():
@@ -126,4 +119,4 @@ def test_a_constant_signal_is_filtered_to_itself():
     done = low_pass_columns(rig_log({"force_y_n": 2.0}), ["force_y_n"], LowPass(2, 5.0))
     assert np.allclose(done.signal("force_y_n"), 2.0, atol=1e-12)
     (note,) = conditioning_notes(done)
-    assert all(told in note for told in ("2", "5 Hz", "force_y_n"))
+    assert_named(note, ("2", "5 Hz", "force_y_n"))

@@ -15,7 +15,7 @@ from aerodima.workbench.logs.importers import import_log, read_foreign_log
 from aerodima.workbench.logs.log_findings import refuse_implausible, refuse_inconsistent_rates
 from aerodima.workbench.logs.mapping import CsvFormat, mapping_from
 from aerodima.workbench.logs.signals import hold_last
-from tests.refusals import assert_refused
+from tests.refusals import assert_named, assert_refused
 
 TIMES = np.arange(400) / 100.0
 ANGLE = 0.5 * np.sin(2.0 * TIMES)
@@ -99,7 +99,7 @@ def assert_told(found, column, time, *named):
     """What a finding says: its column, its time (s), and what its text must name."""
     assert found.column == column
     assert found.time == (None if time is None else pytest.approx(time))
-    assert [part for part in named if part not in found.text] == []
+    assert_named(found.text, named)
 
 
 def assert_is_the_swing(table):
@@ -118,16 +118,13 @@ def test_csv_and_parquet_give_the_same_log(tmp_path):
 
 
 def test_mat_of_version_5_with_structs(tmp_path):
-    savemat(
-        tmp_path / "log.mat",
-        {"data": {name: foreign()[name].to_numpy() for name in foreign()}, "note": "text"},
-    )
+    savemat(tmp_path / "log.mat", {"data": dict(foreign()), "note": "text"})
     assert_is_the_swing(import_log(tmp_path / "log.mat", swing_mapping("data.")).run_log.table)
 
 
 def test_mat_of_version_7_3_with_a_matrix(tmp_path):
     """The second column of F is -Fy: rows and columns are not mixed up."""
-    write_mat_7_3(tmp_path / "log.mat", {name: foreign()[name].to_numpy() for name in foreign()})
+    write_mat_7_3(tmp_path / "log.mat", dict(foreign()))
     mapping = swing_mapping("data.", columns={"force_y_n": {"from": "F(2)", "scale": -1}})
     assert_is_the_swing(import_log(tmp_path / "log.mat", mapping).run_log.table)
 
@@ -297,14 +294,9 @@ def test_empty_cells_of_a_sparse_table_are_no_samples(tmp_path):
 
 
 def test_a_slow_source_that_stops_is_reported(tmp_path):
-    savemat(
-        tmp_path / "a.mat",
-        {**{name: foreign()[name] for name in foreign()}, "tg": np.arange(10.0), "g": np.ones(10)},
-    )
-    savemat(
-        tmp_path / "b.mat",
-        {**{name: foreign()[name] for name in foreign()}, "tg": [0.0, 1.0, 2.0], "g": np.ones(3)},
-    )
+    for name, number in (("a.mat", 10), ("b.mat", 3)):
+        slow = {"tg": np.arange(float(number)), "g": np.ones(number)}
+        savemat(tmp_path / name, {**foreign(), **slow})
     mapping = swing_mapping(columns={"current_a": {"from": "g", "time": "tg", "time_unit": "s"}})
     assert not [
         found
@@ -366,8 +358,7 @@ def test_what_makes_every_figure_wrong_is_named(tmp_path, table, mapping, named)
 
 
 def test_a_column_of_another_length_needs_times_of_its_own(tmp_path):
-    columns = {name: foreign()[name] for name in foreign()}
-    savemat(tmp_path / "a.mat", {**columns, "g": np.ones(10)})
+    savemat(tmp_path / "a.mat", {**foreign(), "g": np.ones(10)})
     mapping = swing_mapping(columns={"current_a": {"from": "g"}})
     assert_refused(lambda: import_log(tmp_path / "a.mat", mapping), LogError, "'g'", "10", "400")
 

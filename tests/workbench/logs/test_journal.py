@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
+from numpy.testing import assert_array_equal
 
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.journal import JournalWriter, journal_path, read_journal, recover
@@ -29,15 +30,23 @@ def row(number):
     return np.array([0.01 * number, np.sin(number), -float(number)])
 
 
+def fill(journal, *numbers):
+    for number in range(*numbers):
+        journal.append(row(number))
+
+
 def written(path, rows, **options):
     journal = JournalWriter(path, COLUMNS, metadata(), **options)
-    for number in range(rows):
-        journal.append(row(number))
+    fill(journal, rows)
     return journal
 
 
 def expected(rows):
     return np.array([row(number) for number in range(rows)])
+
+
+def assert_rows(table, rows):
+    assert_array_equal(table.to_numpy(), expected(rows))
 
 
 @pytest.mark.parametrize("rows", [0, 1, 249, 250, 251, 1003])
@@ -47,7 +56,7 @@ def test_an_orderly_run_becomes_parquet_and_leaves_no_journal(tmp_path, rows):
     run = read_run_log(path)
     assert run.table.to_numpy().shape == (rows, 3)
     if rows:
-        np.testing.assert_array_equal(run.table.to_numpy(), expected(rows))
+        assert_rows(run.table, rows)
     assert run.seed == 3
     assert list(tmp_path.iterdir()) == [path]
 
@@ -58,9 +67,7 @@ def test_the_caller_may_reuse_its_row(tmp_path):
         for number in range(5):
             buffer[:] = row(number)
             journal.append(buffer)
-    np.testing.assert_array_equal(
-        read_run_log(tmp_path / "run.parquet").table.to_numpy(), expected(5)
-    )
+    assert_rows(read_run_log(tmp_path / "run.parquet").table, 5)
 
 
 def test_an_exception_keeps_the_journal_with_every_row(tmp_path):
@@ -68,8 +75,7 @@ def test_an_exception_keeps_the_journal_with_every_row(tmp_path):
 
     def run_that_fails():
         with JournalWriter(path, COLUMNS, metadata()) as journal:
-            for number in range(260):
-                journal.append(row(number))
+            fill(journal, 260)
             raise RuntimeError("the plant blew up")
 
     with pytest.raises(RuntimeError, match="the plant blew up"):
@@ -78,7 +84,7 @@ def test_an_exception_keeps_the_journal_with_every_row(tmp_path):
     rescued = recover(journal_path(path))
     assert (rescued.path, rescued.rows, rescued.complete) == (path, 260, True)
     run = read_run_log(path)
-    np.testing.assert_array_equal(run.table.to_numpy(), expected(260))
+    assert_rows(run.table, 260)
     assert run.extra["recovered_rows"] == 260
     assert journal_path(path).exists()
 
@@ -99,7 +105,7 @@ def test_any_cut_rescues_the_complete_batches_and_nothing_else(tmp_path):
         assert (not damage) == (length == len(content))
         rows = table.num_rows
         if rows:
-            np.testing.assert_array_equal(table.to_pandas().to_numpy(), expected(rows))
+            assert_rows(table.to_pandas(), rows)
         rescued.append(rows)
     assert rescued == sorted(rescued)
     assert set(rescued) == {-1, 0, 1, 5, 9, 12}
@@ -178,7 +184,7 @@ def test_the_journal_of_another_run_is_left_alone(tmp_path):
     second = written(path, 7)
     assert second.in_place
     first.close()
-    np.testing.assert_array_equal(read_run_log(path).table.to_numpy(), expected(5))
+    assert_rows(read_run_log(path).table, 5)
     assert read_journal(second.abandon())[0].num_rows == 7
 
 
@@ -215,7 +221,7 @@ def test_no_flipped_bit_gives_a_wrong_value_or_goes_unsaid(tmp_path):
         table, damage = read_journal(journal)
         rows = table.to_pandas().to_numpy()
         numbers = np.rint(100.0 * rows[:, 0]).astype(int)
-        np.testing.assert_array_equal(rows, every_row[numbers])
+        assert_array_equal(rows, every_row[numbers])
         lost = np.setdiff1d(np.arange(300), numbers)
         assert "damaged" in damage[0]
         if len(lost):
@@ -233,10 +239,9 @@ def test_what_others_do_to_the_journal_costs_no_row_and_stands_in_the_log(tmp_pa
         os.truncate(journal.journal, int(left * journal.journal.stat().st_size))
         journal.check()
         assert read_journal(journal.journal)[0].num_rows == journal.rows > rows - 10
-        for number in range(rows, rows + 40):
-            journal.append(row(number))
+        fill(journal, rows, rows + 40)
     run = read_run_log(journal.close())
-    np.testing.assert_array_equal(run.table.to_numpy(), expected(120))
+    assert_rows(run.table, 120)
     assert str(journal.journal) in run.extra["journal_notes"][0]
 
 
@@ -267,7 +272,7 @@ def test_a_journal_of_version_0_3_is_read_and_its_doubts_are_named(tmp_path):
             rows = [row(number) for number in range(begin, begin + 4)]
             stream.write_table(pa.table(list(np.array(rows).T), schema=schema))
     table, damage = read_journal(old)
-    np.testing.assert_array_equal(table.to_pandas().to_numpy(), expected(12))
+    assert_rows(table.to_pandas(), 12)
     assert "checksums" in " ".join(damage)
     content = old.read_bytes()
     for place in range(0, len(content), 5):
@@ -282,11 +287,7 @@ def test_a_journal_of_version_0_3_is_read_and_its_doubts_are_named(tmp_path):
     ids=["the first row and full batches", "old batches"],
 )
 def test_full_and_old_batches_are_in_the_file_while_the_run_goes_on(tmp_path, options, in_file):
-    journal = JournalWriter(
-        tmp_path / "run.parquet", COLUMNS, metadata(), **{"flush_interval": 60.0, **options}
-    )
-    for number in range(10):
-        journal.append(row(number))
+    journal = written(tmp_path / "run.parquet", 10, **{"flush_interval": 60.0, **options})
     assert read_journal(journal.journal)[0].num_rows == in_file
     journal.close()
 
@@ -331,4 +332,4 @@ def test_a_killed_process_loses_at_most_the_batch_it_was_filling(tmp_path):
     assert not rescued.complete
     # 637 rows in batches of 250, or in smaller ones of at most a second on a slow machine.
     assert 500 <= rescued.rows <= 637
-    np.testing.assert_array_equal(read_run_log(path).table.to_numpy(), expected(rescued.rows))
+    assert_rows(read_run_log(path).table, rescued.rows)

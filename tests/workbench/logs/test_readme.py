@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from aerodima.workbench import logs
-from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.metrics.turn_metrics import metrics_of
+from tests.commands import call, done
+from tests.refusals import assert_named
 from tests.workbench.logs.foreign_logs import (
     CAR_SPEED,
     GAP,
@@ -46,23 +46,15 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def call(words):
-    result = CliRunner().invoke(build_app(), words, catch_exceptions=False)
-    assert result.exit_code == 0, result.output
-    return result
-
-
 def test_swing_of_the_readme_comes_out_as_it_was(folder):
     """Degrees, mA, N mm, turned signs, 500 Hz, a gap, drift and offsets: the truth is met within
     the noise left.
     """
     write_laboratory_csv(folder / "swing.csv", swing_readings())
     importing, conditioning = commands(0)
-    notes = call(importing).stderr
-    assert all(
-        told in notes for told in (f"{GAP[0]:g} s", f"{GAP[1] - GAP[0]:.2g} s", "19", "Temp")
-    )
-    said = call(conditioning).stdout
+    notes = call(*importing).stderr
+    assert_named(notes, (f"{GAP[0]:g} s", f"{GAP[1] - GAP[0]:.2g} s", "19", "Temp"))
+    said = done(*conditioning)
     assert "19 rows" in said
     assert "force_x_n" in said
     run_log = read_run_log(folder / "swing.parquet")
@@ -82,11 +74,11 @@ def test_swing_of_the_readme_comes_out_as_it_was(folder):
         # that is 0.8 of it, twice that at 2 sigma.
         assert np.sqrt(np.mean(error**2)) < 1.6 * noise, name
     (in_python,) = blocks("python")
-    done = {}
-    exec(in_python, done)  # the same log, drift from a rest before and one after the swing
-    assert len(done["log"].extra["conditioning"]) == 3
-    for name, noise in zip(done["forces"], [0.01, 0.02], strict=True):
-        error = (done["log"].signal(name)[swinging] - truth[name].to_numpy())[away]
+    names = {}
+    exec(in_python, names)  # the same log, drift from a rest before and one after the swing
+    assert len(names["log"].extra["conditioning"]) == 3
+    for name, noise in zip(names["forces"], [0.01, 0.02], strict=True):
+        error = (names["log"].signal(name)[swinging] - truth[name].to_numpy())[away]
         # 0.28 of the noise passes the filter; the drift line adds about as much.
         assert np.sqrt(np.mean(error**2)) < 0.5 * noise, name
     # The gap is bridged by straight lines: the angle bends by at most pi/2 * 16.5/s2 * (0.04 s)2 /
@@ -98,18 +90,17 @@ def test_swing_of_the_readme_comes_out_as_it_was(folder):
 def test_run_of_the_car_of_the_readme_gives_its_metrics(folder):
     car_files(folder)
     importing, metrics, replay = commands(1)
-    notes = call(importing).stderr
+    notes = call(*importing).stderr
     assert "speed_m_per_s" in notes
     assert "6 earlier rows" in notes
-    assert "average_yaw_rate_rad_per_s" in call(metrics).stdout
-    call(replay)
+    assert "average_yaw_rate_rad_per_s" in done(*metrics)
+    done(*replay)
     assert (folder / "car.html").stat().st_size > 1e6
     run_log = read_run_log(folder / "car.parquet")
     speed = run_log.signal("speed_m_per_s")
     changes = run_log.time[1:][np.diff(speed) != 0.0]
-    assert changes[0] == pytest.approx(
-        0.1 + GPS_LATE - 0.055, abs=1e-6
-    )  # rows start at the first after 55 ms: 60 ms
+    # Rows start at the first after 55 ms: 60 ms.
+    assert changes[0] == pytest.approx(0.1 + GPS_LATE - 0.055, abs=1e-6)
     assert np.allclose(np.diff(changes), 0.1, atol=1e-6), "a GPS sample is held for ten rows"
     measured = metrics_of(run_log)
     assert measured.direction == "left"

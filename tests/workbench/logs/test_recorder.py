@@ -4,6 +4,7 @@ headings.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
@@ -49,10 +50,10 @@ def record(tmp_path, rate, until, names, **options):
 def test_headings_are_unwrapped_and_other_angles_are_not(tmp_path):
     table = record(tmp_path, 100.0, 1.0, ["yaw_truth_rad", "imu_yaw_rad", "sail_angle_rad"])
     time = table["time_s"].to_numpy()
-    np.testing.assert_allclose(time, np.arange(101) * 0.01, atol=1e-12)
-    np.testing.assert_allclose(table["yaw_truth_rad"], 20 * time, atol=1e-9)
-    np.testing.assert_allclose(table["imu_yaw_rad"], -20 * time, atol=1e-9)
-    np.testing.assert_allclose(table["sail_angle_rad"], np.sin(-20 * time), atol=1e-9)
+    assert_allclose(time, np.arange(101) * 0.01, atol=1e-12)
+    assert_allclose(table["yaw_truth_rad"], 20 * time, atol=1e-9)
+    assert_allclose(table["imu_yaw_rad"], -20 * time, atol=1e-9)
+    assert_allclose(table["sail_angle_rad"], np.sin(-20 * time), atol=1e-9)
 
 
 def test_angle_of_another_name_keeps_its_jumps(tmp_path):

@@ -1,5 +1,5 @@
-import dataclasses
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -65,8 +65,8 @@ def test_what_is_written_comes_back_bit_for_bit(tmp_path):
 )
 def test_the_smallest_difference_makes_runs_unequal(change):
     run = awkward_run()
-    assert signals_equal(run, dataclasses.replace(run, table=run.table.copy()))
-    assert not signals_equal(run, dataclasses.replace(run, table=change(run.table)))
+    assert signals_equal(run, replace(run, table=run.table.copy()))
+    assert not signals_equal(run, replace(run, table=change(run.table)))
 
 
 def test_pandas_reads_the_file_without_this_project(tmp_path):
@@ -137,7 +137,7 @@ def other_version(folder):
 def less(folder, write):
     """Without two columns that it must have."""
     run = made_up_run()
-    run = dataclasses.replace(run, table=run.table.drop(columns=["imu_yaw_rad", "tilt_truth_rad"]))
+    run = replace(run, table=run.table.drop(columns=["imu_yaw_rad", "tilt_truth_rad"]))
     if write:
         write_run_log(run, folder / "run.parquet")
     table = pa.Table.from_pandas(run.table)
@@ -145,7 +145,7 @@ def less(folder, write):
 
 
 def nan_in_metadata(folder):
-    run = dataclasses.replace(made_up_run(), extra={"tail_mass_kg": float("nan")})
+    run = replace(made_up_run(), extra={"tail_mass_kg": float("nan")})
     write_run_log(run, folder / "run.parquet")
 
 
@@ -153,7 +153,7 @@ def text_in_a_signal(folder):
     run = made_up_run()
     table = run.table.astype({"throttle_command": object})
     table.loc[0, "throttle_command"] = "full"
-    write_run_log(dataclasses.replace(run, table=table), folder / "run.parquet")
+    write_run_log(replace(run, table=table), folder / "run.parquet")
 
 
 def no_such_column(folder):
@@ -218,9 +218,9 @@ def test_metadata_of_another_type_are_named(tmp_path, name, value, place):
 
 @pytest.mark.parametrize("value", [[0.0], [0.0, 1.0, 2.0], [0.0, float("nan")], ["a", "b"], 3.0])
 def test_numbers_that_metadata_state_are_as_many_as_asked_for_and_finite(value):
-    run = dataclasses.replace(made_up_run(), extra={"rest_s": value})
+    run = replace(made_up_run(), extra={"rest_s": value})
     assert_refused(lambda: run.stated("rest_s", 2), LogError, "rest_s", repr(value))
-    assert dataclasses.replace(run, extra={"rest_s": [0, 2]}).stated("rest_s", 2) == (0.0, 2.0)
+    assert replace(run, extra={"rest_s": [0, 2]}).stated("rest_s", 2) == (0.0, 2.0)
     assert run.stated("another", 2) is None
 
 
@@ -235,7 +235,7 @@ def test_optional_column_that_a_log_lacks_is_read_as_nan(tmp_path, monkeypatch):
         read_run_log(write_run_log(run, tmp_path / "after.parquet")).signal(later.name) == 0.5
     ).all()
     monkeypatch.setitem(
-        CAR_PORTS, "speed", [*CAR_PORTS["speed"][:1], dataclasses.replace(later, optional=False)]
+        CAR_PORTS, "speed", [*CAR_PORTS["speed"][:1], replace(later, optional=False)]
     )
     assert_refused(lambda: read_run_log(path), LogError, later.name)
 
@@ -243,9 +243,9 @@ def test_optional_column_that_a_log_lacks_is_read_as_nan(tmp_path, monkeypatch):
 def test_a_car_without_a_tail_needs_no_tail_truth(tmp_path):
     names = [column.name for column in CAR_TRUTH["tail_truth"]]
     bare = made_up_run(tail_mode="none")
-    bare = dataclasses.replace(bare, table=bare.table.drop(columns=names))
+    bare = replace(bare, table=bare.table.drop(columns=names))
     assert read_run_log(write_run_log(bare, tmp_path / "bare.parquet")).has_truth
-    tailed = dataclasses.replace(bare, scenario=made_up_run(tail_mode="held").scenario)
+    tailed = replace(bare, scenario=made_up_run(tail_mode="held").scenario)
     assert_refused(
         lambda: write_run_log(tailed, tmp_path / "tailed.parquet"), LogError, "tail_com_x_truth_m"
     )

@@ -20,7 +20,7 @@ from aerodima.workbench.metrics.run_summary import (
     tail_mode_of,
 )
 from tests.refusals import assert_refused
-from tests.workbench.made_up_runs import made_up_run, times
+from tests.workbench.made_up_runs import both_sides, made_up_run, times
 
 
 def test_swing_times_come_from_the_state_of_the_controller():
@@ -38,10 +38,10 @@ def test_a_swing_that_the_log_cuts_off_has_no_end():
     assert summary.swing_end_time is None
 
 
-@pytest.mark.parametrize(("direction", "sign"), [("left", 1.0), ("right", -1.0)])
-def test_peak_of_the_gyro_counts_into_the_turn(direction, sign):
+@both_sides
+def test_peak_of_the_gyro_counts_into_the_turn(direction, side):
     # Into the turn 0.8 rad/s within the window, out of it 2 rad/s, and 5 rad/s after the window.
-    gyro = sign * (
+    gyro = side * (
         0.8 * (times() < 2.3) - 2.0 * ((times() >= 2.3) & (times() < 2.6)) + 5.0 * (times() > 2.7)
     )
     summary = summarise(made_up_run({"imu_gyro_z_rad_per_s": gyro}, direction=direction), "run")

@@ -1,5 +1,5 @@
-import dataclasses
 import math
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -9,32 +9,33 @@ from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.signals import IMU_FILTER, low_pass
 from aerodima.workbench.metrics.turn_metrics import metrics_of, outcome_from, outcome_of
 from tests.refusals import assert_refused
-from tests.workbench.made_up_runs import SPEED, STEP, made_up_run, times
+from tests.workbench.made_up_runs import SPEED, STEP, both_sides, made_up_run, times
 
 TURN = (2.0, 2.64)
 PEAK = 2.0
 """Of the yaw-rate pulse, rad/s."""
 
 
-def pulse(peak=PEAK, start=TURN[0], length=TURN[1] - TURN[0]):
+def pulse(peak=PEAK, start=TURN[0]):
     """Half a sine over the window: mean 2/pi of the peak, integral 2/pi of peak x length."""
-    phase = np.clip((times() - start) / length, 0.0, 1.0)
+    phase = np.clip((times() - start) / (TURN[1] - TURN[0]), 0.0, 1.0)
     return peak * np.sin(np.pi * phase)
 
 
-def ramp(size, start=TURN[0], end=TURN[1]):
-    return size * np.clip((times() - start) / (end - start), 0.0, 1.0)
+def ramp(size):
+    return size * np.interp(times(), TURN, [0.0, 1.0])
 
 
-def doublet(size, start=2.1, half=0.25):
-    """A roll rate out and back: +size for `half` seconds, then -size for as long; leans by size x
-    half in between.
+def doublet(size, start=2.1):
+    """A roll rate out and back: +size for 0.25 s, then -size for as long; leans by size x 0.25 s in
+    between.
     """
     t = times()
-    return size * (
-        ((t >= start) & (t < start + half)) * 1.0
-        - ((t >= start + half) & (t < start + 2 * half)) * 1.0
-    )
+    return size * np.select([t < start, t < start + 0.25, t < start + 0.5], [0.0, 1.0, -1.0], 0.0)
+
+
+def measured(*signals, **options):
+    return metrics_of(made_up_run(*signals, **options))
 
 
 def turning(side):
@@ -56,15 +57,18 @@ def turning(side):
     }
 
 
-def test_a_known_yaw_rate_pulse_gives_the_known_metrics():
-    """Trapezoid sums of a sine over 320 steps err by (pi/320)^2/12 = 8e-6 of the integral."""
-    raw = metrics_of(made_up_run(turning(1.0))).raw
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_known_yaw_rate_pulse_gives_the_known_metrics(side):
+    """Maxima are magnitudes, averages are signed. Trapezoid sums of a sine over 320 steps err by
+    (pi/320)^2/12 = 8e-6 of the integral.
+    """
+    raw = measured({"gyro_z_truth_rad_per_s": side * pulse()}).raw
     assert raw.speed_m_per_s == SPEED
     assert raw.max_yaw_rate_rad_per_s == pytest.approx(PEAK, rel=1e-5)
-    assert raw.average_yaw_rate_rad_per_s == pytest.approx(PEAK * 2.0 / math.pi, rel=1e-5)
-    assert raw.max_kohut_deg_m_per_s2 == pytest.approx(SPEED * PEAK * 180.0 / math.pi, rel=1e-5)
+    assert raw.average_yaw_rate_rad_per_s == pytest.approx(side * PEAK * 2.0 / math.pi, rel=1e-5)
+    assert raw.max_kohut_deg_m_per_s2 == pytest.approx(math.degrees(SPEED * PEAK), rel=1e-5)
     assert raw.average_kohut_deg_m_per_s2 == pytest.approx(
-        SPEED * PEAK * 360.0 / math.pi**2, rel=1e-5
+        side * SPEED * PEAK * 360.0 / math.pi**2, rel=1e-5
     )
 
 
@@ -72,57 +76,35 @@ def test_only_the_window_counts_and_both_its_ends_do():
     t = times()
     inside = (t >= TURN[0] - 1e-9) & (t <= TURN[1] + 1e-9)
     assert np.count_nonzero(turn_signals(made_up_run()).in_window) == 321
-    raw = metrics_of(
-        made_up_run({"acceleration_y_truth_m_per_s2": np.where(inside, 1.0, 50.0)})
-    ).raw
+    raw = measured({"acceleration_y_truth_m_per_s2": np.where(inside, 1.0, 50.0)}).raw
     assert (raw.max_linear_acceleration_m_per_s2, raw.average_linear_acceleration_m_per_s2) == (
         1.0,
         1.0,
     )
     for edge in TURN:
         spike = np.where(np.abs(t - edge) < 0.5 * STEP, 7.0, 0.0)
-        assert (
-            metrics_of(made_up_run({"gyro_z_truth_rad_per_s": spike})).raw.max_yaw_rate_rad_per_s
-            == 7.0
-        )
-
-
-def test_maxima_are_magnitudes_and_averages_are_signed():
-    raw = metrics_of(made_up_run({"gyro_z_truth_rad_per_s": -pulse()})).raw
-    assert raw.max_yaw_rate_rad_per_s == pytest.approx(PEAK, rel=1e-5)
-    assert raw.average_yaw_rate_rad_per_s == pytest.approx(-PEAK * 2.0 / math.pi, rel=1e-5)
+        assert measured({"gyro_z_truth_rad_per_s": spike}).raw.max_yaw_rate_rad_per_s == 7.0
 
 
 def test_left_and_right_turns_that_mirror_each_other_measure_the_same():
-    left = metrics_of(made_up_run(turning(1.0)))
-    right = metrics_of(made_up_run(turning(-1.0), direction="right"))
+    left = measured(turning(1.0))
+    right = measured(turning(-1.0), direction="right")
     assert (left.direction, right.direction) == ("left", "right")
     for one, other in ((left.raw, right.raw), (left.filtered, right.filtered)):
-        assert dataclasses.astuple(one) == pytest.approx(dataclasses.astuple(other), rel=1e-12)
+        assert astuple(one) == pytest.approx(astuple(other), rel=1e-12)
     assert left.raw.average_yaw_rate_rad_per_s > 0
-    assert (
-        dataclasses.replace(right, direction="left", raw=left.raw, filtered=left.filtered) == left
-    )
+    assert replace(right, direction="left", raw=left.raw, filtered=left.filtered) == left
 
 
-@pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
+@both_sides
 def test_the_roll_integral_is_the_largest_lean_outwards(direction, side):
-    """1.2 rad/s for 0.25 s outwards and back is a lean of 0.3 rad; each edge of the doublet is
-    blurred by a step.
+    """1.2 rad/s for 0.25 s outwards and back is a lean of 0.3 rad, after the turn, too; each edge
+    of the doublet is blurred by a step.
     """
-    outwards = {"gyro_x_truth_rad_per_s": side * doublet(1.2)}
-    assert metrics_of(made_up_run(outwards, direction)).raw.roll_integral_rad == pytest.approx(
-        0.3, abs=1.2 * STEP
-    )
-    inwards = {"gyro_x_truth_rad_per_s": -side * doublet(1.2)}
-    assert metrics_of(made_up_run(inwards, direction)).raw.roll_integral_rad == pytest.approx(
-        0.0, abs=1.2 * STEP
-    )
-
-
-def test_the_roll_integral_runs_over_the_whole_run():
-    late = {"gyro_x_truth_rad_per_s": doublet(1.2, start=3.2)}
-    assert metrics_of(made_up_run(late)).raw.roll_integral_rad == pytest.approx(0.3, abs=1.2 * STEP)
+    for outwards, lean in ((doublet(1.2), 0.3), (doublet(-1.2), 0.0), (doublet(1.2, 3.2), 0.3)):
+        rate = {"gyro_x_truth_rad_per_s": side * outwards}
+        found = measured(rate, direction).raw.roll_integral_rad
+        assert found == pytest.approx(lean, abs=1.2 * STEP)
 
 
 def test_filtered_metrics_are_those_of_the_imu_at_100_hz_after_the_filter():
@@ -161,20 +143,18 @@ def test_speed_passes_the_filter_of_the_gps():
     of 1 Hz.
     """
     speed = SPEED + np.cos(2.0 * np.pi * 3.0 * (times() - TURN[0]))
-    metrics = metrics_of(made_up_run({"velocity_x_truth_m_per_s": speed, "speed_m_per_s": speed}))
+    metrics = measured({"velocity_x_truth_m_per_s": speed, "speed_m_per_s": speed})
     assert metrics.raw.speed_m_per_s == pytest.approx(SPEED + 1.0)
     assert metrics.filtered.speed_m_per_s == pytest.approx(SPEED + 1.0 / 82.0, abs=2e-3)
 
 
 def test_speed_is_that_at_the_start_of_the_turn_over_the_ground():
     speed = {"velocity_x_truth_m_per_s": 1.5 * times(), "velocity_y_truth_m_per_s": 2.0 * times()}
-    assert metrics_of(made_up_run(speed)).raw.speed_m_per_s == pytest.approx(
-        2.5 * TURN[0], rel=1e-12
-    )
+    assert measured(speed).raw.speed_m_per_s == pytest.approx(2.5 * TURN[0], rel=1e-12)
 
 
 def test_the_rest_of_a_run_is_measured_from_the_turn_on():
-    metrics = metrics_of(made_up_run(turning(1.0)))
+    metrics = measured(turning(1.0))
     assert metrics.source == "truth"
     assert metrics.peak_roll_rad == pytest.approx(0.3)
     assert metrics.heading_change_rad == pytest.approx(0.8)
@@ -184,7 +164,7 @@ def test_the_rest_of_a_run_is_measured_from_the_turn_on():
 
 def test_tail_energy_is_the_positive_work_only():
     power = np.where((times() >= 2.2) & (times() < 2.5), 40.0, -25.0)
-    metrics = metrics_of(made_up_run({"tail_power_truth_w": power}))
+    metrics = measured({"tail_power_truth_w": power})
     assert metrics.tail_energy_j == pytest.approx(12.0, abs=40.0 * STEP)
 
 
@@ -193,8 +173,8 @@ def test_time_on_two_wheels_counts_steps_with_fewer_than_three_wheels_loaded():
     lifted = np.where((t >= 2.2) & (t < 2.5), 0.0, 15.0)
     three = {"wheel_force_front_left_z_truth_n": lifted}
     two = {**three, "wheel_force_rear_left_z_truth_n": lifted}
-    assert metrics_of(made_up_run(three)).two_wheel_time_s == 0.0
-    metrics = metrics_of(made_up_run(two))
+    assert measured(three).two_wheel_time_s == 0.0
+    metrics = measured(two)
     assert metrics.two_wheel_time_s == pytest.approx(0.3, abs=1e-9)
 
 
@@ -205,10 +185,8 @@ def test_speed_in_the_turn_counts_where_the_car_turns():
         "gyro_z_truth_rad_per_s": np.where(first, 2.0, 1.0),
     }
     expected = (3.0 * 2.0 + 2.0 * 1.0) / (2.0 + 1.0)
-    assert metrics_of(made_up_run(signals)).speed_in_turn_m_per_s == pytest.approx(
-        expected, rel=STEP / 0.32
-    )
-    assert metrics_of(made_up_run()).speed_in_turn_m_per_s == SPEED
+    assert measured(signals).speed_in_turn_m_per_s == pytest.approx(expected, rel=STEP / 0.32)
+    assert measured().speed_in_turn_m_per_s == SPEED
 
 
 @pytest.mark.parametrize(("direction", "inner"), [("left", "rear_left"), ("right", "front_right")])
@@ -220,9 +198,9 @@ def test_the_lift_of_an_inner_wheel_ends_the_contact_and_that_of_an_outer_one_do
     rate = {"gyro_z_truth_rad_per_s": 5.0 * (t - 2.0) * (1.0 if direction == "left" else -1.0)}
     lifted = {f"wheel_force_{inner}_z_truth_n": np.where(t >= 2.3, 0.0, 15.0)}
     other = {f"wheel_force_{outer}_z_truth_n": np.where(t >= 2.1, 0.0, 15.0)}
-    found = metrics_of(made_up_run({**rate, **lifted, **other}, direction)).lift_yaw_rate_rad_per_s
+    found = measured({**rate, **lifted, **other}, direction).lift_yaw_rate_rad_per_s
     assert found == pytest.approx(1.5, abs=5.0 * STEP)
-    found = metrics_of(made_up_run({**rate, **other}, direction)).lift_yaw_rate_rad_per_s
+    found = measured({**rate, **other}, direction).lift_yaw_rate_rad_per_s
     assert found == pytest.approx(5.0 * (TURN[1] - TURN[0]), abs=5.0 * STEP)
 
 
@@ -239,7 +217,7 @@ def test_without_truth_the_sensors_are_used_and_the_result_says_so():
         "tail_roll_torque_n_m": pulse(5.0),
         "tail_roll_rate_rad_per_s": 2.0,
     }
-    metrics = metrics_of(made_up_run(sensed, truth=False))
+    metrics = measured(sensed, truth=False)
     assert metrics.source == "sensors"
     assert metrics.raw.max_yaw_rate_rad_per_s == pytest.approx(PEAK, rel=1e-5)
     assert metrics.raw.average_linear_acceleration_m_per_s2 == pytest.approx(4.0)
@@ -265,7 +243,7 @@ def test_the_turn_of_the_auto_sequence_starts_at_the_first_steering_command():
     assert metrics_of(run).raw.average_yaw_rate_rad_per_s == pytest.approx(
         PEAK * 2.0 / math.pi, rel=1e-5
     )
-    assert_refused(lambda: metrics_of(made_up_run(kind="auto_turn")), LogError, "steering")
+    assert_refused(lambda: measured(kind="auto_turn"), LogError, "steering")
 
 
 def test_a_straight_run_is_measured_over_all_of_it():
@@ -290,13 +268,13 @@ def test_a_straight_run_is_measured_over_all_of_it():
     ids=["NaN", "NaN power", "unsorted", "gap", "too short"],
 )
 def test_what_is_wrong_with_a_log_is_named(change, named):
-    assert_refused(lambda: metrics_of(made_up_run(change)), LogError, *named)
+    assert_refused(lambda: measured(change), LogError, *named)
 
 
 @pytest.mark.parametrize("servo", [{}, {"rate": 0.0}, {"rate": -1.0}])
 def test_a_servo_without_a_rate_is_named(servo):
     run = made_up_run()
-    run = dataclasses.replace(run, scenario={**run.scenario, "servo": servo})
+    run = replace(run, scenario={**run.scenario, "servo": servo})
     assert_refused(lambda: metrics_of(run), LogError, "servo.rate")
 
 
@@ -391,7 +369,7 @@ def test_filtered_metrics_are_the_sensors_and_raw_ones_the_truth():
         {**turning(1.0), "imu_gyro_z_rad_per_s": 3.0 * pulse(), "speed_m_per_s": 1.1 * SPEED}
     )
     metrics = metrics_of(run)
-    honest = metrics_of(made_up_run(turning(1.0)))
+    honest = measured(turning(1.0))
     assert metrics.like("simulated") == metrics.raw == honest.raw
     assert metrics.like("physical") == metrics.filtered
     assert metrics.filtered.max_yaw_rate_rad_per_s == pytest.approx(

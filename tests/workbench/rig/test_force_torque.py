@@ -4,10 +4,12 @@ step.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.rig.rig_sensors import RigSensor, force_errors
 from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
+from tests.workbench.samples import sampled
 
 SETTINGS = load_rig_scenario("static").force_sensor
 OFFSETS = (-0.064, -0.019, 15.695, -0.011, -0.538, 0.013)
@@ -21,11 +23,7 @@ def shown(count, **arguments):
     )
     simulator = Simulator(sensor)
     sensor.GetInputPort("value").FixValue(simulator.get_mutable_context(), WRENCH)
-    rows = []
-    for k in range(count):
-        simulator.AdvanceTo((k + 0.5) / SETTINGS.rate)
-        rows.append(np.array(sensor.GetOutputPort("reading").Eval(simulator.get_context())))
-    return np.array(rows)
+    return sampled(simulator, (np.arange(count) + 0.5) / SETTINGS.rate, "reading")
 
 
 def sensor_readings(wrench, count, settings):
@@ -33,7 +31,7 @@ def sensor_readings(wrench, count, settings):
 
 
 def test_system_and_whole_log_give_the_same_readings():
-    np.testing.assert_allclose(shown(150), sensor_readings(WRENCH, 150, SETTINGS), atol=1e-12)
+    assert_allclose(shown(150), sensor_readings(WRENCH, 150, SETTINGS), atol=1e-12)
 
 
 def test_reading_plus_offset_is_the_wrench_of_a_faultless_sensor():
@@ -41,13 +39,13 @@ def test_reading_plus_offset_is_the_wrench_of_a_faultless_sensor():
         update={f"{axis}_accuracy": 0.0 for axis in ("fx", "fy", "fz", "tx", "ty", "tz")}
     )
     readings = sensor_readings(WRENCH, 3, faultless)
-    np.testing.assert_allclose(readings + OFFSETS, np.tile(WRENCH, (3, 1)), atol=1e-12)
+    assert_allclose(readings + OFFSETS, np.tile(WRENCH, (3, 1)), atol=1e-12)
 
 
 def test_a_wrench_per_sample_is_followed():
     ramp = WRENCH + np.arange(5)[:, None]
     difference = sensor_readings(ramp, 5, SETTINGS) - sensor_readings(WRENCH, 5, SETTINGS)
-    np.testing.assert_allclose(difference, np.tile(np.arange(5.0)[:, None], (1, 6)), atol=1e-12)
+    assert_allclose(difference, np.tile(np.arange(5.0)[:, None], (1, 6)), atol=1e-12)
 
 
 def test_errors_of_a_seed_scale_with_the_accuracy():
@@ -55,10 +53,10 @@ def test_errors_of_a_seed_scale_with_the_accuracy():
     one, two = (force_errors(settings, OFFSETS, 9) for settings in (SETTINGS, doubled))
     for name in ("bias", "drift", "noise"):
         assert getattr(two, name)[0] == pytest.approx(2 * getattr(one, name)[0])
-        np.testing.assert_array_equal(getattr(two, name)[1:], getattr(one, name)[1:])
+        assert_array_equal(getattr(two, name)[1:], getattr(one, name)[1:])
 
 
 def test_readings_end_at_the_range_of_the_sensor():
     limits = np.array(SETTINGS.ranges)
     readings = sensor_readings(np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0]) * 2e4, 3, SETTINGS)
-    np.testing.assert_array_equal(readings, np.tile(limits * [1, -1, 1, -1, 1, -1], (3, 1)))
+    assert_array_equal(readings, np.tile(limits * [1, -1, 1, -1, 1, -1], (3, 1)))

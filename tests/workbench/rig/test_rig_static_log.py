@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from aerodima.workbench.core.errors import ScenarioError
 from aerodima.workbench.core.resources import model_path
@@ -51,10 +52,10 @@ def test_reading_plus_offset_less_bias_is_the_wrench():
     mean = readings(log).mean(axis=0)
     wrench = mean + OFFSETS - np.array(log.extra["bias"])
     # White noise of 1 % of the accuracy, averaged over 20001 samples: five standard errors.
-    np.testing.assert_allclose(
+    assert_allclose(
         wrench, log.extra["true_wrench"], atol=float(np.max(5 * 0.01 * ACCURACIES / 141.0))
     )
-    np.testing.assert_allclose(readings(log).std(axis=0), 0.01 * ACCURACIES, rtol=0.03)
+    assert_allclose(readings(log).std(axis=0), 0.01 * ACCURACIES, rtol=0.03)
 
 
 @pytest.mark.slow
@@ -64,8 +65,8 @@ def test_bias_has_the_published_accuracy_over_many_logs():
     biases = np.array(
         [simulate_static_log(short.varied(seed=seed)).extra["bias"] for seed in range(200)]
     )
-    np.testing.assert_allclose(biases.std(axis=0) / ACCURACIES, 1.0, atol=0.15)
-    np.testing.assert_allclose(biases.mean(axis=0) / ACCURACIES, 0.0, atol=0.22)
+    assert_allclose(biases.std(axis=0) / ACCURACIES, 1.0, atol=0.15)
+    assert_allclose(biases.mean(axis=0) / ACCURACIES, 0.0, atol=0.22)
     correlation = np.corrcoef(biases.T) - np.eye(6)
     assert np.max(np.abs(correlation)) < 0.25
 
@@ -74,11 +75,9 @@ def test_drift_is_a_line_from_the_start_of_the_log():
     settings = {"noise_fraction": 0.0, "drift_fraction": 1e-3}
     log = simulate_static_log(STATIC.varied(force_sensor=settings))
     values = readings(log)
-    np.testing.assert_allclose(
-        values[0] + OFFSETS - log.extra["bias"], log.extra["true_wrench"], atol=1e-12
-    )
+    assert_allclose(values[0] + OFFSETS - log.extra["bias"], log.extra["true_wrench"], atol=1e-12)
     slopes = (values[-1] - values[0]) / 20.0
-    np.testing.assert_allclose(values[10000] - values[0], 10.0 * slopes, atol=1e-9)
+    assert_allclose(values[10000] - values[0], 10.0 * slopes, atol=1e-9)
     assert np.all(np.abs(slopes) < 4e-3 * ACCURACIES)
     assert np.all(slopes != 0.0)
 
@@ -109,8 +108,8 @@ def test_a_rest_without_wind_comes_first_and_has_the_same_bias_and_drift():
     resting = log.time <= 1.0
     assert log.extra["rest_s"] == [0.0, 1.0]
     assert "rest_s" not in hold.extra
-    np.testing.assert_array_equal(readings(log)[~resting], readings(hold)[~resting])
-    np.testing.assert_allclose(
+    assert_array_equal(readings(log)[~resting], readings(hold)[~resting])
+    assert_allclose(
         readings(hold)[resting] - readings(log)[resting],
         np.tile(hold.extra["true_wrench"] - still, (1001, 1)),
         atol=1e-12,

@@ -86,6 +86,9 @@ def test_last_of_two_equal_settings_counts():
         *(({"manoeuvre": {"speed": value}}, ("manoeuvre.speed",)) for value in (math.nan, True)),
         ({"simulation": {"step": 1e-300}}, ("simulation.step", "1e-300", "0.00001")),
         ({"drive": {"governor": 1}}, ("drive.governor", "1")),
+        ({"car": {"tyre_slip_angle": -0.1}}, ("car.tyre_slip_angle", "-0.1")),
+        ({"feedback": {"most_roll": 2.0}}, ("feedback.most_roll", "2")),
+        ({"tail": {"roll_stop": 1.2}}, ("tail.roll_limit", "1.57", "tail.roll_stop", "1.2")),
         ({"tail": {"mode": "flying"}}, ("tail.mode", "'flying'", "'none'", "'held'", "'swing'")),
         *(
             ({"schema": schema}, ("schema", repr(schema), "'aerodima/scenario/1'"))

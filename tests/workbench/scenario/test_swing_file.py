@@ -4,6 +4,7 @@ import math
 import numpy as np
 import pytest
 import yaml
+from numpy.testing import assert_allclose, assert_array_equal
 
 from aerodima.workbench.core.errors import SwingFileError
 from aerodima.workbench.core.resources import model_path
@@ -15,7 +16,7 @@ from aerodima.workbench.scenario.swing_file import (
     swing_from_dict,
     write_swing,
 )
-from tests.refusals import assert_refused
+from tests.refusals import assert_named, assert_refused
 
 THESIS = "swings/thesis_8_rad_per_s.yaml"
 
@@ -51,8 +52,8 @@ def test_the_thesis_swing_travels_130_degrees_at_8_rad_per_s_and_settles_outside
     travel = math.radians(130.0)
     during = np.linspace(0.0, travel / 8.0, 50)
     point = swing_at(swing, during)
-    np.testing.assert_allclose(point.roll_position, -math.pi / 2 + 8.0 * during, atol=1e-9)
-    np.testing.assert_allclose(point.roll_velocity, 8.0, atol=1e-9)
+    assert_allclose(point.roll_position, -math.pi / 2 + 8.0 * during, atol=1e-9)
+    assert_allclose(point.roll_velocity, 8.0, atol=1e-9)
     end = swing_at(swing, 3.0)
     assert (float(end.roll_position), float(end.roll_velocity)) == (pytest.approx(math.pi / 2), 0.0)
     assert float(swing_at(swing, -1.0).roll_position) == pytest.approx(-math.pi / 2)
@@ -77,12 +78,12 @@ def test_the_other_direction_mirrors_roll_and_keeps_pitch():
     t = np.linspace(-0.1, 0.6, 36)
     left = swing_at(swing, t, "left")
     right = swing_at(swing, t, "right")
-    np.testing.assert_array_equal(right.roll_position, -left.roll_position)
-    np.testing.assert_array_equal(right.roll_velocity, -left.roll_velocity)
-    np.testing.assert_array_equal(right.roll_torque, -left.roll_torque)
-    np.testing.assert_array_equal(right.pitch_position, left.pitch_position)
-    np.testing.assert_array_equal(right.pitch_torque, left.pitch_torque)
-    np.testing.assert_array_equal(swing_at(swing, t).roll_position, left.roll_position)
+    assert_array_equal(right.roll_position, -left.roll_position)
+    assert_array_equal(right.roll_velocity, -left.roll_velocity)
+    assert_array_equal(right.roll_torque, -left.roll_torque)
+    assert_array_equal(right.pitch_position, left.pitch_position)
+    assert_array_equal(right.pitch_torque, left.pitch_torque)
+    assert_array_equal(swing_at(swing, t).roll_position, left.roll_position)
     assert left.roll_torque[10] > 0
 
 
@@ -100,8 +101,8 @@ def test_a_cubic_is_met_exactly_and_the_rate_is_its_derivative():
     }
     fine = np.linspace(0.0, 0.4, 97)
     point = swing_at(swing_from_dict(data), fine)
-    np.testing.assert_allclose(point.roll_position, cubic(fine), atol=1e-12)
-    np.testing.assert_allclose(point.roll_velocity, slope(fine), atol=1e-11)
+    assert_allclose(point.roll_position, cubic(fine), atol=1e-12)
+    assert_allclose(point.roll_velocity, slope(fine), atol=1e-11)
 
 
 def test_what_is_written_comes_back_equal_and_is_not_overwritten(tmp_path):
@@ -193,6 +194,6 @@ def test_another_car_is_named_parameter_by_parameter():
     )
     scenario = {"car": {"mass": 6.1}, "tail": {"length": 0.8}}
     length, colour = car_mismatches(swing, scenario)
-    assert all(part in length for part in ("tail.length", "0.9", "0.8"))
-    assert all(part in colour for part in ("tail.colour", "1"))
+    assert_named(length, ("tail.length", "0.9", "0.8"))
+    assert_named(colour, ("tail.colour", "1"))
     assert car_mismatches(swing_from_dict(thesis_data()), scenario) == []

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from aerodima.workbench.view.chart_panels import NoChartError, chart_panels
 from aerodima.workbench.view.figure_style import (
@@ -27,8 +28,8 @@ def test_named_line_is_a_series_with_its_look():
     (series,) = found["series"]
     assert (series["label"], series["colour"]) == ("sine", BLUE.lower())
     assert series["dash"]
-    np.testing.assert_allclose(series["x"], X, rtol=1e-5)
-    np.testing.assert_allclose(series["y"], np.sin(X), atol=1e-5)
+    assert_allclose(series["x"], X, rtol=1e-5)
+    assert_allclose(series["y"], np.sin(X), atol=1e-5)
     assert found["shapes"] == []
 
 

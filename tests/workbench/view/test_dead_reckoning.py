@@ -1,6 +1,6 @@
 """The log of a real car moves as its sensors say."""
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -97,8 +97,8 @@ LOST = np.where(TIMES > 1.0, np.nan, SPEED)
     ("run_log", "named"),
     [
         (circle(imu_yaw_rad=None), ["speed_m_per_s", "imu_yaw_rad", "imu_gyro_z_rad_per_s"]),
-        (dataclasses.replace(circle(), scenario={"name": 3}), ["scenario", "name", "3"]),
-        (dataclasses.replace(circle(), scenario={}), ["scenario"]),
+        (replace(circle(), scenario={"name": 3}), ["scenario", "name", "3"]),
+        (replace(circle(), scenario={}), ["scenario"]),
     ],
 )
 def test_what_a_replay_needs_is_named(run_log, named):

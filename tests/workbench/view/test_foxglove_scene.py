@@ -103,12 +103,8 @@ def test_arrows_are_those_of_the_replay_and_go_when_the_force_does(tailed, expor
         assert {deletion.id for deletion in update.deletions} == set(arrows) - shown
         for entity in update.entities:
             (arrow,) = entity.arrows
-            turn = arrow.pose.orientation
-            along = rotation(turn.w, turn.x, turn.y, turn.z) @ [
-                arrow.shaft_length + arrow.head_length,
-                0.0,
-                0.0,
-            ]
+            length = arrow.shaft_length + arrow.head_length
+            along = rotation(arrow.pose.orientation) @ [length, 0.0, 0.0]
             wanted = arrows[entity.id].lengths[row]
             if np.linalg.norm(wanted) > 0.06:  # a shorter one is all head
                 assert along == pytest.approx(wanted, abs=1e-6)
@@ -116,8 +112,9 @@ def test_arrows_are_those_of_the_replay_and_go_when_the_force_does(tailed, expor
     assert seen > 100
 
 
-def rotation(*wxyz):
-    return np.asarray(RotationMatrix(Quaternion(np.array(wxyz) / np.linalg.norm(wxyz))).matrix())
+def rotation(turn):
+    wxyz = np.array([turn.w, turn.x, turn.y, turn.z])
+    return RotationMatrix(Quaternion(wxyz / np.linalg.norm(wxyz))).matrix()
 
 
 def test_every_body_is_drawn_once_in_its_own_frame(exported):
@@ -130,7 +127,5 @@ def test_every_body_is_drawn_once_in_its_own_frame(exported):
     )
     wheel = max(drawn["front_left_wheel"].cylinders, key=lambda cylinder: cylinder.size.x)
     assert 0.08 < wheel.size.x == wheel.size.y < 0.16, "m: a wheel of 1:10"
-    turn = wheel.pose.orientation
-    assert abs(rotation(turn.w, turn.x, turn.y, turn.z) @ [0.0, 0.0, 1.0]) == pytest.approx(
-        [0.0, 1.0, 0.0], abs=1e-6
-    )
+    axis = rotation(wheel.pose.orientation) @ [0.0, 0.0, 1.0]
+    assert abs(axis) == pytest.approx([0.0, 1.0, 0.0], abs=1e-6)

@@ -3,7 +3,6 @@ refused in one line.
 """
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -53,24 +52,25 @@ def test_camera_of_a_right_turn_mirrors_that_of_a_left_turn(tailed):
     assert right.camera_azimuth == pytest.approx(-logged_car(tailed).camera_azimuth)
 
 
-def test_positions_of_another_car_are_named(tailed):
-    old = "plant_position_tail_tail_roll_q"
-    renamed = replace(
-        tailed,
-        table=tailed.table.rename(columns={old: "plant_position_wing_q"}),
-        source="x.parquet",
-    )
-    named = ("x.parquet", old, "plant_position_wing_q")
-    assert_refused(lambda: logged_car(renamed), LogError, *named)
+OLD, NEW = "plant_position_tail_tail_roll_q", "plant_position_wing_q"
 
 
-def test_position_that_is_not_finite_is_named_with_its_time(tailed):
-    table = tailed.table.copy()
-    table.loc[5, "plant_position_car_chassis_x"] = np.nan
-    work = partial(logged_car, replace(tailed, table=table))
-    assert_refused(work, LogError, "plant_position_car_chassis_x", "0.01 s")
+def lost_position(table):
+    return table.plant_position_car_chassis_x.where(table.time_s != table.time_s[5])
 
 
-def test_scenario_that_cannot_be_read_is_an_error_of_the_log(tailed):
-    odd = replace(tailed, scenario={**tailed.scenario, "gravitas": 1.0})
-    assert_refused(lambda: logged_car(odd), LogError, "gravitas")
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        (lambda run: {"table": run.table.rename(columns={OLD: NEW})}, (OLD, NEW)),
+        (
+            lambda run: {"table": run.table.assign(plant_position_car_chassis_x=lost_position)},
+            ("plant_position_car_chassis_x", "0.01 s"),
+        ),
+        (lambda run: {"scenario": {**run.scenario, "gravitas": 1.0}}, ("gravitas",)),
+    ],
+    ids=["another car", "not finite", "scenario"],
+)
+def test_log_that_cannot_be_replayed_is_refused_by_name(tailed, changes, named):
+    wrong = replace(tailed, source="x.parquet", **changes(tailed))
+    assert_refused(lambda: logged_car(wrong), LogError, "x.parquet", *named)

@@ -55,18 +55,18 @@ def test_frames_are_the_nearest_rows_from_first_to_last():
     assert frames_per_second == pytest.approx(50.0)
 
 
-def test_slow_motion_has_more_frames_at_the_same_rate_of_frames():
-    time = np.arange(2001) * 0.002
-    rows, frames_per_second = frame_rows(time, 0.25)
-    assert len(rows) == 4 * 4 * 50 + 1
-    assert frames_per_second == pytest.approx(FRAMES_PER_SECOND)
-
-
-def test_long_replay_keeps_its_length_with_fewer_frames():
-    time = np.arange(60_001) * 0.01
-    rows, frames_per_second = frame_rows(time, 1.0)
-    assert len(rows) == MAX_FRAMES + 1
-    assert MAX_FRAMES / frames_per_second == pytest.approx(600.0)
+@pytest.mark.parametrize(
+    ("length", "rate", "frames", "expected"),
+    [
+        (4.0, 0.25, 4 * 4 * 50, FRAMES_PER_SECOND),
+        (600.0, 1.0, MAX_FRAMES, MAX_FRAMES / 600.0),
+    ],
+    ids=["slow motion: more frames", "a long replay: fewer a second"],
+)
+def test_replay_keeps_its_length(length, rate, frames, expected):
+    rows, frames_per_second = frame_rows(np.arange(0.0, length + 1e-6, 0.002), rate)
+    assert len(rows) == frames + 1
+    assert frames_per_second == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, 50.0, float("nan")])

@@ -5,9 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from aerodima.workbench.scenario.signal_table import sensor_columns, truth_columns
 from aerodima.workbench.view.run_channels import MAX_POINTS, channels_of, thinned
+from tests.workbench.made_up_runs import changed
 
 
 def unpacked(text):
@@ -34,17 +36,15 @@ def test_every_channel_has_unit_and_meaning_of_the_column_table(tailed):
 def test_short_run_is_embedded_whole(tailed):
     data = channels_of([tailed], ["run"])
     (gyro,) = [channel for channel in data["channels"] if channel["name"] == "imu_gyro_z_rad_per_s"]
-    np.testing.assert_allclose(unpacked(data["runs"][0]["time"]), tailed.time, rtol=1e-6)
-    np.testing.assert_allclose(
-        unpacked(gyro["values"][0]), tailed.signal("imu_gyro_z_rad_per_s"), rtol=1e-6
-    )
+    assert_allclose(unpacked(data["runs"][0]["time"]), tailed.time, rtol=1e-6)
+    assert_allclose(unpacked(gyro["values"][0]), tailed.signal("imu_gyro_z_rad_per_s"), rtol=1e-6)
 
 
 def test_long_run_keeps_its_peaks_and_times_in_order(tailed):
     run = longer(tailed, 40)
     spike = run.table["speed_m_per_s"].to_numpy().copy()
     spike[7001] = 99.0
-    run = replace(run, table=run.table.assign(speed_m_per_s=spike))
+    run = changed(run, speed_m_per_s=spike)
     data = channels_of([run], ["run"])
     time = unpacked(data["runs"][0]["time"])
     (speed,) = [channel for channel in data["channels"] if channel["name"] == "speed_m_per_s"]
@@ -74,8 +74,8 @@ def test_gap_stays_a_gap():
 
 
 def test_constant_is_one_number_and_what_is_unknown_is_left_out(tailless):
-    table = tailless.table.assign(status_imu_fault=0.0, roll_estimate_rad=np.nan)
-    data = channels_of([replace(tailless, table=table)], ["run"])
+    run = changed(tailless, status_imu_fault=0.0, roll_estimate_rad=np.nan)
+    data = channels_of([run], ["run"])
     found = {channel["name"]: channel["values"][0] for channel in data["channels"]}
     assert found["status_imu_fault"] == 0.0
     assert "roll_estimate_rad" not in found
@@ -87,7 +87,7 @@ def test_constant_is_one_number_and_what_is_unknown_is_left_out(tailless):
     [("spring_force_n", "N"), ("pump_rad_per_s", "rad/s"), ("knob", ""), ("hip_torque_n_m", "N m")],
 )
 def test_column_that_the_table_does_not_have_says_its_unit_itself(tailed, name, unit):
-    data = channels_of([replace(tailed, table=tailed.table.assign(**{name: tailed.time}))], ["run"])
+    data = channels_of([changed(tailed, **{name: tailed.time})], ["run"])
     assert data["channels"][-1]["name"] == name
     assert data["channels"][-1]["unit"] == unit
 

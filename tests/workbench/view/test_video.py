@@ -35,10 +35,9 @@ def film(brief):
     return Film({"longer": brief["tailed"], "shorter": brief["tailless"]}, 1.0)
 
 
-def panel(frame, which, header=False):
+def panel(frame, which):
     left = which * (PANEL[0] + GAP)
-    top, bottom = (0, HEADER) if header else (HEADER, HEADER + PANEL[1])
-    return np.asarray(frame.crop((left, top, left + PANEL[0], bottom)))
+    return np.asarray(frame.crop((left, HEADER, left + PANEL[0], HEADER + PANEL[1])))
 
 
 @pytest.mark.usefixtures("renderer")

@@ -49,12 +49,21 @@ def state_of(**values):
     return state
 
 
+def drawn(rng, place, rate, spin, tail_roll=None):
+    """A state within these sizes of places, rates and spins of the wheels."""
+    spread = np.full((len(STATES), 1), place)
+    spread[STATES.index("tail_roll")] = tail_roll or place
+    spread[STATES.index("w_x") :] = rate
+    spread[STATES.index("spin_front_left") : STATES.index("tail_pitch_rate")] = spin
+    return spread * rng.uniform(-1.0, 1.0, size=spread.shape)
+
+
 def coasting(cars):
     return Commands(np.zeros((2, 1)), np.zeros(1), FREE)
 
 
-def acceleration(cars, commands=None, **values):
-    found = equations(state_of(**values), commands or coasting(cars), cars)
+def acceleration(cars, **values):
+    found = equations(state_of(**values), coasting(cars), cars)
     return solve(found.mass, found.force)[:, 0]
 
 
@@ -72,12 +81,9 @@ def energy(state, cars):
 def test_a_thrown_car_with_a_swinging_tail_keeps_its_energy():
     """Energy a moment before and after differ by nothing, whatever turns."""
     cars = replace(without_air_and_friction(cars_of()), shaft_gain=np.zeros(1))
-    spread = np.full(len(STATES), 0.4)
-    spread[STATES.index("w_x") :] = 4.0
-    spread[STATES.index("spin_front_left") : STATES.index("tail_pitch_rate")] = 70.0
     rng = np.random.default_rng(2)
     for _ in range(5):
-        state = spread[:, None] * rng.uniform(-1.0, 1.0, size=(len(STATES), 1))
+        state = drawn(rng, 0.4, 4.0, 70.0)
         state[2] = 5.0
         state[8:12] = -0.005
         step = 1e-5 * derivative(state, coasting(cars), cars)
@@ -87,8 +93,7 @@ def test_a_thrown_car_with_a_swinging_tail_keeps_its_energy():
 
 def test_loads_at_rest_are_those_of_the_full_car():
     scenario = load_scenario("turn_none")
-    turns = rolling("turn_none", steer=0.0, speed=1.0)
-    state = turns.history[-1]
+    state = rolling("turn_none", steer=0.0, speed=1.0)
     cars = VehicleParams.from_scenarios([scenario])
     loads = equations(
         state, Commands(np.zeros((2, 1)), cars.speed / cars.rolling_radius, FREE), cars
@@ -99,6 +104,7 @@ def test_loads_at_rest_are_those_of_the_full_car():
 
 
 def rolling(name, steer, speed, *settings, **changes):
+    """The last state of a car that was steered for 2.5 s."""
     words = (
         f"manoeuvre.speed={speed}",
         f"manoeuvre.steer_angle={steer}",
@@ -107,15 +113,15 @@ def rolling(name, steer, speed, *settings, **changes):
     )
     scenario = load_scenario(name, words)
     cars = replace(VehicleParams.from_scenarios([scenario]), **changes)
-    return drive_turns(cars, TurnPlans.from_scenarios([scenario]), duration=2.5, history=True)
+    plans = TurnPlans.from_scenarios([scenario])
+    return drive_turns(cars, plans, duration=2.5, history=True).history[-1]
 
 
 def test_a_slow_circle_has_the_radius_of_the_steering():
     speed = 1.0
     steer = 0.2
-    turns = rolling("turn_none", steer, speed, "car.tyre_shape=ellipsoid")
+    state = rolling("turn_none", steer, speed, "car.tyre_shape=ellipsoid")
     wheelbase = load_scenario("turn_none").car.wheelbase
-    state = turns.history[-1]
     # Parallel wheels scrub a little; the rear axle's middle goes round at the speed of its wheels.
     assert state[STATES.index("w_z"), 0] == pytest.approx(
         speed * np.tan(steer) / wheelbase, rel=0.02
@@ -128,11 +134,10 @@ def test_load_moves_outwards_by_height_over_track():
         "tyre_stiffness": np.full((4, 1), 1e5),
         "damper": np.full((4, 1), 2e3),
     }
-    turns = rolling(
+    state = rolling(
         "turn_none", 0.1, 2.0, "car.tyre_shape=ellipsoid", "car.tyre_friction=0.9", **stiff
     )
     scenario = load_scenario("turn_none")
-    state = turns.history[-1]
     cars = replace(VehicleParams.from_scenarios([scenario]), friction=np.array([0.9]), **stiff)
     cars = replace(cars, tyre_half_width=np.array([scenario.car.tyre_width / 2]), edge=np.zeros(1))
     commands = Commands(np.full((2, 1), 0.1), np.array([2.0]) / cars.rolling_radius, FREE)
@@ -152,51 +157,31 @@ def test_a_car_tips_where_friction_passes_the_static_stability_factor():
     scenario = load_scenario("turn_designed", words)
     car = scenario.car
     friction = np.arange(0.3, 1.2, 0.02)
-    cars = replace(
-        VehicleParams.from_scenarios([scenario]).take(np.zeros(len(friction), int)),
-        friction=np.array(friction),
-    )
     stiff = np.full((4, len(friction)), 1e5)
-    cars = replace(cars, spring=stiff, tyre_stiffness=stiff, damper=0.02 * stiff)
-    turns = drive_turns(
-        cars, TurnPlans.from_scenarios([scenario]).take(np.zeros(len(friction), int)), duration=3.0
+    one = np.zeros(len(friction), int)
+    cars = replace(
+        VehicleParams.from_scenarios([scenario]).take(one),
+        friction=friction,
+        spring=stiff,
+        tyre_stiffness=stiff,
+        damper=0.02 * stiff,
     )
+    turns = drive_turns(cars, TurnPlans.from_scenarios([scenario]).take(one), duration=3.0)
     critical = friction[np.argmin(turns.survived)]
     assert not turns.survived[-1]
-    assert (
-        0.97 * car.outer_half_track / car.com_height
-        < critical
-        < 1.25 * car.outer_half_track / car.com_height
-    )
+    assert 0.97 < critical * car.com_height / car.outer_half_track < 1.25
 
 
-def test_every_moment_has_its_sign():
+def test_a_tail_on_the_inside_leans_the_car_and_its_air_turns_it_inwards():
     cars = cars_of()
-    ahead = {"v_x": 4.5, **{f"spin_{w}": 4.5 / cars.rolling_radius[0] for w in
-             ("front_left", "front_right", "rear_left", "rear_right")}}  # fmt: skip
-    steered = coasting(cars)._replace(
-        steering=np.full((2, 1), 0.3), shaft_speed=cars.speed / cars.rolling_radius
-    )
-    straight = steered._replace(steering=np.zeros((2, 1)))
-    turning = acceleration(cars, steered, **ahead) - acceleration(cars, straight, **ahead)
-    assert min(turning[2], turning[4], turning[0]) > 0.0  # yaw and force to the left, roll outwards
-    pushed = straight._replace(tail=FREE.copy())
-    pushed.tail[1] = np.array([[0.0], [8.0], [0.0], [3.0]])
-    swung = acceleration(cars, pushed, tail_roll=-1.2, **ahead) - acceleration(
-        cars, straight, tail_roll=-1.2, **ahead
-    )
-    assert swung[0] < 0.0 < swung[11]  # the tail is pushed outwards, the car inwards
+    inside = {"v_x": 4.5, "tail_roll": -1.4}
     still = replace(cars, air_density=np.zeros(1))
-    weight = acceleration(still, straight, tail_roll=-1.4, **ahead)
-    assert max(weight[0], weight[11]) < 0.0  # a tail on the inside leans the car inwards, and falls
-    sail = acceleration(cars, straight, tail_roll=-1.4, **ahead) - acceleration(
-        still, straight, tail_roll=-1.4, **ahead
-    )
-    assert max(sail[3], sail[10]) < 0.0 < sail[2]  # drags, turns the car inwards, tail backwards
-    rates = (
-        acceleration(each, straight, tail_roll_rate=8.0, **ahead)[11] for each in (cars, still)
-    )
-    assert next(rates) < next(rates)  # the air brakes a swing
+    weight = acceleration(still, **inside)
+    assert max(weight[0], weight[11]) < 0.0  # it falls, too
+    sail = acceleration(cars, **inside) - weight
+    assert max(sail[3], sail[10]) < 0.0 < sail[2]  # it drags, and the tail is pushed backwards
+    braked, free = (acceleration(each, v_x=4.5, tail_roll_rate=8.0)[11] for each in (cars, still))
+    assert braked < free
 
 
 def mirrored(values, names):
@@ -219,13 +204,9 @@ def test_a_mirrored_car_accelerates_as_its_picture():
     cars = cars_of()
     assert np.abs(cars.centre[1]).max() < 1e-9
     rng = np.random.default_rng(6)
-    spread = np.full(len(STATES), 0.15)
-    spread[STATES.index("tail_roll")] = 2.0
-    spread[STATES.index("w_x") :] = 2.0
-    spread[STATES.index("spin_front_left") : STATES.index("tail_pitch_rate")] = 60.0
     rates = STATES[RATES]
     for _ in range(12):
-        state = spread[:, None] * rng.uniform(-1.0, 1.0, size=(len(STATES), 1))
+        state = drawn(rng, 0.15, 2.0, 60.0, tail_roll=2.0)
         state[8:12] *= 0.05
         state[2] = 0.0
         tail = np.abs(rng.normal(size=(2, 4, 1))) * np.array([[1.0], [8.0], [20.0], [3.0]])
