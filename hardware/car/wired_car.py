@@ -11,8 +11,14 @@ from dataclasses import replace
 import numpy as np
 
 from aerodima.hardware.car.mounting import Mounting
-from aerodima.hardware.car.wiring import CarCommand, CarReader, CarReading, CarReporter, Devices
-from aerodima.hardware.commands.drive_commands import WiringName
+from aerodima.hardware.car.wiring import (
+    CarCommand,
+    CarReader,
+    CarReading,
+    CarReporter,
+    Devices,
+    WiringName,
+)
 from aerodima.hardware.devices.device_states import ENERGISED, MotorFault
 from aerodima.hardware.devices.tail_motor import Motor
 from aerodima.hardware.protocol.ak70 import MitCommand

@@ -21,8 +21,7 @@ from aerodima.hardware.car.car_ports import CarPorts
 from aerodima.hardware.car.mounting import Mounting, load_mounting
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
-from aerodima.hardware.car.wiring import Devices
-from aerodima.hardware.commands.drive_commands import WiringName
+from aerodima.hardware.car.wiring import Devices, WiringName
 from aerodima.hardware.devices.motor_group import MotorGroup
 from aerodima.hardware.devices.motor_settings import (
     MotorSettings,

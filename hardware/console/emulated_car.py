@@ -16,8 +16,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from aerodima.hardware.car.car_ports import EVENTS_FILE, PORTS_FILE, READY_FILE, read_events
-from aerodima.hardware.car.wiring import wiring_name
-from aerodima.hardware.commands.drive_commands import WiringName
+from aerodima.hardware.car.wiring import WiringName, wiring_name
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.scenario.scenario import Scenario
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from aerodima.hardware.car.car_ports import JOINTS, CarPorts, Joint
 from aerodima.hardware.car.mounting import load_mounting
-from aerodima.hardware.commands.drive_commands import WiringName
+from aerodima.hardware.car.wiring import WiringName
 from aerodima.hardware.devices.device_states import FramePort
 from aerodima.hardware.devices.teensy_link import TeensyLink
 from aerodima.hardware.driving.plain_loop import PERIOD

@@ -17,7 +17,7 @@ from pydantic import Field
 
 from aerodima.hardware.car.car_ports import JOINTS, CarPorts, is_emulated_port
 from aerodima.hardware.car.safety_settings import load_drive_safety
-from aerodima.hardware.commands.drive_commands import WiringName
+from aerodima.hardware.car.wiring import WiringName
 from aerodima.hardware.firmware.teensy_firmware import firmware_hash
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import HardwareError

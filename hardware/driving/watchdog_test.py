@@ -8,9 +8,8 @@ from pathlib import Path
 
 from aerodima.hardware.car.car_ports import CarPorts
 from aerodima.hardware.car.wired_car import WiredCar
-from aerodima.hardware.car.wiring import CarCommand
+from aerodima.hardware.car.wiring import CarCommand, WiringName
 from aerodima.hardware.car.wirings import wire_car
-from aerodima.hardware.commands.drive_commands import WiringName
 from aerodima.hardware.driving.held_car import holding, run_cycles
 from aerodima.hardware.driving.watchdog_record import (
     WatchdogRecord,

@@ -35,7 +35,7 @@ from aerodima.hardware.car.car_ports import (
 )
 from aerodima.hardware.car.mounting import load_mounting
 from aerodima.hardware.car.safety_settings import load_drive_safety
-from aerodima.hardware.commands.drive_commands import WiringName
+from aerodima.hardware.car.wiring import WiringName
 from aerodima.hardware.emulator.emulated_bus import (
     EmulatedBus,
     EmulatedMotor,

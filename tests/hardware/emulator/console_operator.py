@@ -48,7 +48,7 @@ class ConsoleOperator:
         while not self._end.wait(_TURN):
             now = time.monotonic()
             with self._lock:
-                self._radio.turn(now)
+                self._radio.poll(now)
                 report = self._radio.report
                 if report is not None and report.prompt is not OperatorPrompt.NONE:
                     asked = report.prompt is OperatorPrompt.SELECT_MODE
