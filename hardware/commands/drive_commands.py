@@ -322,7 +322,10 @@ def firmware(
 def _load(
     name: str, car: CarOptions, swing: str | None = None
 ) -> tuple[Scenario, CarPorts, WiringName, TailLaw]:
-    """Returns scenario, ports, wiring and tail law that the options name."""
+    """Returns scenario, ports, wiring and tail law that the options name.
+
+    A swing of another car is refused by `_drive` alone: first tests and the sketch play none.
+    """
     from aerodima.hardware.car.car_ports import read_ports
     from aerodima.hardware.car.wiring import wiring_name
     from aerodima.workbench.control.controller_bundle import load_drive

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,14 +27,13 @@ from aerodima.hardware.devices.bno055 import RATE as IMU_RATE
 from aerodima.hardware.devices.bno055 import Bno055Sample
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.driving.plain_loop import PERIOD
+from aerodima.hardware.driving.speaker import Say
 from aerodima.hardware.protocol.ak70 import PROFILES, FirmwareProfile, decode_reply
 from aerodima.hardware.protocol.can_frame import TimedFrames
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import IMU, STATUS, TAIL_STATE, UNARMED_SOURCES
 
-Say = Callable[[str], None]
-"""Receives a line of text for the user."""
 _MB = 1e6
 """Bytes in a megabyte."""
 _SLEEPS = 20
@@ -99,7 +98,10 @@ def preflight_checks(scenario: Scenario, folder: Path, safety: DriveSafety) -> l
 
 
 def device_checks(reading: CarReading, gps_time: float | None, safety: DriveSafety) -> list[Check]:
-    """Checks the state of every device, with a note on the battery, which nothing measures."""
+    """Checks the state of every device, with a note on the battery, which nothing measures.
+
+    A GPS may be missing; one that is fitted limits the speed, and must have a fix.
+    """
     status = STATUS.read(reading.status)._asdict()
     checks = []
     for source in UNARMED_SOURCES:
@@ -109,7 +111,10 @@ def device_checks(reading: CarReading, gps_time: float | None, safety: DriveSafe
             text = f"answers, {age * 1000:.0f} ms old"
         else:
             text = reading.fault_texts.get(source) or SourceFault(fault).name.lower()
-        checks.append(Check(source, fault == 0.0 or (None if source == "speed" else False), text))
+        if fault == SourceFault.NO_FIX:
+            text += "; wait for it, or take gps out of the ports file"
+        missing = source == "speed" and fault == SourceFault.NOT_FITTED
+        checks.append(Check(source, None if missing else fault == 0.0, text))
     pack = f"measure {safety.least_voltage:g} to {safety.most_voltage:g} V, fuse {safety.fuse:g} A"
     battery = Check("battery", None, f"replies of the MIT mode carry no voltage; {pack}")
     return [*checks, battery, _gps_clock(gps_time)]

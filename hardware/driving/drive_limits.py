@@ -25,7 +25,6 @@ class DriveLimits:
     def __init__(self, safety: DriveSafety) -> None:
         self._safety = safety
         self._conditions: defaultdict[str, Debounce] = defaultdict(Debounce)
-        self._had_fix = False
         self._throttle = 0.0
         self._time = -math.inf
 
@@ -83,11 +82,9 @@ class DriveLimits:
 
     def blind(self, reading: CarReading, now: float) -> str:
         """Reason to stop because the GPS has lost its fix: nothing limits the speed; empty while it
-        has one, or never had.
+        has one, or is not fitted.
         """
-        fault = reading.status[_SPEED]
-        self._had_fix |= bool(fault == SourceFault.NONE)
-        lost = self._had_fix and bool(fault == SourceFault.NO_FIX)
+        lost = bool(reading.status[_SPEED] == SourceFault.NO_FIX)
         if not self._lasts("blind", lost, self._safety.gps_silence, now):
             return ""
         return "the GPS has lost its fix: nothing limits the speed"

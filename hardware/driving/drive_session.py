@@ -27,7 +27,6 @@ from aerodima.hardware.driving.arming import (
 from aerodima.hardware.driving.car_guard import CarGuard
 from aerodima.hardware.driving.drive_checks import (
     Check,
-    Say,
     device_checks,
     motor_checks,
     preflight_checks,
@@ -53,6 +52,7 @@ from aerodima.hardware.driving.plain_loop import (
     run_loop,
 )
 from aerodima.hardware.driving.run_journal import RunJournal, log_facts, open_run_journal
+from aerodima.hardware.driving.speaker import Say, Speaker
 from aerodima.hardware.protocol.radio import RadioMode
 from aerodima.workbench.control.driver_law import refuse_simulated_only
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
@@ -87,9 +87,10 @@ _LATE_ANSWERS = (
     SourceFault.SILENT,
     SourceFault.REPORTED,
     SourceFault.LOST,
+    SourceFault.NO_FIX,
 )
-"""Faults of a device that may still answer. A Teensy that received nothing yet reports that its
-watchdog has acted; an IMU that is being set up counts as lost."""
+"""Faults of a device that may still answer, or find its fix. A Teensy that received nothing yet
+reports that its watchdog has acted; an IMU that is being set up counts as lost."""
 
 
 def drive(
@@ -177,7 +178,7 @@ class DriveSession:
         self._scenario = scenario
         self._ports = ports
         self._options = options
-        self._say = say
+        self._say = Speaker(say)
         self._build = build
         self._resources = ExitStack()
         self._mode = RadioMode.AUTO
@@ -255,6 +256,7 @@ class DriveSession:
             self._say(str(error))
         finally:
             self._say(f"error: the car was stopped: {self._guard.reason}")
+            self._say.flush()
             await_reader()
             leave(1)
 
@@ -419,4 +421,5 @@ class DriveSession:
             self.signals[0] if self.signals else 0,
         )
         self._resources.close()
+        self._say.flush()
         self.result = replace(self.result, traffic_error=self._car.traffic_error)

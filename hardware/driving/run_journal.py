@@ -10,7 +10,7 @@ import queue
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import ArrayLike
 
+from aerodima.hardware.driving.speaker import Say
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.journal import JournalWriter
@@ -53,8 +54,8 @@ class RunJournal(JournalWriter):
     was written (`JournalWriter.check`). Rows that the disk does not take stay in memory.
 
     Args:
-        say: receives errors and notes of the log at once, in the thread; it may fail (a terminal
-            that is gone): all of them are in the log, too.
+        say: receives errors and notes of the log at once, in the thread; it returns at once, as a
+            `Speaker` does.
 
     Attributes:
         columns: names, in order.
@@ -68,13 +69,13 @@ class RunJournal(JournalWriter):
         columns: Sequence[str],
         metadata: Mapping[str, Any],
         force: bool = False,
-        say: Callable[[str], None] | None = None,
+        say: Say = lambda _: None,
     ) -> None:
         super().__init__(path, columns, metadata, force, flush_interval=_FLUSH)
         self.columns = list(columns)
         self.error = ""
         self.lost = 0
-        self._say = say or (lambda _: None)
+        self._say = say
         self._kept: list[FloatArray] = []
         self._check_due = time.monotonic() + _CHECK_PERIOD
         self._waiting: queue.Queue[FloatArray | None] = queue.Queue(_MAX_WAITING)
@@ -96,8 +97,7 @@ class RunJournal(JournalWriter):
         if text in self.notes:
             return
         super().note(text)
-        with contextlib.suppress(Exception):  # whoever listened has gone: the log has it
-            self._say(f"log: {text}")
+        self._say(f"log: {text}")
 
     def close(self) -> Path:
         """Writes what waits and ends the log; its path, another than was asked for where that takes
@@ -221,7 +221,7 @@ def open_run_journal(
     wiring: str,
     force: bool = False,
     own: Sequence[str] = (),
-    say: Callable[[str], None] | None = None,
+    say: Say = lambda _: None,
 ) -> RunJournal:
     """Opens the journal of a drive of a scenario, with columns of a diagram's own; LogError as for
     `JournalWriter`.

@@ -21,6 +21,7 @@ from aerodima.hardware.car.wiring import WiringName
 from aerodima.hardware.firmware.teensy_firmware import firmware_hash
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.file_reading import read_json
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.yaml_files import StrictModel, checked
 from aerodima.workbench.logs.schema import software_versions
@@ -111,10 +112,7 @@ def write_record(record: WatchdogRecord, folder: Path | None = None) -> Path:
 
 def read_record(path: Path) -> WatchdogRecord:
     """Reads a record. Raises `HardwareError` that names the file and what is wrong."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise HardwareError(f"{path}: cannot be read as JSON: {error}") from None
+    data = read_json(path, HardwareError)
     return checked(WatchdogRecord, data, str(path), HardwareError, schema=SCHEMA)
 
 

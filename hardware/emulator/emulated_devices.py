@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -24,6 +25,7 @@ from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.radio import OperatorPrompt, decode_report
 from aerodima.hardware.protocol.teensy import THROTTLE_PULSES, TeensyStatus
 from aerodima.hardware.protocol.xbee import BROADCAST, ApiStream, ReceivedPacket, make_received
+from aerodima.workbench.core.quantity import STANDARD_GRAVITY
 
 _RESTART_TIME = 0.5
 """s, of the processor's own watchdog in the Teensy's sketch."""
@@ -158,20 +160,43 @@ class EmulatedImu:
         self._mounting = mounting
         self._chip = Bno055Chip()
         self._board = board
-        self._sampled = False
+        self._reading: np.ndarray | None = None
+        self._answers: deque[tuple[float, bytes]] = deque()
 
     def set_reading(self, reading: np.ndarray) -> None:
         """Sets the reading (9,) as `aerodima.workbench.scenario.signal_table.IMU`."""
-        if self._board.entry(Fault.FROZEN, "imu") and self._sampled:
+        before = self._reading
+        if self._board.entry(Fault.FROZEN, "imu") and before is not None:
             return
-        self._sampled = True
         if self._board.entry(Fault.TIPPED_OVER):
             reading = np.array([_ON_ITS_SIDE, *reading[1:]])
+        if self._board.entry(Fault.ATTITUDE_STUCK) and before is not None:
+            # The chip takes gravity off what it measures by the attitude in which it believes.
+            felt = reading[6:9] + _gravity(reading)
+            reading = np.concatenate([before[:3], reading[3:6], felt - _gravity(before)])
+        self._reading = reading
         self._chip.set_sample(self._mounting.imu_sample(reading))
 
-    def feed(self, data: bytes) -> bytes:
-        """Answers to requests."""
-        return self._board.corrupt("imu", self._chip.feed(data))
+    def feed(self, data: bytes, now: float) -> None:
+        """Takes requests; their answers come in order, late ones before those that follow."""
+        late = self._board.entry(Fault.ANSWER_LATE)
+        due = now + late.delay if late else now
+        self._answers.append((due, self._chip.feed(data)))
+        self._board.consume(Fault.ANSWER_LATE)
+
+    def poll(self, now: float) -> bytes:
+        """Returns the answers that are due."""
+        answers = b""
+        while self._answers and self._answers[0][0] <= now:
+            answers += self._answers.popleft()[1]
+        return self._board.corrupt("imu", answers) if answers else b""
+
+
+def _gravity(reading: np.ndarray) -> np.ndarray:
+    """Returns the acceleration (3,) that a car at rest feels in the attitude of a reading, m/s2."""
+    roll, pitch = reading[:2]
+    upwards = [-math.sin(pitch), math.cos(pitch) * math.sin(roll), math.cos(pitch) * math.cos(roll)]
+    return STANDARD_GRAVITY * np.array(upwards)
 
 
 class EmulatedGps:
@@ -192,7 +217,8 @@ class EmulatedGps:
             speed = _TOO_FAST
         if not self._board.entry(Fault.FROZEN, "gps"):
             self._speed = speed
-        sample = GpsSample(max(0.0, self._speed), True, time.time() % _DAY)
+        fix = self._board.entry(Fault.FIX_LOST) is None
+        sample = GpsSample(max(0.0, self._speed), fix, time.time() % _DAY)
         return self._board.corrupt("gps", make_nav_pvt(sample, tow=now))
 
 

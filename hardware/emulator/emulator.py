@@ -227,6 +227,7 @@ class Emulator:
             self._update_faults(now)
             self._update_teensy(now)
             self._pass_on_received()
+            self._write("imu", self._imu.poll(now))
             self._write("radio", self._operator.update(now))
             open_ports = [port for port in self._ports.values() if port.plugged]
             readable, _, _ = select.select(
@@ -249,7 +250,8 @@ class Emulator:
             self._pass_on_received()
         elif name == "imu":
             self._imu.set_reading(self._car.output("imu"))
-            self._write("imu", self._imu.feed(data))
+            self._imu.feed(data, now)
+            self._write("imu", self._imu.poll(now))
         elif name == "console":
             self._write("radio", self._air.to_car(data))
         elif name == "radio" and "console" in self._ports:

@@ -80,6 +80,9 @@ class Fault(StrEnum):
     TEENSY_UNPOWERED = "teensy_unpowered"
     TIPPED_OVER = "tipped_over"
     OVER_SPEED = "over_speed"
+    ATTITUDE_STUCK = "attitude_stuck"
+    ANSWER_LATE = "answer_late"
+    FIX_LOST = "fix_lost"
     FOREIGN_MODULE = "foreign_module"
     SILENT = "silent", _PLUGS
     UNPLUGGED = "unplugged", _PLUGS
@@ -95,7 +98,8 @@ class FaultEntry(_Entry):
     """One fault. duration: s, None for ever. count: of the replies that it meets, None all. code:
     of `motor_fault`.
 
-    delay: age of what the replies tell, s, of `reply_stale`.
+    delay: s; age of what the replies tell, of `reply_stale`, or lateness of the IMU's answers, of
+    `answer_late`.
     """
 
     fault: Fault
@@ -158,9 +162,10 @@ class Script(StrictModel):
 def read_script(path: Path) -> Script:
     """Reads a script.
 
-    Raises `ScenarioError` or `HardwareError` that names file, key, value and what is allowed.
+    Raises `HardwareError` that names file, key, value and what is allowed.
     """
-    return checked(Script, read_yaml(path), str(path), HardwareError, schema=SCHEMA)
+    data = read_yaml(path, HardwareError)
+    return checked(Script, data, str(path), HardwareError, schema=SCHEMA)
 
 
 class FaultBoard:

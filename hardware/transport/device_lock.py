@@ -22,6 +22,7 @@ from typing import Any
 
 from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.file_reading import read_json
 
 _FOLDERS = ("/run/lock", "/var/lock", tempfile.gettempdir())
 _UNKNOWN_WAIT = 1.0
@@ -134,8 +135,8 @@ def _take(path: Path, device: str) -> int:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        note = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):  # not written yet
+        note = read_json(path, HardwareError)
+    except HardwareError:  # not written yet
         return {}
     if isinstance(note, dict):
         return note

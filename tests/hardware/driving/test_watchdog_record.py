@@ -85,7 +85,8 @@ def test_exit_frames_that_came_too_late_are_not_recorded():
 
 
 @pytest.mark.parametrize(
-    "text", ["", "[]", "{}", '{"schema": "aerodima/watchdog_test/2"}', "\xff", "unknown key"]
+    "text",
+    ["", "[" * 100_000, "{}", '{"schema": "aerodima/watchdog_test/2"}', "\xff", "unknown key"],
 )
 def test_a_file_that_is_no_record_is_refused(tmp_path, text):
     path = recorded(tmp_path)
@@ -124,6 +125,8 @@ def test_only_a_pseudo_terminal_of_an_emulator_is_no_real_motor(tmp_path):
     events = [{"time_s": t, "event": "late", "delay_s": d} for t, d in ((1.0, 0.3), (5.0, 0.05))]
     (tmp_path / EVENTS_FILE).write_text("".join(f"{json.dumps(event)}\n" for event in events))
     assert emulator_delay(str(link), 2.0) == 0.05
+    (tmp_path / EVENTS_FILE).write_text("[" * 100_000 + "\n")
+    assert emulator_delay(str(link), 2.0) == 0.0, "a damaged file holds up no stop"
     link.unlink()
     link.symlink_to("/dev/ttyACM0")
     assert not is_emulated("teensy_bridge", ports(str(link)))
