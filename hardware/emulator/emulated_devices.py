@@ -219,7 +219,7 @@ class EmulatedGps:
             self._speed = speed
         fix = self._board.entry(Fault.FIX_LOST) is None
         sample = GpsSample(max(0.0, self._speed), fix, time.time() % _DAY)
-        return self._board.corrupt("gps", make_nav_pvt(sample, tow=now))
+        return self._board.corrupt("gps", make_nav_pvt(sample))
 
 
 class EmulatedOperator:

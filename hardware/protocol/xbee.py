@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from aerodima.hardware.protocol.byte_stream import cut_frames
 from aerodima.hardware.protocol.can_frame import FrameError
 
 START = 0x7E
@@ -110,36 +111,21 @@ class ApiStream:
 
     def _contents(self, data: bytes) -> list[bytes]:
         """Contents of the frames that became complete with these bytes."""
-        self._open += data
-        contents: list[bytes] = []
-        while (start := self._open.find(START)) >= 0:
-            self._open = self._open[start:]
-            content, used = self._content()
-            if used == 0:
-                return contents
-            self._open = self._open[used:]
-            if content is None:
-                self.rejected += 1
-            else:
-                contents.append(content)
-        self._open = b""
+        contents, self._open = cut_frames(self._open + data, bytes([START]), self._cut)
         return contents
 
-    def _content(self) -> tuple[bytes | None, int]:
-        """Returns the content of the frame at the beginning (None if it is none) and its bytes; 0
-        bytes: not yet complete.
-        """
-        if len(self._open) < 3:
-            return None, 0
-        length = int.from_bytes(self._open[1:3], "big")
-        if not 0 < length <= _MAX_CONTENT:
-            return None, 1
-        if len(self._open) < length + 4:
-            return None, 0
-        content = self._open[3 : 3 + length]
-        if sum(content) + self._open[3 + length] & 0xFF != 0xFF:
-            return None, 1
-        return content, length + 4
+    def _cut(self, data: bytes) -> tuple[int, bytes | None]:
+        if len(data) < 3:
+            return 0, None
+        length = int.from_bytes(data[1:3], "big")
+        possible = 0 < length <= _MAX_CONTENT
+        if possible and len(data) < length + 4:
+            return 0, None
+        content = data[3 : 3 + length]
+        if not possible or sum(content) + data[3 + length] & 0xFF != 0xFF:
+            self.rejected += 1
+            return 1, None
+        return length + 4, content
 
 
 def _frame(content: bytes) -> bytes:
