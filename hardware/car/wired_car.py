@@ -112,7 +112,10 @@ class WiredCar:
             HardwareError: no watchdog test is recorded for this wiring, or a motor or the bus has a
                 fault.
         """
-        devices = self._started()
+        devices = self.devices
+        if devices is None:
+            reason = f" ({self.stop_reason})" if self.stop_reason else ""
+            raise HardwareError(f"{self.name}: is not started{reason}")
         self.authorise()
         if devices.teensy.fault:
             raise HardwareError(devices.teensy.fault_text)
@@ -137,20 +140,6 @@ class WiredCar:
         self._released = False
         if self.devices is not None:
             self.devices.group.set_exit(now)
-
-    def reset(self, now: float) -> None:
-        """Forgets faults and the operator's stop, by hand only; the motors stay off until `arm`."""
-        devices = self._started()
-        self._released = False
-        devices.group.reset(now)
-        if devices.radio is not None:
-            devices.radio.clear_stop()
-
-    def _started(self) -> Devices:
-        if self.devices is None:
-            reason = f" ({self.stop_reason})" if self.stop_reason else ""
-            raise HardwareError(f"{self.name}: is not started{reason}")
-        return self.devices
 
     # -- what is known
 

@@ -82,11 +82,6 @@ class MotorGroup:
         for motor in self.motors:
             motor.set_exit(now)
 
-    def reset(self, now: float) -> None:
-        """Forgets the faults, by hand only."""
-        for motor in self.motors:
-            motor.reset(now)
-
     def step(self, now: float) -> None:
         """Runs one cycle: hands out what came in, checks the bus, lets every motor send what its
         state asks for.

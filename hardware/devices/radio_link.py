@@ -38,7 +38,7 @@ class RadioLink:
 
     Attributes:
         command: the last one; idle before the first.
-        stopped: an emergency stop came; only `clear_stop`, by hand, forgets it.
+        stopped: an emergency stop came; nothing forgets it.
         foreign, rejected: frames of other modules; frames that are no message, with `last_error`.
     """
 
@@ -97,12 +97,6 @@ class RadioLink:
         """Sends data to the module that was heard last; to nobody before."""
         if self._sender is not None:
             self._link.write(make_transmit(data, self._sender))
-
-    def clear_stop(self) -> None:
-        """Forgets an emergency stop, by hand only, and the command before it."""
-        self.stopped = False
-        self.command = IDLE
-        self._command_time = -math.inf
 
     def _receive(self, data: bytes, arrival: float, sender: int) -> None:
         try:

@@ -3,14 +3,14 @@
 ```
 off -- set_enter --> entering -- replies --> holding <-- command --> running
  ^                      |                       |                      |
- |                      +----------- a fault ---+----------------------+--> faulted -- reset --> off
+ |                      +----------- a fault ---+----------------------+--> faulted
  +-- exit frames sent -- exiting <-- set_exit, from every state
 ```
 
 Entering sends zero gains, reads the position, tries with little torque which way the joint goes,
 and holds from there with gains that come on slowly: these motors are known to jump to their last
-command. A fault sends exit frames at once and goes on sending them; only `reset`, by hand, leads
-out of it. The frame that sets the zero is never sent.
+command. A fault sends exit frames at once and goes on sending them; nothing leads out of it. The
+frame that sets the zero is never sent.
 
 One thread calls `receive` for every frame of this motor and `step` once per cycle, with the same
 monotonic clock.
@@ -59,7 +59,7 @@ class Motor:
         port: takes the frames.
 
     Attributes:
-        state, fault, fault_text: see the enumerations; fault and text stay until `reset`.
+        state, fault, fault_text: see the enumerations; fault and text stay.
         position, speed, torque: of the joint, by the last reply: rad (unwrapped), rad/s, N m; NaN
             before the first.
         temperature: degrees Celsius; None if the motor does not report it.
@@ -110,7 +110,7 @@ class Motor:
     def set_enter(self, now: float) -> None:
         """Begins to switch the motor on. Raises `HardwareError` unless it is off."""
         if self.state is not MotorState.OFF:
-            reason = f" ({self.fault_text}); reset it first" if self.fault else ""
+            reason = f" ({self.fault_text})" if self.fault else ""
             raise HardwareError(
                 f"{self.settings.name}: cannot be entered while {self.state.name.lower()}{reason}"
             )
@@ -171,21 +171,13 @@ class Motor:
         self._send_exits(now)
 
     def set_fault(self, fault: MotorFault, text: str, now: float) -> None:
-        """Switches the motor off for a reason that stays until `reset`. The first reason counts."""
+        """Switches the motor off for a reason that stays. The first one counts."""
         if self.state not in ENERGISED:
             return
         self.fault = fault
         self.fault_text = f"{self.settings.name}: {text}"
         self._go(MotorState.FAULTED, now)
         self._send_exits(now)
-
-    def reset(self, now: float) -> None:
-        """Forgets the fault, by hand only; the motor is off. Nothing else if there is no fault."""
-        if self.state is MotorState.FAULTED:
-            self._send_exits(now)
-            self.fault = MotorFault.NONE
-            self.fault_text = ""
-            self._go(MotorState.OFF, now)
 
     @property
     def off_confirmed(self) -> bool:

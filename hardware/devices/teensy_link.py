@@ -95,16 +95,12 @@ class ClockAlignment:
 
     Args:
         window: number of messages over which the smallest offset is taken.
-
-    Attributes:
-        restarts: how often the counter began anew.
     """
 
     def __init__(self, window: int = 500) -> None:
         self._offsets: deque[float] = deque(maxlen=window)
         self._last: int | None = None
         self._turns = 0
-        self.restarts = 0
 
     def add(self, count: int, arrival: float) -> float:
         """Takes a message with its count (ms) and arrival (s); returns when it was sent, s on the
@@ -114,7 +110,6 @@ class ClockAlignment:
             if self._last - count > _WRAP // 2:
                 self._turns += 1
             elif self._last - count > _BACKWARDS:
-                self.restarts += 1
                 self._offsets.clear()
                 self._turns = 0
         self._last = count

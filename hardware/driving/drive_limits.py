@@ -28,11 +28,6 @@ class DriveLimits:
         self._throttle = 0.0
         self._time = -math.inf
 
-    def reset_throttle(self) -> None:
-        """Resets the throttle to neutral."""
-        self._throttle = 0.0
-        self._time = -math.inf
-
     def throttle(self, asked: float, now: float) -> float:
         """Permitted part of a finite throttle: clipped, rises at a limited rate, falls at once."""
         safety = self._safety

@@ -114,7 +114,6 @@ def run_loop(
     step = pilot.start()
     reading = guard.reading
     start = clock()
-    stopped = math.nan
     spent = 0.0
     for tick in range(round(length / PERIOD) + 1):
         time_now = tick * PERIOD
@@ -133,11 +132,9 @@ def run_loop(
         row.estimate(reading)
         wait(start + time_now + WRITE_DELAY)
         guard.write(step.command, clock())
-        if math.isnan(stopped) and guard.stopping:
-            stopped = time_now
         if guard.finished:
             break
-    return stopped
+    return guard.stop_time - start
 
 
 def idle_until(

@@ -85,29 +85,23 @@ def new_record(
     )
 
 
-def record_path(
-    wiring: WiringName, folder: Path | None = None, ports: CarPorts | None = None
-) -> Path:
-    """Returns the path of the record of a wiring; `folder` None: in the user's state folder
-    (`XDG_STATE_HOME`).
+def record_path(wiring: WiringName, ports: CarPorts) -> Path:
+    """Returns the path of the record of a wiring: in the user's state folder (`XDG_STATE_HOME`).
 
-    With the `ports` of an emulated car it is beside them, so that the record of the real car stays
-    as it is.
+    That of an emulated car is beside its ports, so that the record of the real car stays.
     """
-    if folder is None and ports is not None and is_emulated_port(ports.teensy.path):
+    if is_emulated_port(ports.teensy.path):
         folder = Path(ports.teensy.path).parent.parent
-    state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
-    return (folder or state / "aerodima" / "watchdog_tests") / f"{wiring}.json"
+    else:
+        state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+        folder = state / "aerodima" / "watchdog_tests"
+    return folder / f"{wiring}.json"
 
 
-def write_record(record: WatchdogRecord, folder: Path | None = None) -> Path:
+def write_record(record: WatchdogRecord, ports: CarPorts) -> Path:
     """Writes a record in the place of an older one; `HardwareError` if it cannot be written."""
     text = json.dumps(record.model_dump(mode="json", by_alias=True), indent=1) + "\n"
-    if folder:
-        ports = None
-    else:
-        ports = CarPorts.model_validate(record.ports)
-    return write_atomically(record_path(record.wiring, folder, ports), text, True, HardwareError)
+    return write_atomically(record_path(record.wiring, ports), text, True, HardwareError)
 
 
 def read_record(path: Path) -> WatchdogRecord:
@@ -116,9 +110,7 @@ def read_record(path: Path) -> WatchdogRecord:
     return checked(WatchdogRecord, data, str(path), HardwareError, schema=SCHEMA)
 
 
-def require_watchdog_test(
-    wiring: WiringName, ports: CarPorts, folder: Path | None = None
-) -> WatchdogRecord:
+def require_watchdog_test(wiring: WiringName, ports: CarPorts) -> WatchdogRecord:
     """Returns the record that allows arming the motors of these ports.
 
     Raises:
@@ -126,7 +118,7 @@ def require_watchdog_test(
             real, or what it has shown has changed since: adapter or Teensy, motor ids, firmware
             profile, firmware, timing.
     """
-    path = record_path(wiring, folder, ports)
+    path = record_path(wiring, ports)
     place = shlex.quote(ports.file)
     again = (
         f"make one with `aerodima drive watchdog-test auto_turn --ports {place} --wiring {wiring}`"

@@ -40,7 +40,6 @@ def run_watchdog_test(
     wiring: WiringName,
     confirm: Callable[[str], bool],
     seen_by: str = "operator",
-    folder: Path | None = None,
 ) -> tuple[WatchdogRecord, Path]:
     """Makes a watchdog test and records it: the motors hold, the link is cut, and somebody sees
     that they are off.
@@ -52,7 +51,6 @@ def run_watchdog_test(
     Args:
         confirm: puts `QUESTION` to somebody who sees the motors; True if they are off.
         seen_by: who that is.
-        folder: of the record, see `record_path`.
 
     Raises:
         HardwareError: the motors cannot be held, the watchdog did not act in time, or the motors
@@ -76,7 +74,7 @@ def run_watchdog_test(
                 f"watchdog test of {wiring}: the motors were not seen off; nothing is recorded"
             )
     record = new_record(wiring, ports, cut, time_to_exit, seen_by)
-    return record, write_record(record, folder)
+    return record, write_record(record, ports)
 
 
 def _await_status(car: WiredCar, expected: TeensyStatus) -> float:

@@ -33,11 +33,9 @@ def test_counter_that_wraps_goes_on():
     first = clock.add(2**32 - 10, 5.0)
     second = clock.add(10, 5.02)
     assert second - first == pytest.approx(0.02)
-    assert clock.restarts == 0
 
 
 def test_restart_begins_anew():
     clock = ClockAlignment()
     clock.add(500_000, 5.0)
     assert clock.add(100, 9.0) == pytest.approx(9.0)
-    assert clock.restarts == 1
