@@ -5,8 +5,6 @@ A missing answer stops the car: a Teensy that is dead, or that cannot reach the 
 switch the motors off either.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from enum import IntEnum

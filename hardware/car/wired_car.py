@@ -1,7 +1,5 @@
 """The car at the end of its cables in every wiring: the order within a cycle, and the end."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import time

@@ -8,8 +8,6 @@ are on a CAN adapter of the computer, and the Teensy drives servo, throttle and 
 same bus and switches the motors off when the heartbeat stops.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from functools import partial

@@ -1,7 +1,5 @@
 """The console on 127.0.0.1: pages, one WebSocket per page, nothing for anybody else."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json

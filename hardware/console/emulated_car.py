@@ -1,7 +1,5 @@
 """An emulated car, and for the console its drive, started as processes of their own."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

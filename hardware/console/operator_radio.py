@@ -6,8 +6,6 @@ dead-man acts. A connection that ends says sooner that the page has gone: the ca
 once.
 """
 
-from __future__ import annotations
-
 import math
 
 from aerodima.hardware.devices.radio_link import IDLE

@@ -10,8 +10,6 @@ size is not recognised.
 The attitude is taken from the quaternion: the sign of the chip's Euler angles depends on a setting.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Iterable

@@ -2,8 +2,6 @@
 switches off all.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 

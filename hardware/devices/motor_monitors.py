@@ -1,7 +1,5 @@
 """Monitors of one motor: whether it follows its commands, and whether a second one answers."""
 
-from __future__ import annotations
-
 from collections import deque
 
 from aerodima.hardware.devices.motor_limits import commanded_torque

@@ -1,7 +1,5 @@
 """Settings of a tail motor: what it can do, where it may go, when it is switched off."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

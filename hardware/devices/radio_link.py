@@ -5,8 +5,6 @@ The link only reports; what follows from silence (throttle 0, tail to hold, then
 where the car is driven.
 """
 
-from __future__ import annotations
-
 import math
 
 from aerodima.hardware.devices.device_states import SourceFault

@@ -16,8 +16,6 @@ One thread calls `receive` for every frame of this motor and `step` once per cyc
 monotonic clock.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

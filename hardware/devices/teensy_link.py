@@ -8,8 +8,6 @@ before command. Where nothing was asked for in a cycle the last command is repea
 while, then it is exit; a motor that was never asked anything is ordered to exit.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections import deque

@@ -3,8 +3,6 @@
 Layout: u-blox 8 / M8 protocol specification, UBX-13003221. `make_nav_pvt` is for emulators.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Every step runs the loop of the guard, so that no device falls silent.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable

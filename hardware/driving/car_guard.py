@@ -19,8 +19,6 @@ A switch that is at AUTO, MANUAL or CONTROL during arming moves nothing: the ope
 IDLE once the motors hold, and the car obeys only what is chosen after that.
 """
 
-from __future__ import annotations
-
 import math
 from array import array
 from collections import deque

@@ -8,8 +8,6 @@ cannot be checked so: 24 and 25 N m differ by 4 %, and profiles that differ in n
 undecided.
 """
 
-from __future__ import annotations
-
 import math
 import shutil
 import time

@@ -1,7 +1,5 @@
 """Limits of a car that drives: its throttle, its speed, and how it stands."""
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 

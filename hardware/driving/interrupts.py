@@ -2,8 +2,6 @@
 slow controller, and a controller that leaves the program.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Zeros of the motors: their angles while somebody holds the tail upright."""
 
-from __future__ import annotations
-
 import json
 import math
 import time

@@ -2,8 +2,6 @@
 the loop.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import queue

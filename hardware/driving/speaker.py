@@ -1,7 +1,5 @@
 """Lines for whoever listens to a drive, without a wait for them."""
 
-from __future__ import annotations
-
 import contextlib
 import threading
 import time

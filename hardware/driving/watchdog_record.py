@@ -3,8 +3,6 @@
 `aerodima.hardware.driving.watchdog_test.run_watchdog_test` makes one.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

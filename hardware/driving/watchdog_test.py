@@ -1,7 +1,5 @@
 """Watchdog test: the motors hold, the link is cut, somebody sees that they are off."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from pathlib import Path

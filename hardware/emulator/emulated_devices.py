@@ -4,8 +4,6 @@ as the script says.
 The Teensy is the firmware's own core between a serial port, the bus, the pins and the encoder.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections import deque

@@ -5,8 +5,6 @@ Devices answer as soon as bytes come; the car advances in the scenario's step. W
 late the car catches up and the largest delay is reported.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import select

@@ -13,8 +13,6 @@ motor, and the sample code of the manual has another position range. `make_*` bu
 touches nothing.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Frames out of a stream of bytes that begins anywhere and may carry noise."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import TypeVar
 

@@ -21,8 +21,6 @@ Units: rad, rad/s, N m/rad, N m s/rad, N m (the thesis calls the reply's field a
 torque field of the motor's frame), pulses in us, sail angle in degrees, clock in ms.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ address 2, options 1, data. Content `10` is data to send: frame id 1 (0: no answ
 8, network address 2, radius 1, options 1, data.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from aerodima.hardware.protocol.byte_stream import cut_frames

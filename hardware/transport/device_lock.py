@@ -6,8 +6,6 @@ name that was given and by what that name stands for, anything else by its addre
 device is opened: opening a port can stop a car that drives.
 """
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import hashlib
