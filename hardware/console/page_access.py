@@ -6,6 +6,8 @@ operator cannot come back after a restart of the browser: such a connection is c
 and the oldest of them when there are too many.
 """
 
+from __future__ import annotations
+
 import asyncio
 import secrets
 from collections.abc import Mapping

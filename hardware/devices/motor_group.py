@@ -24,7 +24,6 @@ class MotorGroup:
 
     Attributes:
         motors: one per settings.
-        foreign: frames that name none of them.
         received: the newest frames with their arrival (s), for the check of the firmware profile.
     """
 
@@ -32,7 +31,6 @@ class MotorGroup:
         self.port = port
         self.motors = tuple(Motor(item, port) for item in settings)
         self._by_id = {motor.settings.motor_id: motor for motor in self.motors}
-        self.foreign = 0
         self.received: deque[tuple[float, CanFrame]] = deque(maxlen=_MAX_RECEIVED)
 
     @property
@@ -87,9 +85,7 @@ class MotorGroup:
         for arrival, frame in self.port.poll():
             self.received.append((arrival, frame))
             motor = self._addressed(frame)
-            if motor is None:
-                self.foreign += 1
-            else:
+            if motor is not None:
                 motor.receive(frame, arrival)
         if self.port.fault:
             for motor in self.motors:

@@ -130,11 +130,6 @@ class ReplyCount:
         self._unanswered.clear()
         self.extra = 0
 
-    @property
-    def too_many(self) -> bool:
-        """Returns whether a second motor answers."""
-        return self.extra > MAX_EXTRA
-
     def add(self, frames: int, replies: int, now: float) -> None:
         """Adds what was sent and received in a cycle that ends at `now`, s."""
         while self._unanswered and now - self._unanswered[0][0] > self._memory:

@@ -137,7 +137,6 @@ class SensorThread(Generic[T]):
 
     Attributes:
         count: samples so far.
-        losses: how often the device was lost.
         error: of the last loss.
     """
 
@@ -151,7 +150,6 @@ class SensorThread(Generic[T]):
         self._port: Serial | None = open_port()
         self._newest: tuple[float, T] | None = None
         self.count = 0
-        self.losses = 0
         self.error = ""
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -222,7 +220,6 @@ class SensorThread(Generic[T]):
                     self.count += 1
             # pyserial raises OSError, TypeError and others on a lost device.
             except Exception as error:
-                self.losses += port is not None
                 self._lose(str(error))
                 self.error = " ".join(str(error).split())
                 self._closing.wait(_RECONNECT)
@@ -366,7 +363,7 @@ class GpsSession(Session[GpsSample]):
     """Takes whatever navigation solutions the receiver sends; nothing is configured."""
 
     def __init__(self) -> None:
-        self.stream = GpsStream()
+        self._stream = GpsStream()
         self._frozen = FrozenSensorMonitor("GPS", _MAX_EQUAL)
 
     @property
@@ -380,7 +377,7 @@ class GpsSession(Session[GpsSample]):
         """
         data = port.read(max(1, port.in_waiting))
         if data:
-            samples = self.stream.feed(data)
+            samples = self._stream.feed(data)
         else:
             samples = []
         for sample in samples:

@@ -28,7 +28,7 @@ from aerodima.hardware.devices.motor_limits import (
     scale_gains,
     to_motor,
 )
-from aerodima.hardware.devices.motor_monitors import ReplyCount, TrackingMonitor
+from aerodima.hardware.devices.motor_monitors import MAX_EXTRA, ReplyCount, TrackingMonitor
 from aerodima.hardware.devices.motor_settings import MotorSettings
 from aerodima.hardware.protocol.ak70 import (
     MitCommand,
@@ -349,7 +349,7 @@ class Motor:
         safety = self._safety
         if gap < 0 or gap > safety.stall_time:
             self.set_fault(MotorFault.LOOP_STALLED, f"{gap:.3g} s between two cycles", now)
-        elif self._count.too_many:
+        elif self._count.extra > MAX_EXTRA:
             self.set_fault(
                 MotorFault.DOUBLE_ID, f"two motors answer to the id {self.settings.motor_id}", now
             )

@@ -36,6 +36,7 @@ from aerodima.hardware.protocol.teensy import (
     TeensyCommand,
     TeensyReply,
     TeensyStatus,
+    check_pulse,
     decode_reply,
     make_command,
 )
@@ -165,10 +166,8 @@ class TeensyLink:
 
         Raises `FrameError` out of range, and keeps the old ones.
         """
-        check = TeensyCommand(
-            (_exit_order(self._ids[0]), _exit_order(self._ids[1])), servo, throttle
-        )
-        make_command(check)
+        check_pulse("servo", servo, SERVO_PULSES)
+        check_pulse("throttle", throttle, THROTTLE_PULSES)
         self._servo = servo
         self._throttle = throttle
 

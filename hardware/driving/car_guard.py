@@ -25,8 +25,6 @@ from collections import deque
 from dataclasses import replace
 from enum import IntEnum
 
-import numpy as np
-
 from aerodima.hardware.car.safety_settings import DriveSafety, load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import CarCommand, CarReading
@@ -44,7 +42,7 @@ _IMU = STATUS.index("imu_fault")
 _SPEED = STATUS.index("speed_fault")
 _OPERATOR = STATUS.index("operator_fault")
 _OPERATOR_AGE = STATUS.index("operator_age")
-_RATES = (TAIL_STATE.index("pitch_rate"), TAIL_STATE.index("roll_rate"))
+_RATES = [TAIL_STATE.index("pitch_rate"), TAIL_STATE.index("roll_rate")]
 _GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
 _UNFITTED = (SourceFault.NONE, SourceFault.NOT_FITTED)
 _CYCLE = 0.01
@@ -138,12 +136,6 @@ class CarGuard:
         if not self.ready or self.reason:
             return OperatorPrompt.NONE
         return OperatorPrompt.SELECT_MODE if self.was_idle else OperatorPrompt.RETURN_TO_IDLE
-
-    def link_times(self, start: float) -> np.ndarray:
-        """Returns (3,) `LINK_COLUMNS` of the log, s from the `start` (s, monotonic) of the run."""
-        return np.array(
-            [self.lateness, self.wiring.imu_time - start, self.wiring.teensy_time - start]
-        )
 
     # -- by hand
 
@@ -329,20 +321,13 @@ class CarGuard:
         soft = status[_OPERATOR] != 0.0 or status[_IMU] != 0.0 or status[_SPEED] in _GONE
         if hard or soft:
             return hard, reading.fault_text or "a device has a fault"
-        current = self._least_current(reading)
+        # Replies of the MIT mode carry neither voltage nor current of the pack: the least current
+        # is that of the mechanical power at the lowest voltage allowed.
+        current = reading.tail_torque @ reading.tail_state[_RATES] / self._safety.least_voltage
         fuse = self._safety.fuse
         if current > fuse:
             return True, f"the tail motors draw {current:.0f} A; the fuse has {fuse:g} A"
         return False, ""
-
-    def _least_current(self, reading: CarReading) -> float:
-        """Least current of the tail motors, A: their mechanical power at the lowest voltage
-        allowed.
-
-        Replies of the MIT mode carry neither voltage nor current of the pack.
-        """
-        power = float(reading.tail_torque @ reading.tail_state[list(_RATES)])
-        return max(0.0, power) / self._safety.least_voltage
 
     def _go_unless_stopped(self, stage: Stage, now: float) -> None:
         """Continues by hand; a signal may have come in between."""

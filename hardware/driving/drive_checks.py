@@ -95,8 +95,9 @@ def preflight_checks(scenario: Scenario, folder: Path, safety: DriveSafety) -> l
     return [*_rates(scenario), _disk(folder, safety), _sleep(), _calendar()]
 
 
-def device_checks(reading: CarReading, gps_time: float | None, safety: DriveSafety) -> list[Check]:
-    """Checks the state of every device, with a note on the battery, which nothing measures.
+def device_checks(car: WiredCar, reading: CarReading, safety: DriveSafety) -> list[Check]:
+    """Checks the state of every device, and whether the watchdog answers that switches the motors
+    off when this program dies; with a note on the battery, which nothing measures.
 
     A GPS may be missing; one that is fitted limits the speed, and must have a fix.
     """
@@ -115,12 +116,8 @@ def device_checks(reading: CarReading, gps_time: float | None, safety: DriveSafe
         checks.append(Check(source, None if missing else fault == 0.0, text))
     pack = f"measure {safety.least_voltage:g} to {safety.most_voltage:g} V, fuse {safety.fuse:g} A"
     battery = Check("battery", None, f"replies of the MIT mode carry no voltage; {pack}")
-    return [*checks, battery, _gps_clock(gps_time)]
-
-
-def watchdog_check(wiring: str, unwatched: str) -> Check:
-    """Checks whether the watchdog answers that switches the motors off when this program dies."""
-    return Check("watchdog", not unwatched, unwatched or _WATCHES[wiring])
+    watchdog = Check("watchdog", not car.unwatched, car.unwatched or _WATCHES[car.name])
+    return [*checks, battery, _gps_clock(car.gps_time), watchdog]
 
 
 def motor_checks(
@@ -131,20 +128,17 @@ def motor_checks(
     """
     checks = []
     for name, motor_id in zip(("tail pitch", "tail roll"), ports.motor_ids, strict=True):
+        replies = car.replies(motor_id)
         try:
-            evidence = check_profile(ports.profile, car.replies(motor_id))
+            ratio = check_profile(ports.profile, replies)
         except HardwareError as error:
             checks.append(Check(f"{name} profile", False, str(error)))
             continue
-        ratio = evidence.speed_ratio
         if ratio is None:
             moved = "not turned: its ranges are not proven"
         else:
             moved = f"speed ratio {ratio:.2f}"
-        text = (
-            f"{ports.profile.name}, {evidence.replies} replies of {evidence.reply_length} "
-            f"bytes, {moved}"
-        )
+        text = f"{ports.profile.name}, {len(replies)} replies, {moved}"
         checks.append(Check(f"{name} profile", None if ratio is None else True, text))
     return [*checks, *zero_checks(car.reading, scenario, safety)]
 
@@ -227,24 +221,10 @@ def zero_checks(reading: CarReading, scenario: Scenario, safety: DriveSafety) ->
     return checks
 
 
-@dataclass(frozen=True)
-class ProfileEvidence:
-    """Result of a check of replies against a profile.
-
-    Attributes:
-        replies: how many were read.
-        reply_length: bytes of each.
-        speed_ratio: change of position over the integral of the reported velocity: 1 if the profile
-            is right; None if the motor was not turned enough to tell.
-    """
-
-    replies: int
-    reply_length: int
-    speed_ratio: float | None
-
-
-def check_profile(profile: FirmwareProfile, replies: TimedFrames) -> ProfileEvidence:
-    """Checks a profile against replies of one motor to the neutral command.
+def check_profile(profile: FirmwareProfile, replies: TimedFrames) -> float | None:
+    """Checks a profile against replies of one motor to the neutral command; returns the change of
+    position over the integral of the reported velocity: 1 if the profile is right, None if the
+    motor was not turned enough to tell.
 
     Args:
         replies: (arrival in s, frame), in order, at 20 Hz or more; best with the motor turned by
@@ -279,7 +259,7 @@ def check_profile(profile: FirmwareProfile, replies: TimedFrames) -> ProfileEvid
             "the reported speed; "
             f"profiles that fit: {', '.join(fitting) or 'none that is known'}"
         )
-    return ProfileEvidence(len(replies), lengths.pop(), ratio)
+    return ratio
 
 
 def _fits(profile: FirmwareProfile, replies: TimedFrames) -> bool:

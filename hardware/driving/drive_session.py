@@ -31,7 +31,6 @@ from aerodima.hardware.driving.drive_checks import (
     motor_checks,
     preflight_checks,
     report,
-    watchdog_check,
 )
 from aerodima.hardware.driving.drive_result import HOUR, DriveOptions, DriveResult
 from aerodima.hardware.driving.held_car import connect
@@ -233,8 +232,7 @@ class DriveSession:
         # A device that had not answered when the operator stopped the car is not to blame.
         if self._guard.finished and not self._options.dry_run:
             raise HardwareError(self._guard.reason)
-        checks = device_checks(self._guard.reading, self._car.gps_time, self._safety)
-        checks.append(watchdog_check(self._car.name, self._car.unwatched))
+        checks = device_checks(self._car, self._guard.reading, self._safety)
         report(checks, self._say, refuse=not self._options.dry_run)
         self._sequence, self._columns = self._make_sequence()
         prefer_latency()

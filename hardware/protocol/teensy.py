@@ -183,8 +183,8 @@ def make_command(command: TeensyCommand) -> bytes:
             range.
     """
     _check_ids(command.motors[0].motor_id, command.motors[1].motor_id)
-    _check_pulse("servo", command.servo, SERVO_PULSES)
-    _check_pulse("throttle", command.throttle, THROTTLE_PULSES)
+    check_pulse("servo", command.servo, SERVO_PULSES)
+    check_pulse("throttle", command.throttle, THROTTLE_PULSES)
     orders = "|;".join(_write_order(order) for order in command.motors)
     attitude = _write_attitude(command.attitude)
     data = f"{orders}|;{command.servo};{command.throttle}{attitude}".encode("ascii")
@@ -307,6 +307,7 @@ def _check_ids(first: int, second: int) -> None:
         raise FrameError(f"both motors have the id {first}: each needs its own")
 
 
-def _check_pulse(name: str, pulse: int, pulses: tuple[int, int, int]) -> None:
+def check_pulse(name: str, pulse: int, pulses: tuple[int, int, int]) -> None:
+    """Raises `FrameError` for a pulse (us) that is not within `pulses`."""
     if isinstance(pulse, bool) or not isinstance(pulse, int) or not pulses[0] <= pulse <= pulses[2]:
         raise FrameError(f"{name} pulse {pulse!r} us: allowed is {pulses[0]} to {pulses[2]}")
