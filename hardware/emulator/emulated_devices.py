@@ -15,7 +15,7 @@ from aerodima.hardware.car.mounting import Mounting
 from aerodima.hardware.devices.bno055 import Bno055Chip
 from aerodima.hardware.devices.ublox import GpsSample, make_nav_pvt
 from aerodima.hardware.emulator.emulated_bus import EmulatedBus
-from aerodima.hardware.emulator.fault_script import EventLog, Fault, FaultBoard, OperatorEntry
+from aerodima.hardware.emulator.fault_script import EventLog, FaultBoard, OperatorEntry
 from aerodima.hardware.firmware.teensy_core import CoreState, TeensyCore
 from aerodima.hardware.firmware.teensy_firmware import FirmwareSettings
 from aerodima.hardware.protocol import radio
@@ -104,7 +104,7 @@ class EmulatedTeensy:
             return b""
         self._core.step(now)
         for frame in self._core.frames():
-            if self._board.entry(Fault.TEENSY_OFF_BUS) is not None:
+            if self._board.entry("teensy_off_bus") is not None:
                 continue
             if self._watches:
                 self._bus.carry_from_watch(frame)
@@ -117,18 +117,18 @@ class EmulatedTeensy:
 
     def _receive(self, frame: CanFrame) -> None:
         runs = self._hung_since is None or math.isinf(self._hung_since)
-        if runs and self._powered and self._board.entry(Fault.TEENSY_OFF_BUS) is None:
+        if runs and self._powered and self._board.entry("teensy_off_bus") is None:
             self._core.receive(frame)
 
     def _runs(self, now: float) -> bool:
-        powered = self._board.entry(Fault.TEENSY_UNPOWERED) is None
+        powered = self._board.entry("teensy_unpowered") is None
         if powered is not self._powered:
             self._powered = powered
             self._core = TeensyCore(self._settings, now)
             self._note()  # servo and ESC get no pulses without power: neutral
         if not powered:
             return False
-        if self._board.entry(Fault.TEENSY_HUNG) is None:
+        if self._board.entry("teensy_hung") is None:
             self._hung_since = None
             return True
         if self._hung_since is None:
@@ -164,11 +164,11 @@ class EmulatedImu:
     def set_reading(self, reading: np.ndarray) -> None:
         """Sets the reading (9,) as `aerodima.workbench.scenario.signal_table.IMU`."""
         before = self._reading
-        if self._board.entry(Fault.FROZEN, "imu") and before is not None:
+        if self._board.entry("frozen", "imu") and before is not None:
             return
-        if self._board.entry(Fault.TIPPED_OVER):
+        if self._board.entry("tipped_over"):
             reading = np.array([_ON_ITS_SIDE, *reading[1:]])
-        if self._board.entry(Fault.ATTITUDE_STUCK) and before is not None:
+        if self._board.entry("attitude_stuck") and before is not None:
             # The chip takes gravity off what it measures by the attitude in which it believes.
             felt = reading[6:9] + _gravity(reading)
             reading = np.concatenate([before[:3], reading[3:6], felt - _gravity(before)])
@@ -177,10 +177,10 @@ class EmulatedImu:
 
     def feed(self, data: bytes, now: float) -> None:
         """Takes requests; their answers come in order, late ones before those that follow."""
-        late = self._board.entry(Fault.ANSWER_LATE)
+        late = self._board.entry("answer_late")
         due = now + late.delay if late else now
         self._answers.append((due, self._chip.feed(data)))
-        self._board.consume(Fault.ANSWER_LATE)
+        self._board.consume("answer_late")
 
     def poll(self, now: float) -> bytes:
         """Returns the answers that are due."""
@@ -211,11 +211,11 @@ class EmulatedGps:
         if now < self._next:
             return b""
         self._next = max(self._next + self._period, now)
-        if self._board.entry(Fault.OVER_SPEED):
+        if self._board.entry("over_speed"):
             speed = _TOO_FAST
-        if not self._board.entry(Fault.FROZEN, "gps"):
+        if not self._board.entry("frozen", "gps"):
             self._speed = speed
-        fix = self._board.entry(Fault.FIX_LOST) is None
+        fix = self._board.entry("fix_lost") is None
         sample = GpsSample(max(0.0, self._speed), fix, time.time() % _DAY)
         return self._board.corrupt("gps", make_nav_pvt(sample))
 
@@ -284,7 +284,7 @@ class EmulatedAir:
 
     def to_console(self, data: bytes) -> bytes:
         """Carries bytes of the car's serial port to the console's."""
-        sender = _FOREIGN if self._board.entry(Fault.FOREIGN_MODULE) else CAR
+        sender = _FOREIGN if self._board.entry("foreign_module") else CAR
         return self._carry(self._of_car, data, sender, OPERATOR)
 
     def _carry(self, stream: ApiStream, data: bytes, sender: int, receiver: int) -> bytes:

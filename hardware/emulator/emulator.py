@@ -52,7 +52,6 @@ from aerodima.hardware.emulator.emulated_plant import EmulatedCar
 from aerodima.hardware.emulator.fault_script import (
     Device,
     EventLog,
-    Fault,
     FaultBoard,
     Script,
 )
@@ -275,12 +274,12 @@ class Emulator:
             self._board.begin("driving", now)
         self._board.update(now)
         for name, port in self._ports.items():
-            if self._board.entry(Fault.RENAMED, name):
+            if self._board.entry("renamed", name):
                 renamed = port.link.with_name(f"{name}_1")
             else:
                 renamed = None
-            unpowered = name == "teensy" and self._board.entry(Fault.TEENSY_UNPOWERED)
-            if unpowered or self._board.entry(Fault.UNPLUGGED, name):
+            unpowered = name == "teensy" and self._board.entry("teensy_unpowered")
+            if unpowered or self._board.entry("unplugged", name):
                 port.unplug()
             elif renamed is not None and port.link != renamed:
                 port.unplug()
