@@ -176,15 +176,11 @@ class WiredCar:
     @property
     def gps_time(self) -> float | None:
         """UTC by the GPS receiver, s since midnight; None while it is not known."""
-        if self.devices is None or self.devices.gps is None:
+        gps = None if self.devices is None else self.devices.gps
+        newest = None if gps is None else gps.newest
+        if newest is None or newest[1].time_of_day is None:
             return None
-        newest = self.devices.gps.newest
-        if newest is None:
-            return None
-        known = newest[1].time_of_day
-        if known is None:
-            return None
-        return known + time.monotonic() - newest[0]
+        return newest[1].time_of_day + time.monotonic() - newest[0]
 
     # -- one cycle
 

@@ -60,10 +60,10 @@ class RadioLink:
         """Reads what came in. A damaged or foreign frame makes nothing younger."""
         for arrival, data in self._link.poll():
             for packet in self._stream.feed(data):
-                if self._operator is not None and packet.sender != self._operator:
+                if self._operator is not None and packet.address != self._operator:
                     self.foreign += 1
                 else:
-                    self._receive(packet.data, arrival, packet.sender)
+                    self._receive(packet.data, arrival, packet.address)
 
     def age(self, now: float) -> float:
         """Seconds since the older of command and heartbeat that counts upwards: what the dead-man

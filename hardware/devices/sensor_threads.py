@@ -136,6 +136,7 @@ class SensorThread(Generic[T]):
         silent: age of a sample at which the sensor counts as silent, s.
 
     Attributes:
+        newest: time of the newest sample (s, monotonic), and the sample; None before the first.
         count: samples so far.
         error: of the last loss.
     """
@@ -148,21 +149,16 @@ class SensorThread(Generic[T]):
         self._session = session
         self._silent = silent
         self._port: Serial | None = open_port()
-        self._newest: tuple[float, T] | None = None
+        self.newest: tuple[float, T] | None = None
         self.count = 0
         self.error = ""
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
-    @property
-    def newest(self) -> tuple[float, T] | None:
-        """Time of the newest sample (s, monotonic), and the sample; None before the first."""
-        return self._newest
-
     def age(self, now: float) -> float:
         """Seconds since the newest sample was taken; infinite before the first."""
-        newest = self._newest
+        newest = self.newest
         if newest is None:
             return math.inf
         return max(0.0, now - newest[0])
@@ -179,7 +175,7 @@ class SensorThread(Generic[T]):
             return SourceFault.LOST, f"the port of the {self.name} is lost: {self.error}"
         if self._session.fault_text:
             return SourceFault.REPORTED, self._session.fault_text
-        if self._newest is None:
+        if self.newest is None:
             reason = f": {self.error}" if self.error else ""
             return SourceFault.NO_SAMPLE_YET, f"no sample of the {self.name} yet{reason}"
         age = self.age(now)
@@ -216,7 +212,7 @@ class SensorThread(Generic[T]):
                     self._session.begin(port)
                     ready = True
                 elif (sample := self._session.read(port)) is not None:
-                    self._newest = sample
+                    self.newest = sample
                     self.count += 1
             # pyserial raises OSError, TypeError and others on a lost device.
             except Exception as error:
@@ -376,10 +372,7 @@ class GpsSession(Session[GpsSample]):
         none.
         """
         data = port.read(max(1, port.in_waiting))
-        if data:
-            samples = self._stream.feed(data)
-        else:
-            samples = []
+        samples = self._stream.feed(data) if data else []
         for sample in samples:
             self._frozen.update(sample.speed, sample.speed > _MOVES)
         if samples:

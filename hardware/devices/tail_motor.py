@@ -81,7 +81,7 @@ class Motor:
         self.temperature: float | None = None
         self.missed = 0
         self.bad_frames = 0
-        self._reply_time: float | None = None
+        self._reply_time = -math.inf
         self._step_time: float | None = None
         self._state_time = 0.0
         self._exit_time = 0.0
@@ -198,8 +198,6 @@ class Motor:
 
     def age(self, now: float) -> float:
         """Seconds since the last valid reply; infinite before the first."""
-        if self._reply_time is None:
-            return math.inf
         return now - self._reply_time
 
     # -- frames
@@ -273,7 +271,7 @@ class Motor:
 
     def _jump(self, reply: MitReply, time: float) -> float:
         """Returns by how much the position changed more than the motor can turn, rad."""
-        if self._motor_angle is None or self._reply_time is None:
+        if self._motor_angle is None:
             return 0.0
         change = abs(self._unwrapped(reply) - self._motor_angle)
         return change - self.settings.jump_speed * max(0.0, time - self._reply_time)

@@ -30,10 +30,7 @@ class DriveLimits:
         """Permitted part of a finite throttle: clipped, rises at a limited rate, falls at once."""
         safety = self._safety
         side = math.copysign(1.0, asked)
-        if math.isfinite(self._time):
-            span = min(max(0.0, now - self._time), _MAX_SPAN)
-        else:
-            span = 0.0
+        span = min(max(0.0, now - self._time), _MAX_SPAN) if math.isfinite(self._time) else 0.0
         rise = safety.throttle_rate * span
         present = max(0.0, side * self._throttle)
         self._throttle = side * min(

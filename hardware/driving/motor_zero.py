@@ -78,11 +78,12 @@ def write_zeros(path: Path, angles: dict[Joint, float]) -> None:
 def joint_angles(ports: CarPorts, angles: dict[Joint, float]) -> dict[Joint, float]:
     """Converts motor angles to joint angles (rad) by the zeros of the ports file."""
     mounting = load_mounting()
-    signs = {"tail_pitch": mounting.tail_pitch_direction, "tail_roll": mounting.tail_roll_direction}
-    parts = {"tail_pitch": ports.tail_pitch, "tail_roll": ports.tail_roll}
-    return {
-        j: (parts[j].direction or signs[j]) * (angle - parts[j].zero) for j, angle in angles.items()
-    }
+    converted: dict[Joint, float] = {}
+    for joint, angle in angles.items():
+        part = getattr(ports, joint)
+        direction = part.direction or getattr(mounting, f"{joint}_direction")
+        converted[joint] = direction * (angle - part.zero)
+    return converted
 
 
 def _read_angles(

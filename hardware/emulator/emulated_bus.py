@@ -110,14 +110,8 @@ class EmulatedBus:
 
     def _pass_on(self, frame: CanFrame) -> list[CanFrame]:
         self._note(frame, received=False)
-        if frame.extended:
-            motor = None
-        else:
-            motor = self._motors.get(frame.arbitration_id)
-        if motor is not None and len(frame.data) == 8:
-            answers = motor.receive(frame.data)
-        else:
-            answers = []
+        motor = None if frame.extended else self._motors.get(frame.arbitration_id)
+        answers = motor.receive(frame.data) if motor is not None and len(frame.data) == 8 else []
         for answer in answers:
             self._note(answer, received=True)
         return answers
@@ -369,10 +363,7 @@ def read_frame(line: bytes) -> CanFrame | None:
 
 def write_frame(frame: CanFrame) -> bytes:
     """Makes the line that reports a frame, with its end."""
-    if frame.extended:
-        head = f"T{frame.arbitration_id:08X}"
-    else:
-        head = f"t{frame.arbitration_id:03X}"
+    head = f"T{frame.arbitration_id:08X}" if frame.extended else f"t{frame.arbitration_id:03X}"
     return f"{head}{len(frame.data)}{frame.data.hex().upper()}\r".encode()
 
 

@@ -22,7 +22,7 @@ from aerodima.hardware.protocol import radio
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.radio import OperatorPrompt, decode_report
 from aerodima.hardware.protocol.teensy import THROTTLE_PULSES, TeensyStatus
-from aerodima.hardware.protocol.xbee import BROADCAST, ApiStream, ReceivedPacket, make_received
+from aerodima.hardware.protocol.xbee import BROADCAST, ApiStream, Packet, make_received
 from aerodima.workbench.core.quantity import STANDARD_GRAVITY
 
 _RESTART_TIME = 0.5
@@ -264,7 +264,7 @@ class EmulatedOperator:
         else:
             frames.append(radio.make_command(passed[-1].command(self.prompted)))
         return self._board.corrupt(
-            "radio", b"".join(make_received(ReceivedPacket(OPERATOR, frame)) for frame in frames)
+            "radio", b"".join(make_received(Packet(OPERATOR, frame)) for frame in frames)
         )
 
 
@@ -291,9 +291,9 @@ class EmulatedAir:
         packets = [
             packet
             for packet in stream.feed_transmits(data)
-            if packet.receiver in (receiver, BROADCAST)
+            if packet.address in (receiver, BROADCAST)
         ]
         return self._board.corrupt(
             "radio",
-            b"".join(make_received(ReceivedPacket(sender, packet.data)) for packet in packets),
+            b"".join(make_received(Packet(sender, packet.data)) for packet in packets),
         )

@@ -26,7 +26,7 @@ import re
 from dataclasses import dataclass
 from enum import IntEnum
 
-from aerodima.hardware.protocol.ak70 import MitCommand, check_motor_id
+from aerodima.hardware.protocol.ak70 import COMMAND_FIELDS, MitCommand, check_motor_id
 from aerodima.hardware.protocol.can_frame import FrameError
 
 END = b"|"
@@ -44,7 +44,6 @@ _UNKNOWN_AGE = 65535
 """Age of an attitude that is not known, ms."""
 _UNKNOWN_FAULT = -1
 """Fault of a motor whose replies carry neither temperature nor fault."""
-_MOTOR_FIELDS = ("position", "velocity", "kp", "kd", "torque")
 NUMBERS = {
     "position": (-100.0, 100.0, 5),
     "velocity": (-200.0, 200.0, 4),
@@ -237,7 +236,7 @@ _INTEGERS = {
 
 
 def _write_order(order: MotorOrder) -> str:
-    command = (_number(name, getattr(order.command, name)) for name in _MOTOR_FIELDS)
+    command = (_number(name, getattr(order.command, name)) for name in COMMAND_FIELDS)
     return ";".join([str(order.motor_id), str(int(order.request)), *command])
 
 

@@ -30,15 +30,15 @@ BROADCAST = 0xFFFF
 
 
 @dataclass(frozen=True, slots=True)
-class ReceivedPacket:
-    """Data that another module sent.
+class Packet:
+    """Data that another module sent, or that is for it.
 
     Attributes:
-        sender: its 64-bit serial number.
-        data: what it sent, without the frame around it.
+        address: 64-bit serial number of that module.
+        data: without the frame around it.
     """
 
-    sender: int
+    address: int
     data: bytes
 
 
@@ -61,19 +61,11 @@ def make_transmit(data: bytes, receiver: int) -> bytes:
     return _frame(content)
 
 
-def make_received(packet: ReceivedPacket) -> bytes:
+def make_received(packet: Packet) -> bytes:
     """Makes the frame that a module hands over for data that arrived; for emulators."""
-    sender = packet.sender.to_bytes(8, "big")
+    sender = packet.address.to_bytes(8, "big")
     head = bytes([_RECEIVED]) + sender + _UNKNOWN_NETWORK_ADDRESS
     return _frame(head + b"\x01" + packet.data)
-
-
-@dataclass(frozen=True, slots=True)
-class SentPacket:
-    """Data for another module. receiver: its 64-bit serial number."""
-
-    receiver: int
-    data: bytes
 
 
 class ApiStream:
@@ -91,26 +83,22 @@ class ApiStream:
         self._open = b""
         self.rejected = 0
 
-    def feed(self, data: bytes) -> list[ReceivedPacket]:
-        """Adds bytes; returns the packets that became complete, oldest first."""
-        return [
-            ReceivedPacket(int.from_bytes(content[1:9], "big"), content[_RECEIVED_HEAD:])
-            for content in self._contents(data)
-            if content[0] == _RECEIVED and len(content) >= _RECEIVED_HEAD
-        ]
+    def feed(self, data: bytes) -> list[Packet]:
+        """Adds bytes; returns the packets that arrived and became complete, oldest first."""
+        return self._packets(data, _RECEIVED, 1, _RECEIVED_HEAD)
 
-    def feed_transmits(self, data: bytes) -> list[SentPacket]:
+    def feed_transmits(self, data: bytes) -> list[Packet]:
         """Adds bytes that a computer hands to its module, for emulators; returns the packets."""
-        return [
-            SentPacket(int.from_bytes(content[2:10], "big"), content[_TRANSMIT_HEAD:])
-            for content in self._contents(data)
-            if content[0] == _TRANSMIT and len(content) >= _TRANSMIT_HEAD
-        ]
+        return self._packets(data, _TRANSMIT, 2, _TRANSMIT_HEAD)
 
-    def _contents(self, data: bytes) -> list[bytes]:
-        """Contents of the frames that became complete with these bytes."""
+    def _packets(self, data: bytes, kind: int, place: int, head: int) -> list[Packet]:
+        """Returns the packets of one kind, whose address is at a place of the content."""
         contents, self._open = cut_frames(self._open + data, bytes([START]), self._cut)
-        return contents
+        return [
+            Packet(int.from_bytes(content[place : place + 8], "big"), content[head:])
+            for content in contents
+            if content[0] == kind and len(content) >= head
+        ]
 
     def _cut(self, data: bytes) -> tuple[int, bytes | None]:
         if len(data) < 3:

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from aerodima.hardware.console.console import GONE_AFTER, Clients, Console, ConsoleRecord, Limits
+from aerodima.hardware.console.console import GONE_AFTER, Console, ConsoleRecord, Limits
 from aerodima.hardware.console.operator_radio import OperatorRadio
 from aerodima.hardware.console.page_messages import Logging, PageHeartbeat, Request, Stop
 from aerodima.hardware.protocol.radio import (
@@ -153,14 +153,14 @@ def test_a_car_is_armed_at_rest_and_without_a_stop_only(bench):
     assert bench.car == ["disarm", "arm"]
 
 
-def test_control_is_free_only_when_the_page_that_has_it_has_gone():
-    clients = Clients()
-    first = clients.connect(0.0)
-    second = clients.connect(0.0)
-    clients.refresh(first, 1.0)
-    assert not clients.claim_control(second, 1.1)
-    assert clients.controller == first
-    assert clients.claim_control(second, 1.1 + GONE_AFTER)
-    assert not clients.claim_control(first, 1.2 + GONE_AFTER)
-    clients.disconnect(second)
-    assert clients.claim_control(first, 1.3 + GONE_AFTER)
+def test_control_is_free_only_when_the_page_that_has_it_has_gone(bench):
+    def assert_taken(page):
+        assert_refused(lambda: bench.ask("take", page), UserError, "another page")
+
+    bench.beat()
+    assert_taken(bench.second)
+    bench.now += GONE_AFTER + 0.1
+    bench.ask("take", bench.second)
+    assert_taken(bench.first)
+    bench.console.disconnect(bench.second)
+    bench.ask("take", bench.first)

@@ -14,7 +14,7 @@ from aerodima.hardware.protocol.radio import (
     make_emergency_stop,
     make_heartbeat,
 )
-from aerodima.hardware.protocol.xbee import ApiStream, ReceivedPacket, make_received
+from aerodima.hardware.protocol.xbee import ApiStream, Packet, make_received
 from tests.hardware.fake_serial import FakeLink
 
 OPERATOR = 0x0013A20040000001
@@ -29,7 +29,7 @@ class Radio:
 
     def take(self, *frames, sender=OPERATOR):
         for frame in frames:
-            self.wire.deliver(make_received(ReceivedPacket(sender, frame)))
+            self.wire.deliver(make_received(Packet(sender, frame)))
         self.link.poll()
 
     def wait(self, seconds):
@@ -133,4 +133,4 @@ def test_reports_go_to_the_module_that_was_heard(radio):
     radio.take(make_heartbeat(1))
     radio.link.report(b"report")
     (packet,) = ApiStream().feed_transmits(radio.wire.sent[0])
-    assert (packet.receiver, packet.data) == (OPERATOR, b"report")
+    assert (packet.address, packet.data) == (OPERATOR, b"report")
