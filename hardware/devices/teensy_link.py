@@ -46,6 +46,8 @@ _MAX_REPLY = 200
 """Bytes between two `|`; more is noise."""
 _WRAP = 2**32
 """The Teensy's clock of milliseconds begins anew after so many."""
+_WINDOW = 500
+"""Messages over which the smallest offset of the clock is taken."""
 _BACKWARDS = 1000
 """A count that falls by more than that is a restart of the microcontroller, ms."""
 _SILENT = 0.1
@@ -91,13 +93,10 @@ class ClockAlignment:
 
     A message can only arrive late, never early: the smallest of the last offsets is the best one,
     and the window lets it follow a drift of the counter.
-
-    Args:
-        window: number of messages over which the smallest offset is taken.
     """
 
-    def __init__(self, window: int = 500) -> None:
-        self._offsets: deque[float] = deque(maxlen=window)
+    def __init__(self) -> None:
+        self._offsets: deque[float] = deque(maxlen=_WINDOW)
         self._last: int | None = None
         self._turns = 0
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import time
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -412,12 +411,12 @@ class DriveSession:
         guard = self._guard
         guard.reason = self._with_cause(guard.reason)
         orderly = not guard.hard and (guard.reason == RUN_OVER or guard.left)
+        self._resources.close()
+        self._say.flush()
         self.result = DriveResult(
             guard.reason,
             orderly and self._log is not None,
             self._log,
             self.signals[0] if self.signals else 0,
+            self._car.traffic_error,
         )
-        self._resources.close()
-        self._say.flush()
-        self.result = replace(self.result, traffic_error=self._car.traffic_error)

@@ -28,6 +28,8 @@ LINK_COLUMNS = ("loop_lateness_s", "imu_sample_time_s", "teensy_sent_time_s", "c
 """Columns of a drive alone: lateness of the cycle, times at which IMU and Teensy sampled the values
 of the row, on the clock of the run, and how long the controller computed. The Teensy's clock is
 aligned by `aerodima.hardware.devices.teensy_link`."""
+_PERIOD = 0.01
+"""Time between two cycles of the loop, s."""
 _MAX_WAITING = 3000
 """Most rows that wait for the disk, or are kept after it has failed."""
 _FLUSH = 0.08
@@ -244,11 +246,11 @@ def log_facts(
     return {**facts, **period_facts(cycle_times)}
 
 
-def period_facts(cycle_times: Sequence[float], period: float = 0.01) -> dict[str, float]:
+def period_facts(cycle_times: Sequence[float]) -> dict[str, float]:
     """Error of the periods of a loop: p50, p99 and the most, s; empty for fewer than two cycles."""
     if len(cycle_times) < 2:
         return {}
-    error = np.abs(np.diff(np.asarray(cycle_times)) - period)
+    error = np.abs(np.diff(np.asarray(cycle_times)) - _PERIOD)
     p50, p99 = np.percentile(error, [50, 99])
     return {
         "period_error_p50_s": float(p50),

@@ -224,7 +224,7 @@ def decode_command(data: bytes, profile: FirmwareProfile) -> MitCommand:
     return MitCommand(*_unpack(int.from_bytes(data, "big"), COMMAND_FIELDS, profile))
 
 
-def make_reply(reply: MitReply, profile: FirmwareProfile, arbitration_id: int = 0) -> CanFrame:
+def make_reply(reply: MitReply, profile: FirmwareProfile) -> CanFrame:
     """Makes the frame that a motor would answer with; for emulators.
 
     Without a fault byte it is the 6-byte form.
@@ -238,7 +238,7 @@ def make_reply(reply: MitReply, profile: FirmwareProfile, arbitration_id: int = 
         degrees = (reply.temperature or 0.0) + profile.temperature_offset
         warm = _encode("temperature", degrees, 0.0, 255.0, 255, "degrees above the offset")
         data += bytes([warm, reply.fault])
-    return CanFrame(arbitration_id, data)
+    return CanFrame(0, data)
 
 
 def decode_reply(frame: CanFrame, profile: FirmwareProfile) -> MitReply:

@@ -21,7 +21,7 @@ def test_delays_are_taken_out_up_to_the_shortest_one():
 
 
 def test_drift_is_followed():
-    clock = ClockAlignment(window=100)
+    clock = ClockAlignment()
     for i in range(5000):
         sent = 0.01 * i
         estimate = clock.add(round(10 * i * (1 + 1e-4)), sent + 0.001)
