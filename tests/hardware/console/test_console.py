@@ -98,7 +98,6 @@ def test_a_page_that_looks_on_may_stop_the_car_and_nothing_else(bench):
     for work, named in (
         (lambda: bench.beat(bench.second, mode="auto"), "read-only"),
         (lambda: bench.ask("reset", bench.second), "read-only"),
-        (lambda: bench.ask("take", bench.second), "another page controls"),
     ):
         assert_refused(work, UserError, named)
     assert len(bench.link.sent) == sent
@@ -113,15 +112,6 @@ def test_the_car_goes_to_rest_with_the_page_that_drives_it_and_with_no_other(ben
     assert len(bench.link.sent) == sent
     bench.console.disconnect(bench.first)
     assert bench.link.sent[sent:] == [[REST]], "once, and without a heartbeat"
-
-
-def test_a_beat_that_was_held_up_is_not_passed_on(bench):
-    bench.drive()
-    beats = len(bench.sent(Heartbeat))
-    bench.beat(late=0.4, mode="manual", throttle=0.5)
-    assert len(bench.sent(Heartbeat)) == beats
-    bench.beat(mode="manual", throttle=0.5)
-    assert bench.commands()[-1].throttle == 0.5
 
 
 def test_the_record_says_what_was_sent_and_what_a_lost_port_did_not_take(bench):
