@@ -215,7 +215,7 @@ def _report(result: DriveResult, plan: PlanOptions) -> None:
     if not result.orderly:
         say(f"error: the car was stopped: {result.reason}", err=True)
         raise typer.Exit(cli.Status.NO)
-    if result.traffic_error or result.log not in (None, plan.out):
+    if result.traffic_error or result.log not in (None, plan.out.absolute()):
         raise typer.Exit(cli.Status.LEFT_OUT)
 
 

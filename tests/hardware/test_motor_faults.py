@@ -67,9 +67,6 @@ CYCLE, MISSED = PERIOD, 5 * PERIOD
 
 FAULTS = {
     "silent": (lambda roll: setattr(roll, "respond", mute()), MotorFault.NO_REPLY, MISSED, "5"),
-    "silent for 100 ms": (
-        lambda roll: setattr(roll, "respond", mute(10)), MotorFault.NO_REPLY, MISSED, "5"
-    ),
     "short reply": (first_bytes(5), MotorFault.NO_REPLY, MISSED, "5"),
     "long reply": (first_bytes(7), MotorFault.NO_REPLY, MISSED, "5"),
     "foreign name": (
@@ -85,10 +82,6 @@ FAULTS = {
     "reports an unknown fault": (report(200), MotorFault.MOTOR_REPORTED, CYCLE, "200"),
     "jumps": (
         lambda roll: setattr(roll, "reading_offset", 0.7),
-        MotorFault.POSITION_JUMP, CYCLE, "0.2 rad",
-    ),
-    "jumps back": (
-        lambda roll: setattr(roll, "reading_offset", -0.7),
         MotorFault.POSITION_JUMP, CYCLE, "0.2 rad",
     ),
     "double": (double, MotorFault.DOUBLE_ID, 3 * CYCLE, "2"),

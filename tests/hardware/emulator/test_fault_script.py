@@ -76,10 +76,6 @@ def test_a_wrong_script_is_told_by_file_key_and_value(tmp_path, row):
     assert_refused(lambda: read_script(path), UserError, str(path), *named)
 
 
-def test_a_missing_script_is_named(tmp_path):
-    assert_refused(lambda: read_script(tmp_path / "missing.yaml"), UserError, "missing.yaml")
-
-
 def test_a_fault_lasts_from_its_time_for_its_duration(events, tmp_path):
     faults = board(events, {"time": 1.0, "fault": "silent", "part": "imu", "duration": 0.5})
     for now, on in ((100.9, False), (101.0, True), (101.4, True), (101.6, False), (110.0, False)):
