@@ -271,26 +271,21 @@ class EmulatedMotor:
 
     def _answers(self) -> list[CanFrame]:
         frame = self._reply()
-        board = self._board
-        joint = self.joint
-        if board.consume("reply_lost", joint):
-            return []
-        if board.consume("v3_frame", joint):
-            return [CanFrame(0x2900 | self.motor_id, frame.data, extended=True)]
-        if board.consume("foreign_id", joint):
-            return [CanFrame(0x7F, bytes([0x7F]) + frame.data[1:])]
-        if board.consume("reply_corrupted", joint):
-            return [CanFrame(frame.arbitration_id, bytes(byte ^ 0x5A for byte in frame.data))]
-        if board.consume("reply_short", joint):
-            return [CanFrame(frame.arbitration_id, frame.data[:5])]
-        # Classic CAN has no more than 8 bytes: longer than 6, and not 8.
-        if board.consume("reply_long", joint):
-            return [CanFrame(frame.arbitration_id, (frame.data + b"\0")[:7])]
-        if board.consume("double_id", joint):
-            return [
-                frame,
-                CanFrame(frame.arbitration_id, frame.data[:1] + b"\x90" + frame.data[2:]),
-            ]
+        number = frame.arbitration_id
+        data = frame.data
+        answers: dict[Fault, list[CanFrame]] = {
+            "reply_lost": [],
+            "v3_frame": [CanFrame(0x2900 | self.motor_id, data, extended=True)],
+            "foreign_id": [CanFrame(0x7F, b"\x7f" + data[1:])],
+            "reply_corrupted": [CanFrame(number, bytes(byte ^ 0x5A for byte in data))],
+            "reply_short": [CanFrame(number, data[:5])],
+            # Classic CAN has no more than 8 bytes: longer than 6, and not 8.
+            "reply_long": [CanFrame(number, (data + b"\0")[:7])],
+            "double_id": [frame, CanFrame(number, data[:1] + b"\x90" + data[2:])],
+        }
+        for fault, damaged in answers.items():
+            if self._board.consume(fault, self.joint):
+                return damaged
         return [frame]
 
 

@@ -89,7 +89,7 @@ class EmulatedTeensy:
 
     def feed(self, data: bytes, now: float) -> None:
         """Takes bytes from the computer."""
-        if self._powered and (self._hung_since is None or math.isinf(self._hung_since)):
+        if self._awake:
             self._core.feed(data, now)
 
     def set_sail(self, angle: float) -> None:
@@ -116,9 +116,13 @@ class EmulatedTeensy:
         return self._board.corrupt("teensy", self._core.reply())
 
     def _receive(self, frame: CanFrame) -> None:
-        runs = self._hung_since is None or math.isinf(self._hung_since)
-        if runs and self._powered and self._board.entry("teensy_off_bus") is None:
+        if self._awake and self._board.entry("teensy_off_bus") is None:
             self._core.receive(frame)
+
+    @property
+    def _awake(self) -> bool:
+        """Returns whether it has power and does not hang."""
+        return self._powered and (self._hung_since is None or math.isinf(self._hung_since))
 
     def _runs(self, now: float) -> bool:
         powered = self._board.entry("teensy_unpowered") is None
