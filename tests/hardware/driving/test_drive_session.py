@@ -144,8 +144,8 @@ def test_a_controller_that_nothing_interrupts_is_given_up_with_its_log(drive, mo
         while not left:
             with contextlib.suppress(BaseException):
                 time.sleep(0.1)
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         drive.assert_safe()
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         return result
 
     drive.run(go_on)
