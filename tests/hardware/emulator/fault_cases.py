@@ -300,6 +300,7 @@ CASES: tuple[Case, ...] = (
         "attitude stuck, the car lies on its side",
         fault={"fault": "attitude_stuck"},
         also=({"fault": "tipped_over"},),
+        reason="attitude",
         within=0.4,
         acts="drive: accelerometer",
     ),
