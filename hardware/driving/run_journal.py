@@ -118,7 +118,15 @@ class RunJournal(JournalWriter):
         if not self.error:
             with contextlib.suppress(LogError):
                 self.flush()
-        return self._write_log()
+        try:
+            return self._write_log()
+        except LogError:
+            raise
+        except Exception as error:  # no memory, for one: the journal is on the disk
+            raise LogError(
+                f"the log cannot be written ({error!r}); what was written can be rescued: "
+                f"aerodima log recover {self.journal}"
+            ) from error
 
     def discard(self) -> None:
         """Ends a log of a drive that did not begin: nothing stays on the disk."""
@@ -161,7 +169,8 @@ class RunJournal(JournalWriter):
             self._remove()
             self._writer = 0
             self._syncing.shutdown(wait=False)
-            self._file.close()
+            with contextlib.suppress(OSError):  # somebody closed it
+                self._file.close()
             return path
         raise LogError(
             f"{failed}; what was written can be rescued: aerodima log recover {self.journal}"
@@ -174,7 +183,8 @@ class RunJournal(JournalWriter):
         yield self.path
         above = self.path.absolute().parents[1:]
         yield next(folder for folder in above if folder.is_dir()) / self.path.name
-        yield Path(tempfile.mkdtemp(prefix="aerodima_log_")) / self.path.name
+        with contextlib.suppress(OSError):
+            yield Path(tempfile.mkdtemp(prefix="aerodima_log_")) / self.path.name
 
     def _write(self) -> None:
         while True:
