@@ -193,15 +193,14 @@ def _drive(
         )
     refuse_existing(plan.out, plan.force, LogError)
     make_folder(plan.out.parent, LogError)
-    options = DriveOptions(
-        plan.out, plan.force, dry_run, not plan.no_drake, confirm, law_name=law_name
-    )
+    out = plan.out.absolute()  # a controller may change the working folder
+    options = DriveOptions(out, plan.force, dry_run, not plan.no_drake, confirm, law_name=law_name)
     wired = hardware.connect(ports, scenario, wiring, plan.traffic)
     session = DriveSession(wired, scenario, ports, options, say, law=law, build=build)
-    _report(session.complete(), plan)
+    _report(session.complete(), out, plan.traffic)
 
 
-def _report(result: DriveResult, plan: PlanOptions) -> None:
+def _report(result: DriveResult, out: Path, traffic: Path | None) -> None:
     """Prints how a drive ended; raises `typer.Exit` unless it did so in order, with all its files
     in their places.
     """
@@ -209,13 +208,13 @@ def _report(result: DriveResult, plan: PlanOptions) -> None:
         say(f"log: {result.log}")
     say(f"ended: {result.reason}", err=not result.orderly)
     if result.traffic_error:
-        say(f"error: {plan.traffic}: {result.traffic_error}", err=True)
+        say(f"error: {traffic}: {result.traffic_error}", err=True)
     if result.signal:
         raise typer.Exit(128 + result.signal)
     if not result.orderly:
         say(f"error: the car was stopped: {result.reason}", err=True)
         raise typer.Exit(cli.Status.NO)
-    if result.traffic_error or result.log not in (None, plan.out.absolute()):
+    if result.traffic_error or result.log not in (None, out):
         raise typer.Exit(cli.Status.LEFT_OUT)
 
 

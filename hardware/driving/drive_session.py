@@ -304,7 +304,7 @@ class DriveSession:
                 motors do not answer.
         """
         self._journal = open_run_journal(
-            Path(self._options.log).absolute(),  # a controller may change the working folder
+            Path(self._options.log).absolute(),
             self._scenario,
             self._car.name,
             self._options.force,
