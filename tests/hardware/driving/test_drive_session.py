@@ -151,7 +151,7 @@ def test_a_controller_that_nothing_interrupts_is_given_up_with_its_log(drive, mo
     drive.run(go_on)
     assert left == [1]
     assert any(str(drive.log) in text for text in drive.said)
-    assert "goes on" in drive.said[-1]
+    assert any("goes on" in text for text in drive.said), "the last line, if it were to end here"
     assert "goes on" in read_run_log(drive.log).extra["stop_reason"]
 
 
