@@ -5,8 +5,6 @@ A missing answer stops the car: a Teensy that is dead, or that cannot reach the 
 switch the motors off either.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from enum import IntEnum
@@ -119,10 +117,7 @@ class BusWatch:
         """Reason why it is not healthy; empty while it is."""
         # Until the bus was last looked at: a loop that stood still since then is no silence of the
         # Teensy.
-        if self._unanswered_since is None:
-            waited = 0.0
-        else:
-            waited = self._polled - self._unanswered_since
+        waited = 0.0 if self._unanswered_since is None else self._polled - self._unanswered_since
         if waited > self._timeout:
             return f"the Teensy does not answer on the CAN bus for {waited:.2f} s"
         if self._status is None:

@@ -14,6 +14,7 @@ real devices.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 from pathlib import Path
@@ -26,7 +27,8 @@ from aerodima.hardware.protocol.xbee import BROADCAST
 from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.hardware.transport.serial_link import SerialSettings
 from aerodima.workbench.core.errors import HardwareError
-from aerodima.workbench.core.yaml_files import StrictModel, checked
+from aerodima.workbench.core.file_reading import read_json, read_text, reading
+from aerodima.workbench.core.yaml_files import StrictModel, checked, require_mapping
 
 SCHEMA = "aerodima/ports/1"
 Joint = Literal["tail_pitch", "tail_roll"]
@@ -145,13 +147,7 @@ def read_ports(path: str | Path | CarPorts) -> CarPorts:
     """
     if isinstance(path, CarPorts):
         return path
-    try:
-        data = json.loads(Path(path).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise HardwareError(f"{path}: no such ports file") from None
-    except (OSError, ValueError) as error:
-        raise HardwareError(f"{path}: cannot be read as JSON: {error}") from None
-    return ports_from_dict(data, str(path))
+    return ports_from_dict(read_json(Path(path), HardwareError), str(path))
 
 
 def ports_from_dict(data: Any, where: str = "ports") -> CarPorts:
@@ -179,8 +175,8 @@ def is_emulated_port(path: str) -> bool:
     if place.parent.name != PORTS_FOLDER or not os.path.realpath(path).startswith("/dev/pts/"):
         return False
     try:
-        ready = json.loads((place.parent.parent / READY_FILE).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        ready = read_json(place.parent.parent / READY_FILE, HardwareError)
+    except HardwareError:
         return False
     return isinstance(ready, dict) and ready.get("schema") == READY_SCHEMA
 
@@ -188,18 +184,21 @@ def is_emulated_port(path: str) -> bool:
 def read_events(path: str | Path) -> list[dict[str, Any]]:
     """Reads the events of an emulated car so far, also while it runs; a line that is not complete
     is left out.
+
+    Raises `HardwareError` for a file that is damaged.
     """
-    lines = Path(path).read_text(encoding="utf-8").split("\n")[:-1]
-    return [json.loads(line) for line in lines]
+    with reading(path, "events", HardwareError):
+        lines = read_text(Path(path)).split("\n")[:-1]
+        return [require_mapping(json.loads(line), str(path), HardwareError) for line in lines]
 
 
 def emulator_delay(path: str, since: float) -> float:
     """Returns the largest delay (s) of the emulated car behind a port since a time (s, monotonic);
-    0 for a real car, or one that kept its pace.
+    0 for a real car, one that kept its pace, or events that cannot be read.
     """
-    if not is_emulated_port(path):
-        return 0.0
-    events = read_events(Path(path).parent.parent / EVENTS_FILE)
-    return max(
-        (event.get("delay_s", 0.0) for event in events if event["time_s"] >= since), default=0.0
-    )
+    delays = [0.0]
+    if is_emulated_port(path):
+        with contextlib.suppress(HardwareError):
+            events = read_events(Path(path).parent.parent / EVENTS_FILE)
+            delays += [e.get("delay_s", 0.0) for e in events if e.get("time_s", 0.0) >= since]
+    return max(delays)

@@ -5,8 +5,6 @@ the right (design section 4). The functions go both ways: the car's computer rea
 emulator writes with them.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from typing import Literal

@@ -1,7 +1,5 @@
 """Limits at which computer and firmware stop the car; the parameter files have their reasons."""
 
-from __future__ import annotations
-
 from aerodima.workbench.core.quantity import QuantityModel, quantity
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.scenario_file import load_section

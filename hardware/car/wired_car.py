@@ -1,7 +1,5 @@
 """The car at the end of its cables in every wiring: the order within a cycle, and the end."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import time
@@ -11,8 +9,14 @@ from dataclasses import replace
 import numpy as np
 
 from aerodima.hardware.car.mounting import Mounting
-from aerodima.hardware.car.wiring import CarCommand, CarReader, CarReading, CarReporter, Devices
-from aerodima.hardware.car.wiring import WiringName
+from aerodima.hardware.car.wiring import (
+    CarCommand,
+    CarReader,
+    CarReading,
+    CarReporter,
+    Devices,
+    WiringName,
+)
 from aerodima.hardware.devices.device_states import ENERGISED, MotorFault
 from aerodima.hardware.devices.tail_motor import Motor
 from aerodima.hardware.protocol.ak70 import MitCommand
@@ -106,7 +110,10 @@ class WiredCar:
             HardwareError: no watchdog test is recorded for this wiring, or a motor or the bus has a
                 fault.
         """
-        devices = self._started()
+        devices = self.devices
+        if devices is None:
+            reason = f" ({self.stop_reason})" if self.stop_reason else ""
+            raise HardwareError(f"{self.name}: is not started{reason}")
         self.authorise()
         if devices.teensy.fault:
             raise HardwareError(devices.teensy.fault_text)
@@ -131,20 +138,6 @@ class WiredCar:
         self._released = False
         if self.devices is not None:
             self.devices.group.set_exit(now)
-
-    def reset(self, now: float) -> None:
-        """Forgets faults and the operator's stop, by hand only; the motors stay off until `arm`."""
-        devices = self._started()
-        self._released = False
-        devices.group.reset(now)
-        if devices.radio is not None:
-            devices.radio.clear_stop()
-
-    def _started(self) -> Devices:
-        if self.devices is None:
-            reason = f" ({self.stop_reason})" if self.stop_reason else ""
-            raise HardwareError(f"{self.name}: is not started{reason}")
-        return self.devices
 
     # -- what is known
 
@@ -183,15 +176,11 @@ class WiredCar:
     @property
     def gps_time(self) -> float | None:
         """UTC by the GPS receiver, s since midnight; None while it is not known."""
-        if self.devices is None or self.devices.gps is None:
+        gps = None if self.devices is None else self.devices.gps
+        newest = None if gps is None else gps.newest
+        if newest is None or newest[1].time_of_day is None:
             return None
-        newest = self.devices.gps.newest
-        if newest is None:
-            return None
-        known = newest[1].time_of_day
-        if known is None:
-            return None
-        return known + time.monotonic() - newest[0]
+        return newest[1].time_of_day + time.monotonic() - newest[0]
 
     # -- one cycle
 

@@ -7,8 +7,6 @@ the motors' bus as watchdog. Both are a `WiredCar`, with the same readings, the 
 same end. Plain NumPy: it runs where Drake has no wheel.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from contextlib import ExitStack

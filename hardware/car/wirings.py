@@ -8,8 +8,6 @@ are on a CAN adapter of the computer, and the Teensy drives servo, throttle and 
 same bus and switches the motors off when the heartbeat stops.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from functools import partial
@@ -21,8 +19,7 @@ from aerodima.hardware.car.car_ports import CarPorts
 from aerodima.hardware.car.mounting import Mounting, load_mounting
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
-from aerodima.hardware.car.wiring import Devices
-from aerodima.hardware.car.wiring import WiringName
+from aerodima.hardware.car.wiring import Devices, WiringName
 from aerodima.hardware.devices.motor_group import MotorGroup
 from aerodima.hardware.devices.motor_settings import (
     MotorSettings,

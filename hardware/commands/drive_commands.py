@@ -193,15 +193,14 @@ def _drive(
         )
     refuse_existing(plan.out, plan.force, LogError)
     make_folder(plan.out.parent, LogError)
-    options = DriveOptions(
-        plan.out, plan.force, dry_run, not plan.no_drake, confirm, law_name=law_name
-    )
+    out = plan.out.absolute()  # a controller may change the working folder
+    options = DriveOptions(out, plan.force, dry_run, not plan.no_drake, confirm, law_name=law_name)
     wired = hardware.connect(ports, scenario, wiring, plan.traffic)
     session = DriveSession(wired, scenario, ports, options, say, law=law, build=build)
-    _report(session.complete(), plan)
+    _report(session.complete(), out, plan.traffic)
 
 
-def _report(result: DriveResult, plan: PlanOptions) -> None:
+def _report(result: DriveResult, out: Path, traffic: Path | None) -> None:
     """Prints how a drive ended; raises `typer.Exit` unless it did so in order, with all its files
     in their places.
     """
@@ -209,13 +208,13 @@ def _report(result: DriveResult, plan: PlanOptions) -> None:
         say(f"log: {result.log}")
     say(f"ended: {result.reason}", err=not result.orderly)
     if result.traffic_error:
-        say(f"error: {plan.traffic}: {result.traffic_error}", err=True)
+        say(f"error: {traffic}: {result.traffic_error}", err=True)
     if result.signal:
         raise typer.Exit(128 + result.signal)
     if not result.orderly:
         say(f"error: the car was stopped: {result.reason}", err=True)
         raise typer.Exit(cli.Status.NO)
-    if result.traffic_error or result.log not in (None, plan.out):
+    if result.traffic_error or result.log not in (None, out):
         raise typer.Exit(cli.Status.LEFT_OUT)
 
 
@@ -322,7 +321,10 @@ def firmware(
 def _load(
     name: str, car: CarOptions, swing: str | None = None
 ) -> tuple[Scenario, CarPorts, WiringName, TailLaw]:
-    """Returns scenario, ports, wiring and tail law that the options name."""
+    """Returns scenario, ports, wiring and tail law that the options name.
+
+    A swing of another car is refused by `_drive` alone: first tests and the sketch play none.
+    """
     from aerodima.hardware.car.car_ports import read_ports
     from aerodima.hardware.car.wiring import wiring_name
     from aerodima.workbench.control.controller_bundle import load_drive

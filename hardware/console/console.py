@@ -43,6 +43,8 @@ class Limits:
 class Console:
     """Pages, radio, record and the car, if it is one that is started here.
 
+    Pages are known by a number. One controls, the first one at the beginning; any number look on.
+
     Args:
         car: whose drive the console starts and ends; None where the car is armed beside it.
 
@@ -61,8 +63,10 @@ class Console:
         self._record = record
         self._limits = limits
         self._car = car
-        self._clients = Clients()
         self._clocks: dict[int, HeartbeatClock] = {}
+        self._pages = 0
+        self._controller: int | None = None
+        self._received = 0.0
         self._recorded: object = None
         self._radio_fault = ""
         self.failure = ""
@@ -74,17 +78,20 @@ class Console:
 
     def connect(self, now: float) -> int:
         """Connects a page; returns its number."""
-        page = self._clients.connect(now)
-        self._clocks[page] = HeartbeatClock()
-        return page
+        self._pages += 1
+        self._clocks[self._pages] = HeartbeatClock()
+        if self._pages == 1:
+            self._controller = 1
+            self._received = now
+        return self._pages
 
     def disconnect(self, page: int) -> None:
         """Disconnects a page; a car that it drove goes to rest."""
         del self._clocks[page]
-        if self._clients.controller == page:
+        if self._controller == page:
+            self._controller = None
             self.radio.send_idle()
             self._record.add("controller_gone")
-        self._clients.disconnect(page)
 
     def handle(self, page: int, message: Message, now: float) -> None:
         """Does what a page asks for.
@@ -102,13 +109,15 @@ class Console:
         if self.failure:
             return
         if not isinstance(message, PageHeartbeat) and message.type == "take":
-            if not self._clients.claim_control(page, now):
+            if self._controller != page and not self._control_is_free(now):
                 raise UserError("another page controls the car")
+            self._controller = page
+            self._received = now
             self._record.add("control", page=page)
             return
-        if self._clients.controller != page:
+        if self._controller != page:
             raise UserError("this page is read-only: another one controls the car")
-        self._clients.refresh(page, now)
+        self._received = now
         if isinstance(message, PageHeartbeat):
             self._heartbeat(page, message, now)
         elif isinstance(message, Logging):
@@ -146,12 +155,12 @@ class Console:
         """Returns what a page shows, as plain data."""
         car = self._car
         record = self._record
-        controls = self._clients.controller == page
+        controls = self._controller == page
         return {
             "type": "state",
             "time": now,
             "controls": controls,
-            "can_take": not controls and self._clients.control_is_free(now),
+            "can_take": not controls and self._control_is_free(now),
             "radio": radio_state(self.radio, now),
             "recording": {"on": record.on, "path": str(record.path), "error": record.error},
             "car": None if car is None else {"driving": car.driving, "said": car.said},
@@ -160,6 +169,10 @@ class Console:
     def welcome(self) -> dict[str, Any]:
         """Returns what a page must know once."""
         return {"type": "welcome", "limits": asdict(self._limits), "view": self.view}
+
+    def _control_is_free(self, now: float) -> bool:
+        """Returns whether the controlling page has gone."""
+        return self._controller is None or now - self._received > GONE_AFTER
 
     def _heartbeat(self, page: int, heartbeat: PageHeartbeat, now: float) -> None:
         if not self._clocks[page].in_time(heartbeat.time, now):  # it was held up on its way
@@ -186,47 +199,6 @@ class Console:
         else:
             self._record.add("arm")
             self._car.arm()
-
-
-class Clients:
-    """One seat to control and any number to look on.
-
-    Pages are known by a number; times in s, monotonic.
-    """
-
-    def __init__(self) -> None:
-        self._next = 0
-        self.controller: int | None = None
-        self._received = 0.0
-
-    def connect(self, now: float) -> int:
-        """Connects a new page and returns its number; the first one controls."""
-        self._next += 1
-        if self._next == 1:
-            self.claim_control(1, now)
-        return self._next
-
-    def disconnect(self, page: int) -> None:
-        """Disconnects a page."""
-        if self.controller == page:
-            self.controller = None
-
-    def refresh(self, page: int, now: float) -> None:
-        """Notes that the page lives."""
-        if self.controller == page:
-            self._received = now
-
-    def control_is_free(self, now: float) -> bool:
-        """Returns whether the controlling page has gone."""
-        return self.controller is None or now - self._received > GONE_AFTER
-
-    def claim_control(self, page: int, now: float) -> bool:
-        """Gives the page control if that is free; returns whether it has it now."""
-        if self.controller != page and not self.control_is_free(now):
-            return False
-        self.controller = page
-        self._received = now
-        return True
 
 
 class ConsoleRecord:

@@ -1,7 +1,5 @@
 """The console on 127.0.0.1: pages, one WebSocket per page, nothing for anybody else."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json
@@ -22,6 +20,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from aerodima.hardware.console.console import Console
 from aerodima.hardware.console.page_access import HOST, Access, impatient_http
 from aerodima.hardware.console.page_messages import read_message
+from aerodima.hardware.driving.speaker import Say
 from aerodima.workbench.core.errors import HardwareError, UserError
 
 _POLL_PERIOD = 0.01
@@ -45,7 +44,6 @@ _PAGES = (
     "news.js",
     "plots.js",
 )
-Say = Callable[[str], None]
 
 
 def open_socket(port: int) -> socket.socket:
@@ -256,10 +254,7 @@ async def _send(websocket: WebSocket, content: object) -> None:
 
 
 def _headers(view: str | None) -> dict[str, str]:
-    if view is None:
-        frames = "'none'"
-    else:
-        frames = "{0.scheme}://{0.netloc}".format(urlsplit(view))
+    frames = "'none'" if view is None else "{0.scheme}://{0.netloc}".format(urlsplit(view))
     policy = (
         "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src "
         "'self' data:; "

@@ -1,7 +1,5 @@
 """An emulated car, and for the console its drive, started as processes of their own."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -16,9 +14,9 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from aerodima.hardware.car.car_ports import EVENTS_FILE, PORTS_FILE, READY_FILE, read_events
-from aerodima.hardware.car.wiring import wiring_name
-from aerodima.hardware.car.wiring import WiringName
+from aerodima.hardware.car.wiring import WiringName, wiring_name
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.file_reading import read_json
 from aerodima.workbench.scenario.scenario import Scenario
 
 _START_TIME = 120.0
@@ -99,13 +97,13 @@ class EmulatedCarProcess:
         self._emulator = self._run([*command, *self._flags])
         ready = self.folder / READY_FILE
         end = time.monotonic() + _START_TIME
-        while not _is_ready(ready, self._emulator.pid):
+        while not (facts := _ready_facts(ready, self._emulator.pid)):
             if self._emulator.poll() is not None:
                 raise HardwareError(self._last_words() or "the emulator ended")
             if time.monotonic() > end:
                 raise HardwareError(f"the emulator is not ready after {_START_TIME:g} s")
             time.sleep(_POLL_PERIOD)
-        self.view = json.loads(ready.read_text(encoding="utf-8"))["view"]
+        self.view = facts["view"]
         if self._has_tail:
             self._test_watchdog(say)
 
@@ -256,9 +254,9 @@ def _last_line(text: str) -> str:
     return lines[-1].removeprefix("error: ")
 
 
-def _is_ready(path: Path, pid: int) -> bool:
-    """Returns whether that emulator says so, not an earlier one in the same folder."""
-    try:
-        return bool(json.loads(path.read_text(encoding="utf-8"))["pid"] == pid)
-    except FileNotFoundError:
-        return False
+def _ready_facts(path: Path, pid: int) -> dict[str, Any]:
+    """Returns what that emulator writes once it is ready, not an earlier one in the same folder;
+    empty before.
+    """
+    facts: dict[str, Any] = read_json(path, HardwareError) if path.exists() else {}
+    return facts if facts.get("pid") == pid else {}

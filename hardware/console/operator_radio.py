@@ -6,8 +6,6 @@ dead-man acts. A connection that ends says sooner that the page has gone: the ca
 once.
 """
 
-from __future__ import annotations
-
 import math
 
 from aerodima.hardware.devices.radio_link import IDLE
@@ -21,7 +19,7 @@ from aerodima.hardware.protocol.radio import (
     make_emergency_stop,
     make_heartbeat,
 )
-from aerodima.hardware.protocol.xbee import BROADCAST, ApiStream, ReceivedPacket, make_transmit
+from aerodima.hardware.protocol.xbee import BROADCAST, ApiStream, Packet, make_transmit
 from aerodima.hardware.transport.serial_link import SerialLink
 
 _REPEAT = 0.05
@@ -162,8 +160,8 @@ class OperatorRadio:
             self._stop_due = now + _REPEAT
             self._send(self._stops())
 
-    def _receive(self, packet: ReceivedPacket, arrival: float) -> None:
-        if self._sender not in (None, packet.sender):
+    def _receive(self, packet: Packet, arrival: float) -> None:
+        if self._sender not in (None, packet.address):
             self.foreign += 1
             return
         try:
@@ -174,7 +172,7 @@ class OperatorRadio:
         if report.car != self._car:
             self.foreign += 1
             return
-        self._sender = packet.sender
+        self._sender = packet.address
         self.report = report
         self._report_time = arrival
         # A car that is armed anew under a stop is stopped again.

@@ -1,7 +1,5 @@
 """Whether the attitude of the IMU follows its gyro: either may fail while the other one lives."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

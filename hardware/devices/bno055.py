@@ -10,8 +10,6 @@ size is not recognised.
 The attitude is taken from the quaternion: the sign of the chip's Euler angles depends on a setting.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Iterable
@@ -131,9 +129,7 @@ def make_read(register: int, length: int) -> bytes:
 
     Raises `FrameError` for a length that the chip refuses.
     """
-    if not 1 <= length <= _MAX_DATA:
-        raise FrameError(f"BNO055: {length} bytes; allowed is 1 to {_MAX_DATA}")
-    return bytes([_START, _READ, register, length])
+    return _request(_READ, register, length)
 
 
 def make_write(register: int, data: bytes) -> bytes:
@@ -141,9 +137,14 @@ def make_write(register: int, data: bytes) -> bytes:
 
     Raises `FrameError` for a length that the chip refuses.
     """
-    if not 1 <= len(data) <= _MAX_DATA:
-        raise FrameError(f"BNO055: {len(data)} bytes; allowed is 1 to {_MAX_DATA}")
-    return bytes([_START, _WRITE, register, len(data)]) + data
+    return _request(_WRITE, register, len(data)) + data
+
+
+def _request(kind: int, register: int, length: int) -> bytes:
+    """Returns the head of a request; `FrameError` for a length that the chip refuses."""
+    if not 1 <= length <= _MAX_DATA:
+        raise FrameError(f"BNO055: {length} bytes; allowed is 1 to {_MAX_DATA}")
+    return bytes([_START, kind, register, length])
 
 
 def make_sample_request() -> bytes:

@@ -2,8 +2,6 @@
 send its frames.
 """
 
-from __future__ import annotations
-
 from enum import IntEnum
 from typing import Protocol
 

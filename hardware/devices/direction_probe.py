@@ -8,8 +8,6 @@ torque. A joint that is mounted the other way round, motor and encoder together,
 here: only somebody who sees the tail can tell (`aerodima drive motor-test`).
 """
 
-from __future__ import annotations
-
 import math
 
 from aerodima.hardware.devices.motor_settings import MotorSettings

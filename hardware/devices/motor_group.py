@@ -2,8 +2,6 @@
 switches off all.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 
@@ -26,7 +24,6 @@ class MotorGroup:
 
     Attributes:
         motors: one per settings.
-        foreign: frames that name none of them.
         received: the newest frames with their arrival (s), for the check of the firmware profile.
     """
 
@@ -34,7 +31,6 @@ class MotorGroup:
         self.port = port
         self.motors = tuple(Motor(item, port) for item in settings)
         self._by_id = {motor.settings.motor_id: motor for motor in self.motors}
-        self.foreign = 0
         self.received: deque[tuple[float, CanFrame]] = deque(maxlen=_MAX_RECEIVED)
 
     @property
@@ -82,11 +78,6 @@ class MotorGroup:
         for motor in self.motors:
             motor.set_exit(now)
 
-    def reset(self, now: float) -> None:
-        """Forgets the faults, by hand only."""
-        for motor in self.motors:
-            motor.reset(now)
-
     def step(self, now: float) -> None:
         """Runs one cycle: hands out what came in, checks the bus, lets every motor send what its
         state asks for.
@@ -94,9 +85,7 @@ class MotorGroup:
         for arrival, frame in self.port.poll():
             self.received.append((arrival, frame))
             motor = self._addressed(frame)
-            if motor is None:
-                self.foreign += 1
-            else:
+            if motor is not None:
                 motor.receive(frame, arrival)
         if self.port.fault:
             for motor in self.motors:

@@ -1,7 +1,5 @@
 """Limits of the commands to one motor, and the load of its winding."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import astuple, replace
 

@@ -1,7 +1,5 @@
 """Monitors of one motor: whether it follows its commands, and whether a second one answers."""
 
-from __future__ import annotations
-
 from collections import deque
 
 from aerodima.hardware.devices.motor_limits import commanded_torque
@@ -131,11 +129,6 @@ class ReplyCount:
         """Forgets everything: the motor is switched on anew."""
         self._unanswered.clear()
         self.extra = 0
-
-    @property
-    def too_many(self) -> bool:
-        """Returns whether a second motor answers."""
-        return self.extra > MAX_EXTRA
 
     def add(self, frames: int, replies: int, now: float) -> None:
         """Adds what was sent and received in a cycle that ends at `now`, s."""

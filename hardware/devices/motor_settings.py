@@ -1,10 +1,6 @@
 """Settings of a tail motor: what it can do, where it may go, when it is switched off."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from aerodima.hardware.protocol.ak70 import MAX_ID, FirmwareProfile, check_motor_id
 from aerodima.workbench.core.errors import HardwareError
@@ -83,13 +79,11 @@ class MotorSafety(QuantityModel):
     exit_cycles: int = quantity("1", "cycles in which a further one is sent", ge=1, le=1000)
 
 
-def load_motor_safety(changes: Mapping[str, Any] | None = None) -> MotorSafety:
-    """Loads the values of `models/parameters/hardware/motor_safety.yaml` with `changes` on top.
-
-    Raises:
-        ScenarioError: names key, value and what is allowed.
+def load_motor_safety() -> MotorSafety:
+    """Loads the values of `models/parameters/hardware/motor_safety.yaml`; `ScenarioError` names
+    key, value and what is allowed.
     """
-    return load_section(model_path("parameters/hardware/motor_safety.yaml"), MotorSafety, changes)
+    return load_section(model_path("parameters/hardware/motor_safety.yaml"), MotorSafety)
 
 
 @dataclass(frozen=True)
@@ -166,7 +160,6 @@ def motor_settings(
     hold_gains: tuple[float, float],
     direction: int = 1,
     zero: float = 0.0,
-    safety: MotorSafety | None = None,
 ) -> MotorSettings:
     """Settings whose physical limits are the scenario's, never wider than the profile can express.
 
@@ -174,7 +167,6 @@ def motor_settings(
         parameters: `scenario.tail_motor`.
         joint_range: low and high, rad (`scenario.tail.roll_limit` to either side, ...).
         hold_gains: kp and kd (`scenario.controller.hold_kp` and `hold_kd`).
-        safety: `load_motor_safety()` when None.
     """
     kp_max = min(parameters.kp_max, profile.kp)
     kd_max = min(parameters.kd_max, profile.kd)
@@ -182,7 +174,7 @@ def motor_settings(
         name=name,
         motor_id=motor_id,
         profile=profile,
-        safety=safety or load_motor_safety(),
+        safety=load_motor_safety(),
         low=joint_range[0],
         high=joint_range[1],
         torque_limit=min(parameters.torque_limit, profile.torque),

@@ -5,8 +5,6 @@ The link only reports; what follows from silence (throttle 0, tail to hold, then
 where the car is driven.
 """
 
-from __future__ import annotations
-
 import math
 
 from aerodima.hardware.devices.device_states import SourceFault
@@ -38,7 +36,7 @@ class RadioLink:
 
     Attributes:
         command: the last one; idle before the first.
-        stopped: an emergency stop came; only `clear_stop`, by hand, forgets it.
+        stopped: an emergency stop came; nothing forgets it.
         foreign, rejected: frames of other modules; frames that are no message, with `last_error`.
     """
 
@@ -62,10 +60,10 @@ class RadioLink:
         """Reads what came in. A damaged or foreign frame makes nothing younger."""
         for arrival, data in self._link.poll():
             for packet in self._stream.feed(data):
-                if self._operator is not None and packet.sender != self._operator:
+                if self._operator is not None and packet.address != self._operator:
                     self.foreign += 1
                 else:
-                    self._receive(packet.data, arrival, packet.sender)
+                    self._receive(packet.data, arrival, packet.address)
 
     def age(self, now: float) -> float:
         """Seconds since the older of command and heartbeat that counts upwards: what the dead-man
@@ -97,12 +95,6 @@ class RadioLink:
         """Sends data to the module that was heard last; to nobody before."""
         if self._sender is not None:
             self._link.write(make_transmit(data, self._sender))
-
-    def clear_stop(self) -> None:
-        """Forgets an emergency stop, by hand only, and the command before it."""
-        self.stopped = False
-        self.command = IDLE
-        self._command_time = -math.inf
 
     def _receive(self, data: bytes, arrival: float, sender: int) -> None:
         try:

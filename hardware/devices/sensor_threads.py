@@ -136,8 +136,8 @@ class SensorThread(Generic[T]):
         silent: age of a sample at which the sensor counts as silent, s.
 
     Attributes:
+        newest: time of the newest sample (s, monotonic), and the sample; None before the first.
         count: samples so far.
-        losses: how often the device was lost.
         error: of the last loss.
     """
 
@@ -149,22 +149,16 @@ class SensorThread(Generic[T]):
         self._session = session
         self._silent = silent
         self._port: Serial | None = open_port()
-        self._newest: tuple[float, T] | None = None
+        self.newest: tuple[float, T] | None = None
         self.count = 0
-        self.losses = 0
         self.error = ""
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
-    @property
-    def newest(self) -> tuple[float, T] | None:
-        """Time of the newest sample (s, monotonic), and the sample; None before the first."""
-        return self._newest
-
     def age(self, now: float) -> float:
         """Seconds since the newest sample was taken; infinite before the first."""
-        newest = self._newest
+        newest = self.newest
         if newest is None:
             return math.inf
         return max(0.0, now - newest[0])
@@ -181,7 +175,7 @@ class SensorThread(Generic[T]):
             return SourceFault.LOST, f"the port of the {self.name} is lost: {self.error}"
         if self._session.fault_text:
             return SourceFault.REPORTED, self._session.fault_text
-        if self._newest is None:
+        if self.newest is None:
             reason = f": {self.error}" if self.error else ""
             return SourceFault.NO_SAMPLE_YET, f"no sample of the {self.name} yet{reason}"
         age = self.age(now)
@@ -218,11 +212,10 @@ class SensorThread(Generic[T]):
                     self._session.begin(port)
                     ready = True
                 elif (sample := self._session.read(port)) is not None:
-                    self._newest = sample
+                    self.newest = sample
                     self.count += 1
             # pyserial raises OSError, TypeError and others on a lost device.
             except Exception as error:
-                self.losses += port is not None
                 self._lose(str(error))
                 self.error = " ".join(str(error).split())
                 self._closing.wait(_RECONNECT)
@@ -366,7 +359,7 @@ class GpsSession(Session[GpsSample]):
     """Takes whatever navigation solutions the receiver sends; nothing is configured."""
 
     def __init__(self) -> None:
-        self.stream = GpsStream()
+        self._stream = GpsStream()
         self._frozen = FrozenSensorMonitor("GPS", _MAX_EQUAL)
 
     @property
@@ -379,10 +372,7 @@ class GpsSession(Session[GpsSample]):
         none.
         """
         data = port.read(max(1, port.in_waiting))
-        if data:
-            samples = self.stream.feed(data)
-        else:
-            samples = []
+        samples = self._stream.feed(data) if data else []
         for sample in samples:
             self._frozen.update(sample.speed, sample.speed > _MOVES)
         if samples:

@@ -3,20 +3,18 @@
 ```
 off -- set_enter --> entering -- replies --> holding <-- command --> running
  ^                      |                       |                      |
- |                      +----------- a fault ---+----------------------+--> faulted -- reset --> off
+ |                      +----------- a fault ---+----------------------+--> faulted
  +-- exit frames sent -- exiting <-- set_exit, from every state
 ```
 
 Entering sends zero gains, reads the position, tries with little torque which way the joint goes,
 and holds from there with gains that come on slowly: these motors are known to jump to their last
-command. A fault sends exit frames at once and goes on sending them; only `reset`, by hand, leads
-out of it. The frame that sets the zero is never sent.
+command. A fault sends exit frames at once and goes on sending them; nothing leads out of it. The
+frame that sets the zero is never sent.
 
 One thread calls `receive` for every frame of this motor and `step` once per cycle, with the same
 monotonic clock.
 """
-
-from __future__ import annotations
 
 import math
 from dataclasses import replace
@@ -30,7 +28,7 @@ from aerodima.hardware.devices.motor_limits import (
     scale_gains,
     to_motor,
 )
-from aerodima.hardware.devices.motor_monitors import ReplyCount, TrackingMonitor
+from aerodima.hardware.devices.motor_monitors import MAX_EXTRA, ReplyCount, TrackingMonitor
 from aerodima.hardware.devices.motor_settings import MotorSettings
 from aerodima.hardware.protocol.ak70 import (
     MitCommand,
@@ -59,7 +57,7 @@ class Motor:
         port: takes the frames.
 
     Attributes:
-        state, fault, fault_text: see the enumerations; fault and text stay until `reset`.
+        state, fault, fault_text: see the enumerations; fault and text stay.
         position, speed, torque: of the joint, by the last reply: rad (unwrapped), rad/s, N m; NaN
             before the first.
         temperature: degrees Celsius; None if the motor does not report it.
@@ -83,7 +81,7 @@ class Motor:
         self.temperature: float | None = None
         self.missed = 0
         self.bad_frames = 0
-        self._reply_time: float | None = None
+        self._reply_time = -math.inf
         self._step_time: float | None = None
         self._state_time = 0.0
         self._exit_time = 0.0
@@ -110,7 +108,7 @@ class Motor:
     def set_enter(self, now: float) -> None:
         """Begins to switch the motor on. Raises `HardwareError` unless it is off."""
         if self.state is not MotorState.OFF:
-            reason = f" ({self.fault_text}); reset it first" if self.fault else ""
+            reason = f" ({self.fault_text})" if self.fault else ""
             raise HardwareError(
                 f"{self.settings.name}: cannot be entered while {self.state.name.lower()}{reason}"
             )
@@ -171,21 +169,13 @@ class Motor:
         self._send_exits(now)
 
     def set_fault(self, fault: MotorFault, text: str, now: float) -> None:
-        """Switches the motor off for a reason that stays until `reset`. The first reason counts."""
+        """Switches the motor off for a reason that stays. The first one counts."""
         if self.state not in ENERGISED:
             return
         self.fault = fault
         self.fault_text = f"{self.settings.name}: {text}"
         self._go(MotorState.FAULTED, now)
         self._send_exits(now)
-
-    def reset(self, now: float) -> None:
-        """Forgets the fault, by hand only; the motor is off. Nothing else if there is no fault."""
-        if self.state is MotorState.FAULTED:
-            self._send_exits(now)
-            self.fault = MotorFault.NONE
-            self.fault_text = ""
-            self._go(MotorState.OFF, now)
 
     @property
     def off_confirmed(self) -> bool:
@@ -208,8 +198,6 @@ class Motor:
 
     def age(self, now: float) -> float:
         """Seconds since the last valid reply; infinite before the first."""
-        if self._reply_time is None:
-            return math.inf
         return now - self._reply_time
 
     # -- frames
@@ -283,7 +271,7 @@ class Motor:
 
     def _jump(self, reply: MitReply, time: float) -> float:
         """Returns by how much the position changed more than the motor can turn, rad."""
-        if self._motor_angle is None or self._reply_time is None:
+        if self._motor_angle is None:
             return 0.0
         change = abs(self._unwrapped(reply) - self._motor_angle)
         return change - self.settings.jump_speed * max(0.0, time - self._reply_time)
@@ -359,7 +347,7 @@ class Motor:
         safety = self._safety
         if gap < 0 or gap > safety.stall_time:
             self.set_fault(MotorFault.LOOP_STALLED, f"{gap:.3g} s between two cycles", now)
-        elif self._count.too_many:
+        elif self._count.extra > MAX_EXTRA:
             self.set_fault(
                 MotorFault.DOUBLE_ID, f"two motors answer to the id {self.settings.motor_id}", now
             )

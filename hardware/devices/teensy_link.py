@@ -8,8 +8,6 @@ before command. Where nothing was asked for in a cycle the last command is repea
 while, then it is exit; a motor that was never asked anything is ordered to exit.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections import deque
@@ -38,6 +36,7 @@ from aerodima.hardware.protocol.teensy import (
     TeensyCommand,
     TeensyReply,
     TeensyStatus,
+    check_pulse,
     decode_reply,
     make_command,
 )
@@ -47,6 +46,8 @@ _MAX_REPLY = 200
 """Bytes between two `|`; more is noise."""
 _WRAP = 2**32
 """The Teensy's clock of milliseconds begins anew after so many."""
+_WINDOW = 500
+"""Messages over which the smallest offset of the clock is taken."""
 _BACKWARDS = 1000
 """A count that falls by more than that is a restart of the microcontroller, ms."""
 _SILENT = 0.1
@@ -92,19 +93,12 @@ class ClockAlignment:
 
     A message can only arrive late, never early: the smallest of the last offsets is the best one,
     and the window lets it follow a drift of the counter.
-
-    Args:
-        window: number of messages over which the smallest offset is taken.
-
-    Attributes:
-        restarts: how often the counter began anew.
     """
 
-    def __init__(self, window: int = 500) -> None:
-        self._offsets: deque[float] = deque(maxlen=window)
+    def __init__(self) -> None:
+        self._offsets: deque[float] = deque(maxlen=_WINDOW)
         self._last: int | None = None
         self._turns = 0
-        self.restarts = 0
 
     def add(self, count: int, arrival: float) -> float:
         """Takes a message with its count (ms) and arrival (s); returns when it was sent, s on the
@@ -114,7 +108,6 @@ class ClockAlignment:
             if self._last - count > _WRAP // 2:
                 self._turns += 1
             elif self._last - count > _BACKWARDS:
-                self.restarts += 1
                 self._offsets.clear()
                 self._turns = 0
         self._last = count
@@ -172,10 +165,8 @@ class TeensyLink:
 
         Raises `FrameError` out of range, and keeps the old ones.
         """
-        check = TeensyCommand(
-            (_exit_order(self._ids[0]), _exit_order(self._ids[1])), servo, throttle
-        )
-        make_command(check)
+        check_pulse("servo", servo, SERVO_PULSES)
+        check_pulse("throttle", throttle, THROTTLE_PULSES)
         self._servo = servo
         self._throttle = throttle
 

@@ -1,22 +1,26 @@
 """Messages of a u-blox receiver: UBX NAV-PVT, out of a stream with other messages and noise.
 
-Frames are cut out and their checksums verified here; their fields are read and written by pyubx2
-(NAV-PVT: u-blox 8 / M8 protocol specification, UBX-13003221). `make_nav_pvt` is for emulators.
+Layout: u-blox 8 / M8 protocol specification, UBX-13003221. `make_nav_pvt` is for emulators.
 """
 
-from __future__ import annotations
-
 import math
+import struct
 from dataclasses import dataclass
-from typing import Any
 
+from aerodima.hardware.protocol.byte_stream import cut_frames
 from aerodima.hardware.protocol.can_frame import FrameError
-from aerodima.workbench.core.errors import HardwareError
 
-_UBX = b"\xb5\x62"
-_NAV_PVT = b"\x01\x07"
-_NAV_PVT_BYTES = 92
-"""Length of the content of a NAV-PVT message, bytes."""
+_START = b"\xb5"
+"""First byte of a frame."""
+_HEAD = b"\xb5\x62\x01\x07\x5c\x00"
+"""Bytes before the payload of a NAV-PVT: start, class, id and length."""
+_PAYLOAD = struct.Struct("<8x 3B B 4x i B B 38x i 4x I 20x")
+"""Hour, minute, second and what of the time is valid; nanoseconds; kind of fix and its flags; speed
+over ground, mm/s; its accuracy, mm/s."""
+_VALID_TIME = 0x02
+"""Bit of the time that is valid."""
+_FIX_OK = 0x01
+"""Bit of a fix within the receiver's own limits."""
 _MAX_PAYLOAD = 256
 """Longer messages are stepped over byte by byte; a false start in noise must not hold up good
 frames for long."""
@@ -57,97 +61,68 @@ class GpsStream:
 
     def feed(self, data: bytes) -> list[GpsSample]:
         """Adds bytes; returns the samples that became complete, oldest first."""
-        self._open += data
-        samples: list[GpsSample] = []
-        while (start := self._open.find(_UBX[:1])) >= 0:
-            self._open = self._open[start:]
-            used, sample = self._frame()
-            if used == 0:
-                return samples
-            self._open = self._open[used:]
-            if sample is not None:
-                samples.append(sample)
-        self._open = b""
+        samples, self._open = cut_frames(self._open + data, _START, self._cut)
         return samples
 
-    def _frame(self) -> tuple[int, GpsSample | None]:
-        """Bytes used (0: not yet complete) and the sample in them."""
-        head = self._open[:6]
-        if head[:2] != _UBX[: len(head)]:
+    def _cut(self, data: bytes) -> tuple[int, GpsSample | None]:
+        if not data.startswith(_HEAD[:2]) and len(data) > 1:
             return 1, None
-        if len(head) < 6:
+        if len(data) < len(_HEAD):
             return 0, None
-        length = int.from_bytes(head[4:6], "little")
-        if length > _MAX_PAYLOAD:
-            return self._reject(1)
+        length = int.from_bytes(data[4:6], "little")
         total = length + 8
-        if len(self._open) < total:
+        if length <= _MAX_PAYLOAD and len(data) < total:
             return 0, None
-        frame = self._open[:total]
-        if ubx_checksum(frame[2:-2]) != frame[-2:]:
-            return self._reject(1)
-        if frame[2:4] != _NAV_PVT or length != _NAV_PVT_BYTES:
+        if length > _MAX_PAYLOAD or ubx_checksum(data[2 : total - 2]) != data[total - 2 : total]:
+            self.rejected += 1
+            return 1, None
+        if not data.startswith(_HEAD):
             return total, None
         try:
-            return total, decode_nav_pvt(frame)
+            return total, decode_nav_pvt(data[:total])
         except FrameError:
-            return self._reject(total)
-
-    def _reject(self, used: int) -> tuple[int, None]:
-        self.rejected += 1
-        return used, None
+            self.rejected += 1
+            return total, None
 
 
 def decode_nav_pvt(frame: bytes) -> GpsSample:
-    """Decodes the sample in a whole UBX frame.
+    """Decodes the sample in a whole frame of a NAV-PVT.
 
-    Raises `FrameError` if it is no NAV-PVT or a field cannot be.
+    Raises `FrameError` for a speed that cannot be.
     """
-    UBXReader, _, _ = _ubx_library()
-    try:
-        message = UBXReader.parse(frame)
-        speed = message.gSpeed / 1000.0
-        accurate = message.sAcc / 1000.0 <= _MAX_ACCURACY
-        fix = bool(message.gnssFixOk) and message.fixType in _FIXES and accurate
-        known = bool(message.validTime)
-        clock = message.hour * 3600.0 + message.min * 60.0 + message.second + message.nano * 1e-9
-    except Exception as error:  # the library documents no closed set of exceptions
-        raise FrameError(f"GPS: no NAV-PVT: {error}") from None
-    if fix and not 0.0 <= speed <= _MAX_SPEED:
-        raise FrameError(f"GPS speed {speed!r} m/s; allowed is 0 to {_MAX_SPEED:g}")
-    return GpsSample(speed if fix else math.nan, fix, clock if known else None)
+    hours, minutes, seconds, valid, nanoseconds, kind, flags, speed, accuracy = (
+        _PAYLOAD.unpack_from(frame, len(_HEAD))
+    )
+    if not flags & _FIX_OK or kind not in _FIXES or accuracy > 1000.0 * _MAX_ACCURACY:
+        speed = math.nan
+    elif not 0.0 <= speed <= 1000.0 * _MAX_SPEED:
+        raise FrameError(f"GPS speed {speed!r} mm/s; allowed is 0 to {1000.0 * _MAX_SPEED:g}")
+    clock = 3600.0 * hours + 60.0 * minutes + seconds + 1e-9 * nanoseconds
+    known = bool(valid & _VALID_TIME)
+    return GpsSample(speed / 1000.0, math.isfinite(speed), clock if known else None)
 
 
-def make_nav_pvt(sample: GpsSample, tow: float = 0.0) -> bytes:
-    """Makes the UBX frame of a sample, `tow` s into the week; for emulators.
+def make_nav_pvt(sample: GpsSample) -> bytes:
+    """Makes the frame of a sample; for emulators.
 
     Raises `FrameError` for a speed that is none.
     """
-    _, UBXMessage, get = _ubx_library()
     if sample.fix and not 0.0 <= sample.speed <= _MAX_SPEED:
         raise FrameError(f"GPS speed {sample.speed!r} m/s; allowed is 0 to {_MAX_SPEED:g}")
-    clock = 0.0 if sample.time_of_day is None else sample.time_of_day
-    minutes, seconds = divmod(clock, 60.0)
-    hours, minutes = divmod(minutes, 60.0)
-    frame: bytes = UBXMessage(
-        "NAV",
-        "NAV-PVT",
-        get,
-        iTOW=round(tow * 1000) % 604_800_000,
-        year=2026,
-        month=1,
-        day=1,
-        hour=int(hours) % 24,
-        min=int(minutes),
-        second=int(seconds),
-        nano=round((seconds % 1.0) * 1e9),
-        validDate=1,
-        validTime=int(sample.time_of_day is not None),
-        fixType=3 if sample.fix else 0,
-        gnssFixOk=int(sample.fix),
-        gSpeed=round(sample.speed * 1000) if sample.fix else 0,
-    ).serialize()
-    return frame
+    minutes, seconds = divmod(sample.time_of_day or 0.0, 60.0)
+    hours, minutes = divmod(int(minutes), 60)
+    body = _HEAD[2:] + _PAYLOAD.pack(
+        hours % 24,
+        minutes,
+        int(seconds),
+        _VALID_TIME * (sample.time_of_day is not None),
+        round(seconds % 1.0 * 1e9),
+        3 * sample.fix,
+        _FIX_OK * sample.fix,
+        round(sample.speed * 1000) if sample.fix else 0,
+        0,
+    )
+    return _HEAD[:2] + body + ubx_checksum(body)
 
 
 def ubx_checksum(data: bytes) -> bytes:
@@ -158,13 +133,3 @@ def ubx_checksum(data: bytes) -> bytes:
         first = first + byte & 0xFF
         second = second + first & 0xFF
     return bytes([first, second])
-
-
-def _ubx_library() -> tuple[Any, Any, Any]:
-    try:
-        from pyubx2 import GET, UBXMessage, UBXReader
-    except ImportError:
-        raise HardwareError(
-            "the GPS needs pyubx2: pip install 'aerodima-workbench[hardware]'"
-        ) from None
-    return UBXReader, UBXMessage, GET

@@ -3,8 +3,6 @@
 Every step runs the loop of the guard, so that no device falls silent.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable
@@ -13,8 +11,9 @@ from aerodima.hardware.car.safety_settings import DriveSafety
 from aerodima.hardware.devices.bno055 import Bno055Sample
 from aerodima.hardware.devices.sensor_threads import SensorThread
 from aerodima.hardware.driving.car_guard import CarGuard, Stage
-from aerodima.hardware.driving.drive_checks import Say, report, standstill_checks
+from aerodima.hardware.driving.drive_checks import report, standstill_checks
 from aerodima.hardware.driving.plain_loop import idle_until
+from aerodima.hardware.driving.speaker import Say
 from aerodima.hardware.protocol.radio import OperatorPrompt, RadioMode
 from aerodima.workbench.control.user_law import in_words
 from aerodima.workbench.core.errors import HardwareError

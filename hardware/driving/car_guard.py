@@ -2,32 +2,28 @@
 
 ```
  READY -- arm, by hand --> ARMED -- drive --> DRIVING    (a reason to stop before that: STOPPED)
-   ^                         |                   |
-   |                         +-- a soft reason --+--> HOLDING (throttle 0, tail held)
-   |                         |                             | after `tail_hold`
-   |                         +-- a hard reason --------> EXITING (exit frames)
-   |                                                       | after `after_exit`
-   +--------------------- reset, by hand -------------- STOPPED
+                             |                   |
+                             +-- a soft reason --+--> HOLDING (throttle 0, tail held)
+                             |                             | after `tail_hold`
+                             +-- a hard reason --------> EXITING (exit frames)
+                                                           | after `after_exit`
+                                                        STOPPED
 ```
 Soft: the operator, the IMU or the GPS is silent, the GPS has lost its fix, the operator takes the
 car out of AUTO, the car is too fast, the run is over. Hard: the operator's emergency stop, a fault
 of a motor, a bus or the Teensy, a car that has tipped over (by its attitude or its accelerometer)
 or does not turn at full steering, a command that is not finite, a loop that comes too late, a
-signal. Every reason means throttle 0 and steering 0 in the same cycle, and stays until `reset`.
+signal. Every reason means throttle 0 and steering 0 in the same cycle, and stays.
 
 A switch that is at AUTO, MANUAL or CONTROL during arming moves nothing: the operator must report
 IDLE once the motors hold, and the car obeys only what is chosen after that.
 """
-
-from __future__ import annotations
 
 import math
 from array import array
 from collections import deque
 from dataclasses import replace
 from enum import IntEnum
-
-import numpy as np
 
 from aerodima.hardware.car.safety_settings import DriveSafety, load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
@@ -46,7 +42,7 @@ _IMU = STATUS.index("imu_fault")
 _SPEED = STATUS.index("speed_fault")
 _OPERATOR = STATUS.index("operator_fault")
 _OPERATOR_AGE = STATUS.index("operator_age")
-_RATES = (TAIL_STATE.index("pitch_rate"), TAIL_STATE.index("roll_rate"))
+_RATES = [TAIL_STATE.index("pitch_rate"), TAIL_STATE.index("roll_rate")]
 _GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
 _UNFITTED = (SourceFault.NONE, SourceFault.NOT_FITTED)
 _CYCLE = 0.01
@@ -128,11 +124,6 @@ class CarGuard:
         return self.stage is Stage.STOPPED
 
     @property
-    def stopping(self) -> bool:
-        """Returns whether the car has begun to stop, or has stopped."""
-        return self.stage in (Stage.HOLDING, Stage.EXITING, Stage.STOPPED)
-
-    @property
     def ready(self) -> bool:
         """Returns whether the car takes commands."""
         return self.stage is Stage.ARMED and (
@@ -146,26 +137,16 @@ class CarGuard:
             return OperatorPrompt.NONE
         return OperatorPrompt.SELECT_MODE if self.was_idle else OperatorPrompt.RETURN_TO_IDLE
 
-    def link_times(self, start: float) -> np.ndarray:
-        """Returns (3,) `LINK_COLUMNS` of the log, s from the `start` (s, monotonic) of the run."""
-        return np.array(
-            [self.lateness, self.wiring.imu_time - start, self.wiring.teensy_time - start]
-        )
-
     # -- by hand
 
     def arm(self, now: float) -> None:
         """Switches the motors on.
 
         Raises:
-            HardwareError: a reason to stop that was not reset, a silent device, a missing
-                watchdog test.
+            HardwareError: a reason to stop, a silent device, a missing watchdog test.
         """
         if self.stage is not Stage.READY:
-            if self.reason:
-                because = f" ({self.reason}); reset it by hand"
-            else:
-                because = ""
+            because = f" ({self.reason})" if self.reason else ""
             raise HardwareError(
                 f"the car cannot be armed: it is {self.stage.name.lower()}{because}"
             )
@@ -173,9 +154,6 @@ class CarGuard:
         if reason:
             raise HardwareError(f"the car cannot be armed: {reason}")
         self.wiring.arm()
-        self._was_armed = False
-        self.was_idle = False
-        self._ready_since = None
         self._go_unless_stopped(Stage.ARMED, now)
 
     def drive(self, mode: RadioMode, now: float) -> None:
@@ -192,26 +170,15 @@ class CarGuard:
             raise HardwareError(
                 "the car cannot drive: the operator was not heard in IDLE since it was armed"
             )
-        self.cycle_times = array("d")
         self._mode = mode
         self._go_unless_stopped(Stage.DRIVING, now)
-
-    def reset(self, now: float) -> None:
-        """Forgets the reason and the devices' faults; the car can be armed, and is not."""
-        if self.stage not in (Stage.READY, Stage.STOPPED):
-            raise HardwareError(f"the car cannot be reset: it is {self.stage.name.lower()}")
-        self.wiring.reset(now)
-        self.reason = ""
-        self.hard = False
-        self.left = False
-        self._go(Stage.READY, now)
 
     def stop(self, reason: str, now: float, hard: bool = False) -> None:
         """Begins to stop: softly with the tail held first, hard with exit frames at once.
 
         The first reason counts.
 
-        A car that is not armed yet is stopped at once, and cannot be armed before `reset`.
+        A car that is not armed yet is stopped at once, and cannot be armed any more.
         """
         if not self.reason:
             self.reason = reason
@@ -262,7 +229,6 @@ class CarGuard:
                 replace(command, throttle=self._limits.throttle(command.throttle, now)), now
             )
         else:
-            self._limits.reset_throttle()
             self.wiring.write(CarCommand(), now)
 
     def note_computing(self, spent: float, now: float) -> None:
@@ -355,20 +321,13 @@ class CarGuard:
         soft = status[_OPERATOR] != 0.0 or status[_IMU] != 0.0 or status[_SPEED] in _GONE
         if hard or soft:
             return hard, reading.fault_text or "a device has a fault"
-        current = self._least_current(reading)
+        # Replies of the MIT mode carry neither voltage nor current of the pack: the least current
+        # is that of the mechanical power at the lowest voltage allowed.
+        current = reading.tail_torque @ reading.tail_state[_RATES] / self._safety.least_voltage
         fuse = self._safety.fuse
         if current > fuse:
             return True, f"the tail motors draw {current:.0f} A; the fuse has {fuse:g} A"
         return False, ""
-
-    def _least_current(self, reading: CarReading) -> float:
-        """Least current of the tail motors, A: their mechanical power at the lowest voltage
-        allowed.
-
-        Replies of the MIT mode carry neither voltage nor current of the pack.
-        """
-        power = float(reading.tail_torque @ reading.tail_state[list(_RATES)])
-        return max(0.0, power) / self._safety.least_voltage
 
     def _go_unless_stopped(self, stage: Stage, now: float) -> None:
         """Continues by hand; a signal may have come in between."""

@@ -8,12 +8,10 @@ cannot be checked so: 24 and 25 N m differ by 4 %, and profiles that differ in n
 undecided.
 """
 
-from __future__ import annotations
-
 import math
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,14 +25,13 @@ from aerodima.hardware.devices.bno055 import RATE as IMU_RATE
 from aerodima.hardware.devices.bno055 import Bno055Sample
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.driving.plain_loop import PERIOD
+from aerodima.hardware.driving.speaker import Say
 from aerodima.hardware.protocol.ak70 import PROFILES, FirmwareProfile, decode_reply
 from aerodima.hardware.protocol.can_frame import TimedFrames
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import IMU, STATUS, TAIL_STATE, UNARMED_SOURCES
 
-Say = Callable[[str], None]
-"""Receives a line of text for the user."""
 _MB = 1e6
 """Bytes in a megabyte."""
 _SLEEPS = 20
@@ -98,8 +95,12 @@ def preflight_checks(scenario: Scenario, folder: Path, safety: DriveSafety) -> l
     return [*_rates(scenario), _disk(folder, safety), _sleep(), _calendar()]
 
 
-def device_checks(reading: CarReading, gps_time: float | None, safety: DriveSafety) -> list[Check]:
-    """Checks the state of every device, with a note on the battery, which nothing measures."""
+def device_checks(car: WiredCar, reading: CarReading, safety: DriveSafety) -> list[Check]:
+    """Checks the state of every device, and whether the watchdog answers that switches the motors
+    off when this program dies; with a note on the battery, which nothing measures.
+
+    A GPS may be missing; one that is fitted limits the speed, and must have a fix.
+    """
     status = STATUS.read(reading.status)._asdict()
     checks = []
     for source in UNARMED_SOURCES:
@@ -109,15 +110,14 @@ def device_checks(reading: CarReading, gps_time: float | None, safety: DriveSafe
             text = f"answers, {age * 1000:.0f} ms old"
         else:
             text = reading.fault_texts.get(source) or SourceFault(fault).name.lower()
-        checks.append(Check(source, fault == 0.0 or (None if source == "speed" else False), text))
+        if fault == SourceFault.NO_FIX:
+            text += "; wait for it, or take gps out of the ports file"
+        missing = source == "speed" and fault == SourceFault.NOT_FITTED
+        checks.append(Check(source, None if missing else fault == 0.0, text))
     pack = f"measure {safety.least_voltage:g} to {safety.most_voltage:g} V, fuse {safety.fuse:g} A"
     battery = Check("battery", None, f"replies of the MIT mode carry no voltage; {pack}")
-    return [*checks, battery, _gps_clock(gps_time)]
-
-
-def watchdog_check(wiring: str, unwatched: str) -> Check:
-    """Checks whether the watchdog answers that switches the motors off when this program dies."""
-    return Check("watchdog", not unwatched, unwatched or _WATCHES[wiring])
+    watchdog = Check("watchdog", not car.unwatched, car.unwatched or _WATCHES[car.name])
+    return [*checks, battery, _gps_clock(car.gps_time), watchdog]
 
 
 def motor_checks(
@@ -128,20 +128,17 @@ def motor_checks(
     """
     checks = []
     for name, motor_id in zip(("tail pitch", "tail roll"), ports.motor_ids, strict=True):
+        replies = car.replies(motor_id)
         try:
-            evidence = check_profile(ports.profile, car.replies(motor_id))
+            ratio = check_profile(ports.profile, replies)
         except HardwareError as error:
             checks.append(Check(f"{name} profile", False, str(error)))
             continue
-        ratio = evidence.speed_ratio
         if ratio is None:
             moved = "not turned: its ranges are not proven"
         else:
             moved = f"speed ratio {ratio:.2f}"
-        text = (
-            f"{ports.profile.name}, {evidence.replies} replies of {evidence.reply_length} "
-            f"bytes, {moved}"
-        )
+        text = f"{ports.profile.name}, {len(replies)} replies, {moved}"
         checks.append(Check(f"{name} profile", None if ratio is None else True, text))
     return [*checks, *zero_checks(car.reading, scenario, safety)]
 
@@ -224,24 +221,10 @@ def zero_checks(reading: CarReading, scenario: Scenario, safety: DriveSafety) ->
     return checks
 
 
-@dataclass(frozen=True)
-class ProfileEvidence:
-    """Result of a check of replies against a profile.
-
-    Attributes:
-        replies: how many were read.
-        reply_length: bytes of each.
-        speed_ratio: change of position over the integral of the reported velocity: 1 if the profile
-            is right; None if the motor was not turned enough to tell.
-    """
-
-    replies: int
-    reply_length: int
-    speed_ratio: float | None
-
-
-def check_profile(profile: FirmwareProfile, replies: TimedFrames) -> ProfileEvidence:
-    """Checks a profile against replies of one motor to the neutral command.
+def check_profile(profile: FirmwareProfile, replies: TimedFrames) -> float | None:
+    """Checks a profile against replies of one motor to the neutral command; returns the change of
+    position over the integral of the reported velocity: 1 if the profile is right, None if the
+    motor was not turned enough to tell.
 
     Args:
         replies: (arrival in s, frame), in order, at 20 Hz or more; best with the motor turned by
@@ -276,7 +259,7 @@ def check_profile(profile: FirmwareProfile, replies: TimedFrames) -> ProfileEvid
             "the reported speed; "
             f"profiles that fit: {', '.join(fitting) or 'none that is known'}"
         )
-    return ProfileEvidence(len(replies), lengths.pop(), ratio)
+    return ratio
 
 
 def _fits(profile: FirmwareProfile, replies: TimedFrames) -> bool:

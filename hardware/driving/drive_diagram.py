@@ -2,8 +2,6 @@
 of the user.
 """
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

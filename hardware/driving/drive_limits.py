@@ -1,7 +1,5 @@
 """Limits of a car that drives: its throttle, its speed, and how it stands."""
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 
@@ -25,12 +23,6 @@ class DriveLimits:
     def __init__(self, safety: DriveSafety) -> None:
         self._safety = safety
         self._conditions: defaultdict[str, Debounce] = defaultdict(Debounce)
-        self._had_fix = False
-        self._throttle = 0.0
-        self._time = -math.inf
-
-    def reset_throttle(self) -> None:
-        """Resets the throttle to neutral."""
         self._throttle = 0.0
         self._time = -math.inf
 
@@ -38,10 +30,7 @@ class DriveLimits:
         """Permitted part of a finite throttle: clipped, rises at a limited rate, falls at once."""
         safety = self._safety
         side = math.copysign(1.0, asked)
-        if math.isfinite(self._time):
-            span = min(max(0.0, now - self._time), _MAX_SPAN)
-        else:
-            span = 0.0
+        span = min(max(0.0, now - self._time), _MAX_SPAN) if math.isfinite(self._time) else 0.0
         rise = safety.throttle_rate * span
         present = max(0.0, side * self._throttle)
         self._throttle = side * min(
@@ -83,11 +72,9 @@ class DriveLimits:
 
     def blind(self, reading: CarReading, now: float) -> str:
         """Reason to stop because the GPS has lost its fix: nothing limits the speed; empty while it
-        has one, or never had.
+        has one, or is not fitted.
         """
-        fault = reading.status[_SPEED]
-        self._had_fix |= bool(fault == SourceFault.NONE)
-        lost = self._had_fix and bool(fault == SourceFault.NO_FIX)
+        lost = bool(reading.status[_SPEED] == SourceFault.NO_FIX)
         if not self._lasts("blind", lost, self._safety.gps_silence, now):
             return ""
         return "the GPS has lost its fix: nothing limits the speed"

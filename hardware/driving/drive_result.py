@@ -1,7 +1,5 @@
 """Options of a drive, and how it ended."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import time
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,12 +26,10 @@ from aerodima.hardware.driving.arming import (
 from aerodima.hardware.driving.car_guard import CarGuard
 from aerodima.hardware.driving.drive_checks import (
     Check,
-    Say,
     device_checks,
     motor_checks,
     preflight_checks,
     report,
-    watchdog_check,
 )
 from aerodima.hardware.driving.drive_result import HOUR, DriveOptions, DriveResult
 from aerodima.hardware.driving.held_car import connect
@@ -53,6 +50,7 @@ from aerodima.hardware.driving.plain_loop import (
     run_loop,
 )
 from aerodima.hardware.driving.run_journal import RunJournal, log_facts, open_run_journal
+from aerodima.hardware.driving.speaker import Say, Speaker
 from aerodima.hardware.protocol.radio import RadioMode
 from aerodima.workbench.control.driver_law import refuse_simulated_only
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
@@ -87,9 +85,10 @@ _LATE_ANSWERS = (
     SourceFault.SILENT,
     SourceFault.REPORTED,
     SourceFault.LOST,
+    SourceFault.NO_FIX,
 )
-"""Faults of a device that may still answer. A Teensy that received nothing yet reports that its
-watchdog has acted; an IMU that is being set up counts as lost."""
+"""Faults of a device that may still answer, or find its fix. A Teensy that received nothing yet
+reports that its watchdog has acted; an IMU that is being set up counts as lost."""
 
 
 def drive(
@@ -177,7 +176,7 @@ class DriveSession:
         self._scenario = scenario
         self._ports = ports
         self._options = options
-        self._say = say
+        self._say = Speaker(say)
         self._build = build
         self._resources = ExitStack()
         self._mode = RadioMode.AUTO
@@ -232,8 +231,7 @@ class DriveSession:
         # A device that had not answered when the operator stopped the car is not to blame.
         if self._guard.finished and not self._options.dry_run:
             raise HardwareError(self._guard.reason)
-        checks = device_checks(self._guard.reading, self._car.gps_time, self._safety)
-        checks.append(watchdog_check(self._car.name, self._car.unwatched))
+        checks = device_checks(self._car, self._guard.reading, self._safety)
         report(checks, self._say, refuse=not self._options.dry_run)
         self._sequence, self._columns = self._make_sequence()
         prefer_latency()
@@ -255,6 +253,7 @@ class DriveSession:
             self._say(str(error))
         finally:
             self._say(f"error: the car was stopped: {self._guard.reason}")
+            self._say.flush()
             await_reader()
             leave(1)
 
@@ -305,7 +304,7 @@ class DriveSession:
                 motors do not answer.
         """
         self._journal = open_run_journal(
-            Path(self._options.log),
+            Path(self._options.log).absolute(),
             self._scenario,
             self._car.name,
             self._options.force,
@@ -412,11 +411,12 @@ class DriveSession:
         guard = self._guard
         guard.reason = self._with_cause(guard.reason)
         orderly = not guard.hard and (guard.reason == RUN_OVER or guard.left)
+        self._resources.close()
+        self._say.flush()
         self.result = DriveResult(
             guard.reason,
             orderly and self._log is not None,
             self._log,
             self.signals[0] if self.signals else 0,
+            self._car.traffic_error,
         )
-        self._resources.close()
-        self.result = replace(self.result, traffic_error=self._car.traffic_error)

@@ -2,10 +2,10 @@
 slow controller, and a controller that leaves the program.
 """
 
-from __future__ import annotations
-
 import os
 import signal
+import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -19,8 +19,14 @@ _MAX_INTERRUPTS = 3
 """Interrupts of one tick after which the controller is given up: it catches them and goes on."""
 leave = os._exit
 """Ends the program at once, whatever stands in its place while a controller runs."""
+_HANG_TIME = 3.0
+"""Time beyond its limit after which a tick is given up that no alarm interrupts, s."""
+_WATCH_PERIOD = 0.25
+"""Time between two looks at whether one is, s."""
 _interrupts: list[int] = []
 """Alarms since the last `time_limit` began."""
+_deadlines: list[float] = []
+"""Instant at which the tick that runs is given up, s, monotonic; empty between ticks."""
 
 
 class TickTimeout(BaseException):
@@ -59,9 +65,17 @@ def stop_on_signals(
     """Calls `stop` with the name of a signal that ends a drive; yields the numbers that came.
 
     Within the block SIGALRM raises `TickTimeout`, for `time_limit`, and calls `give_up` once that
-    was caught too often.
+    was caught too often. A thread calls it for a tick that no signal reaches, as a controller that
+    blocks them, or waits in a library.
     """
     numbers: list[int] = []
+    over = threading.Event()
+
+    def watch() -> None:
+        while not over.wait(_WATCH_PERIOD):
+            if any(time.monotonic() > deadline for deadline in list(_deadlines)):
+                give_up()
+                return
 
     def handle(number: int, frame: FrameType | None) -> None:
         del frame
@@ -77,9 +91,11 @@ def stop_on_signals(
 
     handlers = {number: signal.signal(number, handle) for number in _SIGNALS}
     handlers[signal.SIGALRM] = signal.signal(signal.SIGALRM, interrupt)
+    threading.Thread(target=watch, name="hang-watch", daemon=True).start()
     try:
         yield numbers
     finally:
+        over.set()
         for number, handler in handlers.items():
             signal.signal(number, handler)
 
@@ -87,14 +103,16 @@ def stop_on_signals(
 @contextmanager
 def time_limit(seconds: float) -> Iterator[None]:
     """Raises `TickTimeout` within the block once it takes longer, and again each `seconds` or each
-    second; what no signal reaches goes on.
+    second; what no signal reaches is given up later.
     """
     _interrupts.clear()
+    _deadlines[:] = [time.monotonic() + seconds + _HANG_TIME]
     signal.setitimer(signal.ITIMER_REAL, seconds, min(seconds, 1.0))
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
+        _deadlines.clear()
 
 
 class TimedPilot(Pilot):

@@ -4,8 +4,6 @@ A loop or an emulator that is held up hears nothing meanwhile: motors and sensor
 are not.
 """
 
-from __future__ import annotations
-
 from aerodima.hardware.devices.device_states import MotorFault, SourceFault
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.scenario.signal_table import STATUS

@@ -1,7 +1,5 @@
 """Test of one motor: its joint moves by five degrees and back while the other is held."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Zeros of the motors: their angles while somebody holds the tail upright."""
 
-from __future__ import annotations
-
 import json
 import math
 import time
@@ -11,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aerodima.hardware.car.car_ports import JOINTS, CarPorts, Joint
+from aerodima.hardware.car.car_ports import JOINTS, CarPorts, Joint, ports_from_dict
 from aerodima.hardware.car.mounting import load_mounting
 from aerodima.hardware.car.wiring import WiringName
 from aerodima.hardware.devices.device_states import FramePort
@@ -24,6 +22,7 @@ from aerodima.hardware.transport.device_lock import can_address, lock_devices
 from aerodima.hardware.transport.serial_link import SerialLink
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.file_reading import read_json
 
 _CYCLES = 80
 """Cycles of 10 ms of a reading."""
@@ -66,12 +65,10 @@ def write_zeros(path: Path, angles: dict[Joint, float]) -> None:
     upright.
 
     Raises:
-        HardwareError: the file cannot be read or written.
+        HardwareError: the file cannot be read or written, or is no ports file any more.
     """
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise HardwareError(f"{path}: cannot be read as JSON: {error}") from None
+    data = read_json(path, HardwareError)
+    ports_from_dict(data, str(path))
     for number, (joint, angle) in enumerate(angles.items(), start=1):
         part = data.setdefault(joint, {"motor_id": number})
         part["zero"] = round(angle, 5)
@@ -81,11 +78,12 @@ def write_zeros(path: Path, angles: dict[Joint, float]) -> None:
 def joint_angles(ports: CarPorts, angles: dict[Joint, float]) -> dict[Joint, float]:
     """Converts motor angles to joint angles (rad) by the zeros of the ports file."""
     mounting = load_mounting()
-    signs = {"tail_pitch": mounting.tail_pitch_direction, "tail_roll": mounting.tail_roll_direction}
-    parts = {"tail_pitch": ports.tail_pitch, "tail_roll": ports.tail_roll}
-    return {
-        j: (parts[j].direction or signs[j]) * (angle - parts[j].zero) for j, angle in angles.items()
-    }
+    converted: dict[Joint, float] = {}
+    for joint, angle in angles.items():
+        part = getattr(ports, joint)
+        direction = part.direction or getattr(mounting, f"{joint}_direction")
+        converted[joint] = direction * (angle - part.zero)
+    return converted
 
 
 def _read_angles(

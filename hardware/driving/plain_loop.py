@@ -63,10 +63,10 @@ class Row:
         self._unknown = np.full(len(columns) - len(drive_columns()), math.nan)
 
     def make(
-        self, tick: float, step: PilotStep, reading: CarReading, links: FloatArray
+        self, tick: float, step: PilotStep, reading: CarReading, links: list[float]
     ) -> FloatArray:
-        """Makes the row (columns,) of a tick (s); what a diagram logs of its own is NaN while
-        another pilot drives.
+        """Makes the row (columns,) of a tick (s), with `links` as `LINK_COLUMNS`, s; what a
+        diagram logs of its own is NaN while another pilot drives.
         """
         command = step.command
         values: dict[str, FloatArray | float] = {
@@ -114,12 +114,13 @@ def run_loop(
     step = pilot.start()
     reading = guard.reading
     start = clock()
-    stopped = math.nan
     spent = 0.0
     for tick in range(round(length / PERIOD) + 1):
         time_now = tick * PERIOD
         wait(start + time_now)
-        journal.append(row.make(time_now, step, reading, np.append(guard.link_times(start), spent)))
+        wiring = guard.wiring
+        links = [guard.lateness, wiring.imu_time - start, wiring.teensy_time - start, spent]
+        journal.append(row.make(time_now, step, reading, links))
         if journal.error:
             guard.stop(journal.error, clock())
         # This is the row of the end; its tick belongs to what comes after.
@@ -133,11 +134,9 @@ def run_loop(
         row.estimate(reading)
         wait(start + time_now + WRITE_DELAY)
         guard.write(step.command, clock())
-        if math.isnan(stopped) and guard.stopping:
-            stopped = time_now
         if guard.finished:
             break
-    return stopped
+    return guard.stop_time - start
 
 
 def idle_until(

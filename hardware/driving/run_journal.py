@@ -2,15 +2,13 @@
 the loop.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import queue
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +16,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import ArrayLike
 
+from aerodima.hardware.driving.speaker import Say
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.journal import JournalWriter
@@ -29,6 +28,8 @@ LINK_COLUMNS = ("loop_lateness_s", "imu_sample_time_s", "teensy_sent_time_s", "c
 """Columns of a drive alone: lateness of the cycle, times at which IMU and Teensy sampled the values
 of the row, on the clock of the run, and how long the controller computed. The Teensy's clock is
 aligned by `aerodima.hardware.devices.teensy_link`."""
+_PERIOD = 0.01
+"""Time between two cycles of the loop, s."""
 _MAX_WAITING = 3000
 """Most rows that wait for the disk, or are kept after it has failed."""
 _FLUSH = 0.08
@@ -53,8 +54,8 @@ class RunJournal(JournalWriter):
     was written (`JournalWriter.check`). Rows that the disk does not take stay in memory.
 
     Args:
-        say: receives errors and notes of the log at once, in the thread; it may fail (a terminal
-            that is gone): all of them are in the log, too.
+        say: receives errors and notes of the log at once, in the thread; it returns at once, as a
+            `Speaker` does.
 
     Attributes:
         columns: names, in order.
@@ -68,13 +69,13 @@ class RunJournal(JournalWriter):
         columns: Sequence[str],
         metadata: Mapping[str, Any],
         force: bool = False,
-        say: Callable[[str], None] | None = None,
+        say: Say = lambda _: None,
     ) -> None:
         super().__init__(path, columns, metadata, force, flush_interval=_FLUSH)
         self.columns = list(columns)
         self.error = ""
         self.lost = 0
-        self._say = say or (lambda _: None)
+        self._say = say
         self._kept: list[FloatArray] = []
         self._check_due = time.monotonic() + _CHECK_PERIOD
         self._waiting: queue.Queue[FloatArray | None] = queue.Queue(_MAX_WAITING)
@@ -96,8 +97,7 @@ class RunJournal(JournalWriter):
         if text in self.notes:
             return
         super().note(text)
-        with contextlib.suppress(Exception):  # whoever listened has gone: the log has it
-            self._say(f"log: {text}")
+        self._say(f"log: {text}")
 
     def close(self) -> Path:
         """Writes what waits and ends the log; its path, another than was asked for where that takes
@@ -118,7 +118,15 @@ class RunJournal(JournalWriter):
         if not self.error:
             with contextlib.suppress(LogError):
                 self.flush()
-        return self._write_log()
+        try:
+            return self._write_log()
+        except LogError:
+            raise
+        except Exception as error:  # no memory, for one: the journal is on the disk
+            raise LogError(
+                f"the log cannot be written ({error!r}); what was written can be rescued: "
+                f"aerodima log recover {self.journal}"
+            ) from error
 
     def discard(self) -> None:
         """Ends a log of a drive that did not begin: nothing stays on the disk."""
@@ -161,7 +169,8 @@ class RunJournal(JournalWriter):
             self._remove()
             self._writer = 0
             self._syncing.shutdown(wait=False)
-            self._file.close()
+            with contextlib.suppress(OSError):  # somebody closed it
+                self._file.close()
             return path
         raise LogError(
             f"{failed}; what was written can be rescued: aerodima log recover {self.journal}"
@@ -174,7 +183,8 @@ class RunJournal(JournalWriter):
         yield self.path
         above = self.path.absolute().parents[1:]
         yield next(folder for folder in above if folder.is_dir()) / self.path.name
-        yield Path(tempfile.mkdtemp(prefix="aerodima_log_")) / self.path.name
+        with contextlib.suppress(OSError):
+            yield Path(tempfile.mkdtemp(prefix="aerodima_log_")) / self.path.name
 
     def _write(self) -> None:
         while True:
@@ -221,7 +231,7 @@ def open_run_journal(
     wiring: str,
     force: bool = False,
     own: Sequence[str] = (),
-    say: Callable[[str], None] | None = None,
+    say: Say = lambda _: None,
 ) -> RunJournal:
     """Opens the journal of a drive of a scenario, with columns of a diagram's own; LogError as for
     `JournalWriter`.
@@ -246,11 +256,11 @@ def log_facts(
     return {**facts, **period_facts(cycle_times)}
 
 
-def period_facts(cycle_times: Sequence[float], period: float = 0.01) -> dict[str, float]:
+def period_facts(cycle_times: Sequence[float]) -> dict[str, float]:
     """Error of the periods of a loop: p50, p99 and the most, s; empty for fewer than two cycles."""
     if len(cycle_times) < 2:
         return {}
-    error = np.abs(np.diff(np.asarray(cycle_times)) - period)
+    error = np.abs(np.diff(np.asarray(cycle_times)) - _PERIOD)
     p50, p99 = np.percentile(error, [50, 99])
     return {
         "period_error_p50_s": float(p50),

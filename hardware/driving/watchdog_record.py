@@ -3,8 +3,6 @@
 `aerodima.hardware.driving.watchdog_test.run_watchdog_test` makes one.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -21,6 +19,7 @@ from aerodima.hardware.car.wiring import WiringName
 from aerodima.hardware.firmware.teensy_firmware import firmware_hash
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.file_reading import read_json
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.yaml_files import StrictModel, checked
 from aerodima.workbench.logs.schema import software_versions
@@ -84,43 +83,32 @@ def new_record(
     )
 
 
-def record_path(
-    wiring: WiringName, folder: Path | None = None, ports: CarPorts | None = None
-) -> Path:
-    """Returns the path of the record of a wiring; `folder` None: in the user's state folder
-    (`XDG_STATE_HOME`).
+def record_path(wiring: WiringName, ports: CarPorts) -> Path:
+    """Returns the path of the record of a wiring: in the user's state folder (`XDG_STATE_HOME`).
 
-    With the `ports` of an emulated car it is beside them, so that the record of the real car stays
-    as it is.
+    That of an emulated car is beside its ports, so that the record of the real car stays.
     """
-    if folder is None and ports is not None and is_emulated_port(ports.teensy.path):
+    if is_emulated_port(ports.teensy.path):
         folder = Path(ports.teensy.path).parent.parent
-    state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
-    return (folder or state / "aerodima" / "watchdog_tests") / f"{wiring}.json"
+    else:
+        state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+        folder = state / "aerodima" / "watchdog_tests"
+    return folder / f"{wiring}.json"
 
 
-def write_record(record: WatchdogRecord, folder: Path | None = None) -> Path:
+def write_record(record: WatchdogRecord, ports: CarPorts) -> Path:
     """Writes a record in the place of an older one; `HardwareError` if it cannot be written."""
     text = json.dumps(record.model_dump(mode="json", by_alias=True), indent=1) + "\n"
-    if folder:
-        ports = None
-    else:
-        ports = CarPorts.model_validate(record.ports)
-    return write_atomically(record_path(record.wiring, folder, ports), text, True, HardwareError)
+    return write_atomically(record_path(record.wiring, ports), text, True, HardwareError)
 
 
 def read_record(path: Path) -> WatchdogRecord:
     """Reads a record. Raises `HardwareError` that names the file and what is wrong."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise HardwareError(f"{path}: cannot be read as JSON: {error}") from None
+    data = read_json(path, HardwareError)
     return checked(WatchdogRecord, data, str(path), HardwareError, schema=SCHEMA)
 
 
-def require_watchdog_test(
-    wiring: WiringName, ports: CarPorts, folder: Path | None = None
-) -> WatchdogRecord:
+def require_watchdog_test(wiring: WiringName, ports: CarPorts) -> WatchdogRecord:
     """Returns the record that allows arming the motors of these ports.
 
     Raises:
@@ -128,7 +116,7 @@ def require_watchdog_test(
             real, or what it has shown has changed since: adapter or Teensy, motor ids, firmware
             profile, firmware, timing.
     """
-    path = record_path(wiring, folder, ports)
+    path = record_path(wiring, ports)
     place = shlex.quote(ports.file)
     again = (
         f"make one with `aerodima drive watchdog-test auto_turn --ports {place} --wiring {wiring}`"

@@ -1,16 +1,13 @@
 """Watchdog test: the motors hold, the link is cut, somebody sees that they are off."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 from aerodima.hardware.car.car_ports import CarPorts
 from aerodima.hardware.car.wired_car import WiredCar
-from aerodima.hardware.car.wiring import CarCommand
+from aerodima.hardware.car.wiring import CarCommand, WiringName
 from aerodima.hardware.car.wirings import wire_car
-from aerodima.hardware.car.wiring import WiringName
 from aerodima.hardware.driving.held_car import holding, run_cycles
 from aerodima.hardware.driving.watchdog_record import (
     WatchdogRecord,
@@ -41,7 +38,6 @@ def run_watchdog_test(
     wiring: WiringName,
     confirm: Callable[[str], bool],
     seen_by: str = "operator",
-    folder: Path | None = None,
 ) -> tuple[WatchdogRecord, Path]:
     """Makes a watchdog test and records it: the motors hold, the link is cut, and somebody sees
     that they are off.
@@ -53,7 +49,6 @@ def run_watchdog_test(
     Args:
         confirm: puts `QUESTION` to somebody who sees the motors; True if they are off.
         seen_by: who that is.
-        folder: of the record, see `record_path`.
 
     Raises:
         HardwareError: the motors cannot be held, the watchdog did not act in time, or the motors
@@ -77,7 +72,7 @@ def run_watchdog_test(
                 f"watchdog test of {wiring}: the motors were not seen off; nothing is recorded"
             )
     record = new_record(wiring, ports, cut, time_to_exit, seen_by)
-    return record, write_record(record, folder)
+    return record, write_record(record, ports)
 
 
 def _await_status(car: WiredCar, expected: TeensyStatus) -> float:

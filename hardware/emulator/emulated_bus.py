@@ -86,11 +86,11 @@ class EmulatedBus:
     @property
     def off(self) -> bool:
         """Returns whether the owner's controller is off the bus."""
-        return self._board.entry(Fault.BUS_OFF) is not None and not self._healed
+        return self._board.entry("bus_off") is not None and not self._healed
 
     def reopened(self) -> None:
         """Notes that the owner has opened its channel anew."""
-        self._healed = self._board.entry(Fault.BUS_OFF) is not None
+        self._healed = self._board.entry("bus_off") is not None
 
     def carry(self, frame: CanFrame) -> list[CanFrame]:
         """Takes a frame of the owner; the motors' answers."""
@@ -110,14 +110,8 @@ class EmulatedBus:
 
     def _pass_on(self, frame: CanFrame) -> list[CanFrame]:
         self._note(frame, received=False)
-        if frame.extended:
-            motor = None
-        else:
-            motor = self._motors.get(frame.arbitration_id)
-        if motor is not None and len(frame.data) == 8:
-            answers = motor.receive(frame.data)
-        else:
-            answers = []
+        motor = None if frame.extended else self._motors.get(frame.arbitration_id)
+        answers = motor.receive(frame.data) if motor is not None and len(frame.data) == 8 else []
         for answer in answers:
             self._note(answer, received=True)
         return answers
@@ -182,7 +176,7 @@ class EmulatedMotor:
             return NEUTRAL
         command = self._command
         sign = self._direction
-        if self._fault(Fault.MOTOR_REVERSED):
+        if self._fault("motor_reversed"):
             torque = commanded_torque(command, self._angle, self._speed)
             return MitCommand(0.0, 0.0, 0.0, 0.0, -sign * torque)
         return MitCommand(
@@ -199,7 +193,7 @@ class EmulatedMotor:
         self._speed = self._direction * speed
         self._torque = self._direction * torque
         # The motor measures its own current, the wrong way round.
-        if self._fault(Fault.MOTOR_REVERSED):
+        if self._fault("motor_reversed"):
             self._torque = -self._torque
         self._past.append((time.monotonic(), self._angle, self._speed, self._torque))
 
@@ -212,11 +206,10 @@ class EmulatedMotor:
                 self._command = decode_command(data, _PROFILE)
             except FrameError:
                 return []  # a real one has no way to complain
-        for fault in (Fault.MOTOR_FAULT, Fault.MOTOR_OFF):
-            if self._fault(fault) and self.entered:
-                self._set_entered(
-                    False, "its own fault" if fault is Fault.MOTOR_FAULT else "by itself"
-                )
+        if self._fault("motor_fault"):
+            self._set_entered(False, "its own fault")
+        if self._fault("motor_off"):
+            self._set_entered(False, "by itself")
         return self._answers()
 
     def _fault(self, fault: Fault) -> FaultEntry | None:
@@ -241,14 +234,14 @@ class EmulatedMotor:
     def _state(self) -> tuple[float, float, float]:
         """Returns what a reply tells: angle, speed, torque."""
         reported = (self._angle, self._speed, self._torque)
-        if stale := self._fault(Fault.REPLY_STALE):
+        if stale := self._fault("reply_stale"):
             taken = time.monotonic() - stale.delay
             reported = next(
                 ((a, v, t) for when, a, v, t in reversed(self._past) if when <= taken), reported
             )
-        if self._fault(Fault.FEEDBACK_REVERSED):
+        if self._fault("feedback_reversed"):
             reported = (2.0 * self._zero - reported[0], -reported[1], reported[2])
-        if not self._fault(Fault.FROZEN):
+        if not self._fault("frozen"):
             self._reported = reported
         return self._reported
 
@@ -256,48 +249,43 @@ class EmulatedMotor:
         board = self._board
         angle, speed, torque = self._state()
         # All of the torque works against what holds it where it was.
-        if self._fault(Fault.BLOCKED):
+        if self._fault("blocked"):
             angle = self._blocked_at
             speed = 0.0
             held = self._command if self.entered else NEUTRAL
             torque = commanded_torque(held, angle, speed)
         else:
             self._blocked_at = angle
-        if self._fault(Fault.ENCODER_JUMP):
+        if self._fault("encoder_jump"):
             angle += ENCODER_JUMP
-        if drift := self._fault(Fault.OUT_OF_RANGE):
+        if drift := self._fault("out_of_range"):
             angle += DRIFT_RATE * (board.time - drift.time)
         position = math.remainder(angle, 2.0 * _PROFILE.position)
         velocity = min(max(speed, -_PROFILE.speed), _PROFILE.speed)
         torque = min(max(torque, -_PROFILE.torque), _PROFILE.torque)
-        temperature = HOT if self._fault(Fault.OVER_TEMPERATURE) else WARM
-        fault = self._fault(Fault.MOTOR_FAULT)
+        temperature = HOT if self._fault("over_temperature") else WARM
+        fault = self._fault("motor_fault")
         code = fault.code if fault else 0
         reply = MitReply(self.motor_id, position, velocity, torque, temperature, code)
         return make_reply(reply, _PROFILE)
 
     def _answers(self) -> list[CanFrame]:
         frame = self._reply()
-        board = self._board
-        joint = self.joint
-        if board.consume(Fault.REPLY_LOST, joint):
-            return []
-        if board.consume(Fault.V3_FRAME, joint):
-            return [CanFrame(0x2900 | self.motor_id, frame.data, extended=True)]
-        if board.consume(Fault.FOREIGN_ID, joint):
-            return [CanFrame(0x7F, bytes([0x7F]) + frame.data[1:])]
-        if board.consume(Fault.REPLY_CORRUPTED, joint):
-            return [CanFrame(frame.arbitration_id, bytes(byte ^ 0x5A for byte in frame.data))]
-        if board.consume(Fault.REPLY_SHORT, joint):
-            return [CanFrame(frame.arbitration_id, frame.data[:5])]
-        # Classic CAN has no more than 8 bytes: longer than 6, and not 8.
-        if board.consume(Fault.REPLY_LONG, joint):
-            return [CanFrame(frame.arbitration_id, (frame.data + b"\0")[:7])]
-        if board.consume(Fault.DOUBLE_ID, joint):
-            return [
-                frame,
-                CanFrame(frame.arbitration_id, frame.data[:1] + b"\x90" + frame.data[2:]),
-            ]
+        number = frame.arbitration_id
+        data = frame.data
+        answers: dict[Fault, list[CanFrame]] = {
+            "reply_lost": [],
+            "v3_frame": [CanFrame(0x2900 | self.motor_id, data, extended=True)],
+            "foreign_id": [CanFrame(0x7F, b"\x7f" + data[1:])],
+            "reply_corrupted": [CanFrame(number, bytes(byte ^ 0x5A for byte in data))],
+            "reply_short": [CanFrame(number, data[:5])],
+            # Classic CAN has no more than 8 bytes: longer than 6, and not 8.
+            "reply_long": [CanFrame(number, (data + b"\0")[:7])],
+            "double_id": [frame, CanFrame(number, data[:1] + b"\x90" + data[2:])],
+        }
+        for fault, damaged in answers.items():
+            if self._board.consume(fault, self.joint):
+                return damaged
         return [frame]
 
 
@@ -370,10 +358,7 @@ def read_frame(line: bytes) -> CanFrame | None:
 
 def write_frame(frame: CanFrame) -> bytes:
     """Makes the line that reports a frame, with its end."""
-    if frame.extended:
-        head = f"T{frame.arbitration_id:08X}"
-    else:
-        head = f"t{frame.arbitration_id:03X}"
+    head = f"T{frame.arbitration_id:08X}" if frame.extended else f"t{frame.arbitration_id:03X}"
     return f"{head}{len(frame.data)}{frame.data.hex().upper()}\r".encode()
 
 

@@ -4,10 +4,9 @@ as the script says.
 The Teensy is the firmware's own core between a serial port, the bus, the pins and the encoder.
 """
 
-from __future__ import annotations
-
 import math
 import time
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,14 +15,15 @@ from aerodima.hardware.car.mounting import Mounting
 from aerodima.hardware.devices.bno055 import Bno055Chip
 from aerodima.hardware.devices.ublox import GpsSample, make_nav_pvt
 from aerodima.hardware.emulator.emulated_bus import EmulatedBus
-from aerodima.hardware.emulator.fault_script import EventLog, Fault, FaultBoard, OperatorEntry
+from aerodima.hardware.emulator.fault_script import EventLog, FaultBoard, OperatorEntry
 from aerodima.hardware.firmware.teensy_core import CoreState, TeensyCore
 from aerodima.hardware.firmware.teensy_firmware import FirmwareSettings
 from aerodima.hardware.protocol import radio
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.radio import OperatorPrompt, decode_report
 from aerodima.hardware.protocol.teensy import THROTTLE_PULSES, TeensyStatus
-from aerodima.hardware.protocol.xbee import BROADCAST, ApiStream, ReceivedPacket, make_received
+from aerodima.hardware.protocol.xbee import BROADCAST, ApiStream, Packet, make_received
+from aerodima.workbench.core.quantity import STANDARD_GRAVITY
 
 _RESTART_TIME = 0.5
 """s, of the processor's own watchdog in the Teensy's sketch."""
@@ -89,7 +89,7 @@ class EmulatedTeensy:
 
     def feed(self, data: bytes, now: float) -> None:
         """Takes bytes from the computer."""
-        if self._powered and (self._hung_since is None or math.isinf(self._hung_since)):
+        if self._awake:
             self._core.feed(data, now)
 
     def set_sail(self, angle: float) -> None:
@@ -104,7 +104,7 @@ class EmulatedTeensy:
             return b""
         self._core.step(now)
         for frame in self._core.frames():
-            if self._board.entry(Fault.TEENSY_OFF_BUS) is not None:
+            if self._board.entry("teensy_off_bus") is not None:
                 continue
             if self._watches:
                 self._bus.carry_from_watch(frame)
@@ -116,19 +116,23 @@ class EmulatedTeensy:
         return self._board.corrupt("teensy", self._core.reply())
 
     def _receive(self, frame: CanFrame) -> None:
-        runs = self._hung_since is None or math.isinf(self._hung_since)
-        if runs and self._powered and self._board.entry(Fault.TEENSY_OFF_BUS) is None:
+        if self._awake and self._board.entry("teensy_off_bus") is None:
             self._core.receive(frame)
 
+    @property
+    def _awake(self) -> bool:
+        """Returns whether it has power and does not hang."""
+        return self._powered and (self._hung_since is None or math.isinf(self._hung_since))
+
     def _runs(self, now: float) -> bool:
-        powered = self._board.entry(Fault.TEENSY_UNPOWERED) is None
+        powered = self._board.entry("teensy_unpowered") is None
         if powered is not self._powered:
             self._powered = powered
             self._core = TeensyCore(self._settings, now)
             self._note()  # servo and ESC get no pulses without power: neutral
         if not powered:
             return False
-        if self._board.entry(Fault.TEENSY_HUNG) is None:
+        if self._board.entry("teensy_hung") is None:
             self._hung_since = None
             return True
         if self._hung_since is None:
@@ -158,20 +162,43 @@ class EmulatedImu:
         self._mounting = mounting
         self._chip = Bno055Chip()
         self._board = board
-        self._sampled = False
+        self._reading: np.ndarray | None = None
+        self._answers: deque[tuple[float, bytes]] = deque()
 
     def set_reading(self, reading: np.ndarray) -> None:
         """Sets the reading (9,) as `aerodima.workbench.scenario.signal_table.IMU`."""
-        if self._board.entry(Fault.FROZEN, "imu") and self._sampled:
+        before = self._reading
+        if self._board.entry("frozen", "imu") and before is not None:
             return
-        self._sampled = True
-        if self._board.entry(Fault.TIPPED_OVER):
+        if self._board.entry("tipped_over"):
             reading = np.array([_ON_ITS_SIDE, *reading[1:]])
+        if self._board.entry("attitude_stuck") and before is not None:
+            # The chip takes gravity off what it measures by the attitude in which it believes.
+            felt = reading[6:9] + _gravity(reading)
+            reading = np.concatenate([before[:3], reading[3:6], felt - _gravity(before)])
+        self._reading = reading
         self._chip.set_sample(self._mounting.imu_sample(reading))
 
-    def feed(self, data: bytes) -> bytes:
-        """Answers to requests."""
-        return self._board.corrupt("imu", self._chip.feed(data))
+    def feed(self, data: bytes, now: float) -> None:
+        """Takes requests; their answers come in order, late ones before those that follow."""
+        late = self._board.entry("answer_late")
+        due = now + late.delay if late else now
+        self._answers.append((due, self._chip.feed(data)))
+        self._board.consume("answer_late")
+
+    def poll(self, now: float) -> bytes:
+        """Returns the answers that are due."""
+        answers = b""
+        while self._answers and self._answers[0][0] <= now:
+            answers += self._answers.popleft()[1]
+        return self._board.corrupt("imu", answers) if answers else b""
+
+
+def _gravity(reading: np.ndarray) -> np.ndarray:
+    """Returns the acceleration (3,) that a car at rest feels in the attitude of a reading, m/s2."""
+    roll, pitch = reading[:2]
+    upwards = [-math.sin(pitch), math.cos(pitch) * math.sin(roll), math.cos(pitch) * math.cos(roll)]
+    return STANDARD_GRAVITY * np.array(upwards)
 
 
 class EmulatedGps:
@@ -188,12 +215,13 @@ class EmulatedGps:
         if now < self._next:
             return b""
         self._next = max(self._next + self._period, now)
-        if self._board.entry(Fault.OVER_SPEED):
+        if self._board.entry("over_speed"):
             speed = _TOO_FAST
-        if not self._board.entry(Fault.FROZEN, "gps"):
+        if not self._board.entry("frozen", "gps"):
             self._speed = speed
-        sample = GpsSample(max(0.0, self._speed), True, time.time() % _DAY)
-        return self._board.corrupt("gps", make_nav_pvt(sample, tow=now))
+        fix = self._board.entry("fix_lost") is None
+        sample = GpsSample(max(0.0, self._speed), fix, time.time() % _DAY)
+        return self._board.corrupt("gps", make_nav_pvt(sample))
 
 
 class EmulatedOperator:
@@ -240,7 +268,7 @@ class EmulatedOperator:
         else:
             frames.append(radio.make_command(passed[-1].command(self.prompted)))
         return self._board.corrupt(
-            "radio", b"".join(make_received(ReceivedPacket(OPERATOR, frame)) for frame in frames)
+            "radio", b"".join(make_received(Packet(OPERATOR, frame)) for frame in frames)
         )
 
 
@@ -260,16 +288,16 @@ class EmulatedAir:
 
     def to_console(self, data: bytes) -> bytes:
         """Carries bytes of the car's serial port to the console's."""
-        sender = _FOREIGN if self._board.entry(Fault.FOREIGN_MODULE) else CAR
+        sender = _FOREIGN if self._board.entry("foreign_module") else CAR
         return self._carry(self._of_car, data, sender, OPERATOR)
 
     def _carry(self, stream: ApiStream, data: bytes, sender: int, receiver: int) -> bytes:
         packets = [
             packet
             for packet in stream.feed_transmits(data)
-            if packet.receiver in (receiver, BROADCAST)
+            if packet.address in (receiver, BROADCAST)
         ]
         return self._board.corrupt(
             "radio",
-            b"".join(make_received(ReceivedPacket(sender, packet.data)) for packet in packets),
+            b"".join(make_received(Packet(sender, packet.data)) for packet in packets),
         )

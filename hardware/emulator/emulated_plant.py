@@ -2,8 +2,6 @@
 schema.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +11,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
+from aerodima.hardware.car.car_ports import JOINTS
 from aerodima.hardware.driving.run_journal import RunJournal
 from aerodima.workbench.car.car_diagram import truth_signals
 from aerodima.workbench.car.car_station import make_car_station, simulated_car
@@ -72,13 +71,12 @@ class EmulatedCar:
         self._sources: dict[str, Any] = {}
         self._values: dict[str, tuple[float, ...]] = {}
         for name in _INPUTS:
-            if name in STATION_INPUTS:
-                size = STATION_INPUTS[name].size
-            else:
-                size = 1
-            self._sources[name] = builder.AddNamedSystem(name, ConstantVectorSource(np.zeros(size)))
-            if name in STATION_INPUTS:
-                builder.Connect(self._sources[name].get_output_port(), station.GetInputPort(name))
+            fields = STATION_INPUTS.get(name)
+            zeros = np.zeros(fields.size if fields else 1)
+            source = builder.AddNamedSystem(name, ConstantVectorSource(zeros))
+            self._sources[name] = source
+            if fields:
+                builder.Connect(source.get_output_port(), station.GetInputPort(name))
         settings = RollFilterSettings(
             rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81
         )
@@ -105,16 +103,9 @@ class EmulatedCar:
         self._picture_due = 0.0
         self.has_tail = scenario.tail.mode != "none"
         if self.has_tail:
-            self._joints = self._joint_places(simulated_car(station).plant)
+            self._joints = _joint_places(simulated_car(station).plant)
         else:
             self._joints = []
-
-    @staticmethod
-    def _joint_places(plant: Any) -> list[int]:
-        """Indices of the angles, then of the rates, of pitch and roll in the plant's state."""
-        joints = [plant.GetJointByName(name) for name in ("tail_pitch", "tail_roll")]
-        rates = [plant.num_positions() + joint.velocity_start() for joint in joints]
-        return [*(joint.position_start() for joint in joints), *rates]
 
     @property
     def time(self) -> float:
@@ -149,6 +140,15 @@ class EmulatedCar:
     def close(self) -> Path:
         """Ends the log; its path."""
         return self._journal.close()
+
+
+def _joint_places(plant: Any) -> list[int]:
+    """Returns the indices of the angles, then of the rates, of pitch and roll in the plant's
+    state.
+    """
+    joints = [plant.GetJointByName(name) for name in JOINTS]
+    rates = [plant.num_positions() + joint.velocity_start() for joint in joints]
+    return [*(joint.position_start() for joint in joints), *rates]
 
 
 def _with_eager_imu(scenario: Scenario) -> Scenario:

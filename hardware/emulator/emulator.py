@@ -5,8 +5,6 @@ Devices answer as soon as bytes come; the car advances in the scenario's step. W
 late the car catches up and the largest delay is reported.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import select
@@ -54,7 +52,6 @@ from aerodima.hardware.emulator.emulated_plant import EmulatedCar
 from aerodima.hardware.emulator.fault_script import (
     Device,
     EventLog,
-    Fault,
     FaultBoard,
     Script,
 )
@@ -227,6 +224,7 @@ class Emulator:
             self._update_faults(now)
             self._update_teensy(now)
             self._pass_on_received()
+            self._write("imu", self._imu.poll(now))
             self._write("radio", self._operator.update(now))
             open_ports = [port for port in self._ports.values() if port.plugged]
             readable, _, _ = select.select(
@@ -249,7 +247,8 @@ class Emulator:
             self._pass_on_received()
         elif name == "imu":
             self._imu.set_reading(self._car.output("imu"))
-            self._write("imu", self._imu.feed(data))
+            self._imu.feed(data, now)
+            self._write("imu", self._imu.poll(now))
         elif name == "console":
             self._write("radio", self._air.to_car(data))
         elif name == "radio" and "console" in self._ports:
@@ -275,12 +274,12 @@ class Emulator:
             self._board.begin("driving", now)
         self._board.update(now)
         for name, port in self._ports.items():
-            if self._board.entry(Fault.RENAMED, name):
+            if self._board.entry("renamed", name):
                 renamed = port.link.with_name(f"{name}_1")
             else:
                 renamed = None
-            unpowered = name == "teensy" and self._board.entry(Fault.TEENSY_UNPOWERED)
-            if unpowered or self._board.entry(Fault.UNPLUGGED, name):
+            unpowered = name == "teensy" and self._board.entry("teensy_unpowered")
+            if unpowered or self._board.entry("unplugged", name):
                 port.unplug()
             elif renamed is not None and port.link != renamed:
                 port.unplug()

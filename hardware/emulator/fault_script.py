@@ -24,9 +24,8 @@ import json
 import math
 import random
 import time
-from enum import StrEnum
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal, get_args
 
 from pydantic import Field, model_validator
 
@@ -41,50 +40,46 @@ Clock = Literal["entered", "driving", "start"]
 _PLUGS = ("can", *SERIAL_DEVICES)
 
 
-class Fault(StrEnum):
-    """Faults of the emulated car.
-
-    Attributes:
-        parts: what it may happen to, as `part` of a script names it; none where there is no choice.
-    """
-
-    parts: tuple[str, ...]
-
-    def __new__(cls, name: str, parts: tuple[str, ...] = ()) -> Self:
-        """The member `name`; see the attributes."""
-        member = str.__new__(cls, name)
-        member._value_ = name
-        member.parts = parts
-        return member
-
-    REPLY_LOST = "reply_lost", JOINTS
-    REPLY_CORRUPTED = "reply_corrupted", JOINTS
-    REPLY_SHORT = "reply_short", JOINTS
-    REPLY_LONG = "reply_long", JOINTS
-    FOREIGN_ID = "foreign_id", JOINTS
-    DOUBLE_ID = "double_id", JOINTS
-    V3_FRAME = "v3_frame", JOINTS
-    OVER_TEMPERATURE = "over_temperature", JOINTS
-    MOTOR_FAULT = "motor_fault", JOINTS
-    ENCODER_JUMP = "encoder_jump", JOINTS
-    OUT_OF_RANGE = "out_of_range", JOINTS
-    MOTOR_OFF = "motor_off", JOINTS
-    BLOCKED = "blocked", JOINTS
-    REPLY_STALE = "reply_stale", JOINTS
-    FEEDBACK_REVERSED = "feedback_reversed", JOINTS
-    MOTOR_REVERSED = "motor_reversed", JOINTS
-    FROZEN = "frozen", ("imu", "gps", *JOINTS)
-    BUS_OFF = "bus_off"
-    TEENSY_HUNG = "teensy_hung"
-    TEENSY_OFF_BUS = "teensy_off_bus"
-    TEENSY_UNPOWERED = "teensy_unpowered"
-    TIPPED_OVER = "tipped_over"
-    OVER_SPEED = "over_speed"
-    FOREIGN_MODULE = "foreign_module"
-    SILENT = "silent", _PLUGS
-    UNPLUGGED = "unplugged", _PLUGS
-    RENAMED = "renamed", _PLUGS
-    SERIAL_NOISE = "serial_noise", _PLUGS
+_MotorFaultName = Literal[
+    "reply_lost",
+    "reply_corrupted",
+    "reply_short",
+    "reply_long",
+    "foreign_id",
+    "double_id",
+    "v3_frame",
+    "over_temperature",
+    "motor_fault",
+    "encoder_jump",
+    "out_of_range",
+    "motor_off",
+    "blocked",
+    "reply_stale",
+    "feedback_reversed",
+    "motor_reversed",
+]
+_CarFaultName = Literal[
+    "bus_off",
+    "teensy_hung",
+    "teensy_off_bus",
+    "teensy_unpowered",
+    "tipped_over",
+    "over_speed",
+    "attitude_stuck",
+    "answer_late",
+    "fix_lost",
+    "foreign_module",
+]
+_PlugFaultName = Literal["silent", "unplugged", "renamed", "serial_noise"]
+Fault = Literal[_MotorFaultName, _CarFaultName, _PlugFaultName, "frozen"]
+FAULT_PARTS: dict[Fault, tuple[str, ...]] = {
+    **dict.fromkeys(get_args(_MotorFaultName), JOINTS),
+    **dict.fromkeys(get_args(_CarFaultName), ()),
+    **dict.fromkeys(get_args(_PlugFaultName), _PLUGS),
+    "frozen": ("imu", "gps", *JOINTS),
+}
+"""Parts to which a fault may happen, as `part` of a script names them; none where there is no
+choice."""
 
 
 class _Entry(StrictModel):
@@ -95,7 +90,8 @@ class FaultEntry(_Entry):
     """One fault. duration: s, None for ever. count: of the replies that it meets, None all. code:
     of `motor_fault`.
 
-    delay: age of what the replies tell, s, of `reply_stale`.
+    delay: s; age of what the replies tell, of `reply_stale`, or lateness of the IMU's answers, of
+    `answer_late`.
     """
 
     fault: Fault
@@ -107,7 +103,7 @@ class FaultEntry(_Entry):
 
     @model_validator(mode="after")
     def _has_its_part(self) -> FaultEntry:
-        allowed = self.fault.parts
+        allowed = FAULT_PARTS[self.fault]
         if self.part not in (allowed or (None,)):
             raise ValueError(
                 f"part of {self.fault}: {self.part!r}; allowed: {', '.join(allowed) or 'none'}"
@@ -158,9 +154,10 @@ class Script(StrictModel):
 def read_script(path: Path) -> Script:
     """Reads a script.
 
-    Raises `ScenarioError` or `HardwareError` that names file, key, value and what is allowed.
+    Raises `HardwareError` that names file, key, value and what is allowed.
     """
-    return checked(Script, read_yaml(path), str(path), HardwareError, schema=SCHEMA)
+    data = read_yaml(path, HardwareError)
+    return checked(Script, data, str(path), HardwareError, schema=SCHEMA)
 
 
 class FaultBoard:
@@ -235,14 +232,14 @@ class FaultBoard:
 
     def corrupt(self, device: Device, data: bytes) -> bytes:
         """Returns what silence and noise leave of the bytes that a device sends."""
-        if self.consume(Fault.SILENT, device):
+        if self.consume("silent", device):
             return b""
-        if data and self.consume(Fault.SERIAL_NOISE, device):
+        if data and self.consume("serial_noise", device):
             return self._random.randbytes(9) + data[4:]
         return data
 
     def _note(self, event: str, entry: FaultEntry) -> None:
-        self._events.add(event, fault=entry.fault.value, part=entry.part, script_time_s=entry.time)
+        self._events.add(event, fault=entry.fault, part=entry.part, script_time_s=entry.time)
 
 
 class EventLog:

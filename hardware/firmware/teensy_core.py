@@ -1,7 +1,5 @@
 """The firmware's C++ core on this computer by ctypes."""
 
-from __future__ import annotations
-
 import ctypes
 from ctypes import (
     POINTER,

@@ -1,7 +1,5 @@
 """The Teensy's firmware: its numbers, the sketch that is exported, its core as a library."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import shutil

@@ -13,8 +13,6 @@ motor, and the sample code of the manual has another position range. `make_*` bu
 touches nothing.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -42,7 +40,7 @@ MAX_ID = 0x3F
 its position, under the same CAN id: with ids up to 0x3F an echoed command looks like a reply only
 below half of the position range, where `aerodima.hardware.devices.tail_motor` never commands, and
 0xFF begins the special frames."""
-_COMMAND_FIELDS = ("position", "velocity", "kp", "kd", "torque")
+COMMAND_FIELDS = ("position", "velocity", "kp", "kd", "torque")
 """Fields of a command, most significant bits first; those of `MitCommand` in their order."""
 _REPLY_FIELDS = ("position", "velocity", "torque")
 """Fields of a reply behind its id, most significant bits first."""
@@ -208,7 +206,7 @@ def make_command(motor_id: int, command: MitCommand, profile: FirmwareProfile) -
             frame would begin with the seven FF of the special frames.
     """
     check_motor_id(motor_id)
-    data = _pack(command, _COMMAND_FIELDS, profile).to_bytes(8, "big")
+    data = _pack(command, COMMAND_FIELDS, profile).to_bytes(8, "big")
     if data.startswith(_RESERVED):
         raise FrameError(
             f"command {command}: at full scale it is the special frame {data.hex().upper()}"
@@ -223,10 +221,10 @@ def decode_command(data: bytes, profile: FirmwareProfile) -> MitCommand:
     """
     if len(data) != 8 or data.startswith(_RESERVED):
         raise FrameError(f"{data.hex().upper()!r} is not a command of 8 bytes")
-    return MitCommand(*_unpack(int.from_bytes(data, "big"), _COMMAND_FIELDS, profile))
+    return MitCommand(*_unpack(int.from_bytes(data, "big"), COMMAND_FIELDS, profile))
 
 
-def make_reply(reply: MitReply, profile: FirmwareProfile, arbitration_id: int = 0) -> CanFrame:
+def make_reply(reply: MitReply, profile: FirmwareProfile) -> CanFrame:
     """Makes the frame that a motor would answer with; for emulators.
 
     Without a fault byte it is the 6-byte form.
@@ -240,7 +238,7 @@ def make_reply(reply: MitReply, profile: FirmwareProfile, arbitration_id: int = 
         degrees = (reply.temperature or 0.0) + profile.temperature_offset
         warm = _encode("temperature", degrees, 0.0, 255.0, 255, "degrees above the offset")
         data += bytes([warm, reply.fault])
-    return CanFrame(arbitration_id, data)
+    return CanFrame(0, data)
 
 
 def decode_reply(frame: CanFrame, profile: FirmwareProfile) -> MitReply:

@@ -1,7 +1,5 @@
 """A classic CAN data frame as plain data: protocol and motor depend on no CAN library."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from aerodima.workbench.core.errors import HardwareError

@@ -12,8 +12,6 @@ the car has no tail), number of the car, mode last heard, fault codes of
 in words. 43 to 100 bytes, as many as the smallest modules carry.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from dataclasses import dataclass

@@ -21,14 +21,12 @@ Units: rad, rad/s, N m/rad, N m s/rad, N m (the thesis calls the reply's field a
 torque field of the motor's frame), pulses in us, sail angle in degrees, clock in ms.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass
 from enum import IntEnum
 
-from aerodima.hardware.protocol.ak70 import MitCommand, check_motor_id
+from aerodima.hardware.protocol.ak70 import COMMAND_FIELDS, MitCommand, check_motor_id
 from aerodima.hardware.protocol.can_frame import FrameError
 
 END = b"|"
@@ -46,7 +44,6 @@ _UNKNOWN_AGE = 65535
 """Age of an attitude that is not known, ms."""
 _UNKNOWN_FAULT = -1
 """Fault of a motor whose replies carry neither temperature nor fault."""
-_MOTOR_FIELDS = ("position", "velocity", "kp", "kd", "torque")
 NUMBERS = {
     "position": (-100.0, 100.0, 5),
     "velocity": (-200.0, 200.0, 4),
@@ -185,8 +182,8 @@ def make_command(command: TeensyCommand) -> bytes:
             range.
     """
     _check_ids(command.motors[0].motor_id, command.motors[1].motor_id)
-    _check_pulse("servo", command.servo, SERVO_PULSES)
-    _check_pulse("throttle", command.throttle, THROTTLE_PULSES)
+    check_pulse("servo", command.servo, SERVO_PULSES)
+    check_pulse("throttle", command.throttle, THROTTLE_PULSES)
     orders = "|;".join(_write_order(order) for order in command.motors)
     attitude = _write_attitude(command.attitude)
     data = f"{orders}|;{command.servo};{command.throttle}{attitude}".encode("ascii")
@@ -239,7 +236,7 @@ _INTEGERS = {
 
 
 def _write_order(order: MotorOrder) -> str:
-    command = (_number(name, getattr(order.command, name)) for name in _MOTOR_FIELDS)
+    command = (_number(name, getattr(order.command, name)) for name in COMMAND_FIELDS)
     return ";".join([str(order.motor_id), str(int(order.request)), *command])
 
 
@@ -309,6 +306,7 @@ def _check_ids(first: int, second: int) -> None:
         raise FrameError(f"both motors have the id {first}: each needs its own")
 
 
-def _check_pulse(name: str, pulse: int, pulses: tuple[int, int, int]) -> None:
+def check_pulse(name: str, pulse: int, pulses: tuple[int, int, int]) -> None:
+    """Raises `FrameError` for a pulse (us) that is not within `pulses`."""
     if isinstance(pulse, bool) or not isinstance(pulse, int) or not pulses[0] <= pulse <= pulses[2]:
         raise FrameError(f"{name} pulse {pulse!r} us: allowed is {pulses[0]} to {pulses[2]}")

@@ -7,10 +7,9 @@ address 2, options 1, data. Content `10` is data to send: frame id 1 (0: no answ
 8, network address 2, radius 1, options 1, data.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
+from aerodima.hardware.protocol.byte_stream import cut_frames
 from aerodima.hardware.protocol.can_frame import FrameError
 
 START = 0x7E
@@ -31,15 +30,15 @@ BROADCAST = 0xFFFF
 
 
 @dataclass(frozen=True, slots=True)
-class ReceivedPacket:
-    """Data that another module sent.
+class Packet:
+    """Data that another module sent, or that is for it.
 
     Attributes:
-        sender: its 64-bit serial number.
-        data: what it sent, without the frame around it.
+        address: 64-bit serial number of that module.
+        data: without the frame around it.
     """
 
-    sender: int
+    address: int
     data: bytes
 
 
@@ -62,19 +61,11 @@ def make_transmit(data: bytes, receiver: int) -> bytes:
     return _frame(content)
 
 
-def make_received(packet: ReceivedPacket) -> bytes:
+def make_received(packet: Packet) -> bytes:
     """Makes the frame that a module hands over for data that arrived; for emulators."""
-    sender = packet.sender.to_bytes(8, "big")
+    sender = packet.address.to_bytes(8, "big")
     head = bytes([_RECEIVED]) + sender + _UNKNOWN_NETWORK_ADDRESS
     return _frame(head + b"\x01" + packet.data)
-
-
-@dataclass(frozen=True, slots=True)
-class SentPacket:
-    """Data for another module. receiver: its 64-bit serial number."""
-
-    receiver: int
-    data: bytes
 
 
 class ApiStream:
@@ -92,54 +83,35 @@ class ApiStream:
         self._open = b""
         self.rejected = 0
 
-    def feed(self, data: bytes) -> list[ReceivedPacket]:
-        """Adds bytes; returns the packets that became complete, oldest first."""
-        return [
-            ReceivedPacket(int.from_bytes(content[1:9], "big"), content[_RECEIVED_HEAD:])
-            for content in self._contents(data)
-            if content[0] == _RECEIVED and len(content) >= _RECEIVED_HEAD
-        ]
+    def feed(self, data: bytes) -> list[Packet]:
+        """Adds bytes; returns the packets that arrived and became complete, oldest first."""
+        return self._packets(data, _RECEIVED, 1, _RECEIVED_HEAD)
 
-    def feed_transmits(self, data: bytes) -> list[SentPacket]:
+    def feed_transmits(self, data: bytes) -> list[Packet]:
         """Adds bytes that a computer hands to its module, for emulators; returns the packets."""
+        return self._packets(data, _TRANSMIT, 2, _TRANSMIT_HEAD)
+
+    def _packets(self, data: bytes, kind: int, place: int, head: int) -> list[Packet]:
+        """Returns the packets of one kind, whose address is at a place of the content."""
+        contents, self._open = cut_frames(self._open + data, bytes([START]), self._cut)
         return [
-            SentPacket(int.from_bytes(content[2:10], "big"), content[_TRANSMIT_HEAD:])
-            for content in self._contents(data)
-            if content[0] == _TRANSMIT and len(content) >= _TRANSMIT_HEAD
+            Packet(int.from_bytes(content[place : place + 8], "big"), content[head:])
+            for content in contents
+            if content[0] == kind and len(content) >= head
         ]
 
-    def _contents(self, data: bytes) -> list[bytes]:
-        """Contents of the frames that became complete with these bytes."""
-        self._open += data
-        contents: list[bytes] = []
-        while (start := self._open.find(START)) >= 0:
-            self._open = self._open[start:]
-            content, used = self._content()
-            if used == 0:
-                return contents
-            self._open = self._open[used:]
-            if content is None:
-                self.rejected += 1
-            else:
-                contents.append(content)
-        self._open = b""
-        return contents
-
-    def _content(self) -> tuple[bytes | None, int]:
-        """Returns the content of the frame at the beginning (None if it is none) and its bytes; 0
-        bytes: not yet complete.
-        """
-        if len(self._open) < 3:
-            return None, 0
-        length = int.from_bytes(self._open[1:3], "big")
-        if not 0 < length <= _MAX_CONTENT:
-            return None, 1
-        if len(self._open) < length + 4:
-            return None, 0
-        content = self._open[3 : 3 + length]
-        if sum(content) + self._open[3 + length] & 0xFF != 0xFF:
-            return None, 1
-        return content, length + 4
+    def _cut(self, data: bytes) -> tuple[int, bytes | None]:
+        if len(data) < 3:
+            return 0, None
+        length = int.from_bytes(data[1:3], "big")
+        possible = 0 < length <= _MAX_CONTENT
+        if possible and len(data) < length + 4:
+            return 0, None
+        content = data[3 : 3 + length]
+        if not possible or sum(content) + data[3 + length] & 0xFF != 0xFF:
+            self.rejected += 1
+            return 1, None
+        return length + 4, content
 
 
 def _frame(content: bytes) -> bytes:

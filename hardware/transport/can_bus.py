@@ -72,54 +72,41 @@ class Outbox:
 
     A blocked adapter must not let old commands through when it comes back, and must let exit frames
     through first.
-
-    Attributes:
-        superseded: frames that were dropped, being old or replaced.
     """
 
     def __init__(self) -> None:
         self._condition = threading.Condition()
         self._urgent: deque[CanFrame] = deque(maxlen=_MAX_URGENT)
         self._waiting: dict[tuple[int, bool], tuple[float, CanFrame]] = {}
-        self._in_hand: tuple[float, CanFrame] | None = None
+        self._in_hand: tuple[float, CanFrame, bool] | None = None
         self._taken = 0.0
-        self._in_hand_is_urgent = False
         self._closed = False
-        self.superseded = 0
 
     def put(self, frame: CanFrame, urgent: bool) -> None:
         """Adds a frame; see `CanBus.send`."""
-        key = (frame.arbitration_id, frame.extended)
         with self._condition:
-            replaced = self._waiting.pop(key, None)
-            self.superseded += replaced is not None
+            self._waiting.pop(_key(frame), None)
             if urgent:
                 self._urgent.append(frame)
             else:
-                self._waiting[key] = (time.monotonic(), frame)
+                self._waiting[_key(frame)] = (time.monotonic(), frame)
             self._condition.notify_all()
 
     def next(self) -> CanFrame | None:
         """Waits for the next frame to send; None once the box is closed without urgent ones."""
         with self._condition:
             while True:
+                self._taken = time.monotonic()
                 if self._urgent:
-                    self._taken = time.monotonic()
-                    self._in_hand = (self._taken, self._urgent.popleft())
-                    self._in_hand_is_urgent = True
+                    self._in_hand = (self._taken, self._urgent.popleft(), True)
                     return self._in_hand[1]
                 if self._closed:
                     return None
                 while self._waiting:
-                    key = next(iter(self._waiting))
-                    since, frame = self._waiting.pop(key)
-                    self._taken = time.monotonic()
-                    if self._taken - since > _STALE_AFTER:
-                        self.superseded += 1
-                        continue
-                    self._in_hand = (since, frame)
-                    self._in_hand_is_urgent = False
-                    return frame
+                    since, frame = self._waiting.pop(next(iter(self._waiting)))
+                    if self._taken - since <= _STALE_AFTER:
+                        self._in_hand = (since, frame, False)
+                        return frame
                 self._in_hand = None
                 self._condition.notify_all()
                 self._condition.wait()
@@ -131,7 +118,7 @@ class Outbox:
             if not self._urgent and not self._waiting:
                 self._condition.notify_all()
 
-    def put_back(self, frame: CanFrame, may_have_left: bool = False) -> None:
+    def put_back(self, may_have_left: bool = False) -> None:
         """Puts back the frame in hand, which could not be sent: it goes first again, unless a newer
         one or an exit came, or it is old.
 
@@ -141,25 +128,16 @@ class Outbox:
         After `close` nothing comes back, so that a lost adapter cannot keep the thread alive.
         """
         with self._condition:
-            if self._in_hand:
-                since = self._in_hand[0]
-            else:
-                since = 0.0
+            assert self._in_hand is not None  # of `next`
+            since, frame, urgent = self._in_hand
             self._in_hand = None
+            newer = {*self._waiting, *map(_key, self._urgent)}
             if self._closed:
                 self._urgent.clear()
-                return
-            key = (frame.arbitration_id, frame.extended)
-            if self._in_hand_is_urgent:
+            elif urgent:
                 self._urgent.appendleft(frame)
-            elif (
-                may_have_left
-                or key in self._waiting
-                or key in ((f.arbitration_id, f.extended) for f in self._urgent)
-            ):
-                self.superseded += 1
-            else:
-                self._waiting = {key: (since, frame), **self._waiting}
+            elif not may_have_left and _key(frame) not in newer:
+                self._waiting = {_key(frame): (since, frame), **self._waiting}
 
     def age_in_hand(self) -> float:
         """Returns how long the sending thread holds its frame, s; 0 when it holds none."""
@@ -197,7 +175,7 @@ class CanBus:
     Attributes:
         fault: first reason not to trust the bus; stays.
         fault_text: the same in words, with what the driver said.
-        sent, received, echoes, foreign, garbage: counters since the start.
+        echoes, foreign, garbage: counters since the start.
     """
 
     def __init__(
@@ -212,8 +190,6 @@ class CanBus:
         self._listen = None if listen is None else frozenset(listen)
         self.fault = BusFault.NONE
         self.fault_text = ""
-        self.sent = 0
-        self.received = 0
         self.echoes = 0
         self.foreign = 0
         self.garbage = 0
@@ -353,7 +329,8 @@ class CanBus:
         if self._log is not None:
             self._log.add(message)
         if message.is_error_frame:
-            self._take_error(message)
+            if message.arbitration_id & _ERROR_BUS_OFF:
+                self._set_fault(BusFault.BUS_OFF, "the controller reports bus-off")
         elif (
             message.is_remote_frame
             or message.is_fd
@@ -385,7 +362,6 @@ class CanBus:
         ):
             self.foreign += 1
         else:
-            self.received += 1
             self._inbox.append(
                 (now, CanFrame(message.arbitration_id, data, message.is_extended_id))
             )
@@ -397,10 +373,6 @@ class CanBus:
                     self._recent.remove(item)
                     return True
         return False
-
-    def _take_error(self, message: can.Message) -> None:
-        if message.arbitration_id & _ERROR_BUS_OFF:
-            self._set_fault(BusFault.BUS_OFF, "the controller reports bus-off")
 
     # -- sending thread
 
@@ -416,7 +388,7 @@ class CanBus:
                 if fault is not BusFault.SEND_BLOCKED or now - blocked_since > _SEND_BLOCKED:
                     self._set_failure(fault, "sending", error)
                 self._closing.wait(_SEND_RETRY)
-                self._outbox.put_back(frame, _may_have_left(error))
+                self._outbox.put_back(_may_have_left(error))
             else:
                 blocked_since = None
                 self._outbox.done()
@@ -428,9 +400,13 @@ class CanBus:
         with self._recent_lock:
             self._recent.append((time.monotonic(), frame.arbitration_id, frame.data))
         self._bus.send(message, timeout=_SEND_TIMEOUT)
-        self.sent += 1
         if self._log is not None:
             self._log.add(message)
+
+
+def _key(frame: CanFrame) -> tuple[int, bool]:
+    """Returns what tells the frames of one id from others."""
+    return frame.arbitration_id, frame.extended
 
 
 def _may_have_left(error: BaseException | None) -> bool:

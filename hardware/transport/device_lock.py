@@ -6,8 +6,6 @@ name that was given and by what that name stands for, anything else by its addre
 device is opened: opening a port can stop a car that drives.
 """
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import hashlib
@@ -22,6 +20,7 @@ from typing import Any
 
 from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.file_reading import read_json
 
 _FOLDERS = ("/run/lock", "/var/lock", tempfile.gettempdir())
 _UNKNOWN_WAIT = 1.0
@@ -134,8 +133,8 @@ def _take(path: Path, device: str) -> int:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        note = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):  # not written yet
+        note = read_json(path, HardwareError)
+    except HardwareError:  # not written yet
         return {}
     if isinstance(note, dict):
         return note

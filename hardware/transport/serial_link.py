@@ -87,7 +87,6 @@ class SerialLink:
         connected: whether the device is open.
         error: why it is not, or was not last time; empty before the first loss.
         losses: how often it was lost.
-        written, replaced: text frames.
     """
 
     def __init__(self, open_port: Callable[[], Serial]) -> None:
@@ -96,8 +95,6 @@ class SerialLink:
         self.connected = True
         self.error = ""
         self.losses = 0
-        self.written = 0
-        self.replaced = 0
         self._inbox: deque[tuple[float, bytes]] = deque(maxlen=_MAX_CHUNKS)
         self._waiting: bytes | None = None
         self._condition = threading.Condition()
@@ -132,7 +129,6 @@ class SerialLink:
     def write(self, data: bytes) -> None:
         """Hands bytes to the sending thread and returns at once; replaces bytes that still wait."""
         with self._condition:
-            self.replaced += self._waiting is not None
             self._waiting = data
             self._condition.notify_all()
 
@@ -224,7 +220,6 @@ class SerialLink:
                 continue
             try:
                 port.write(data)
-                self.written += 1
             except Exception as error:
                 self._lose(port, f"writing failed: {reason_of(error)}")
             with self._condition:

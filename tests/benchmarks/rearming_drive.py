@@ -1,8 +1,9 @@
-"""A drive for the latency benchmark of the console: arms, obeys MANUAL, stops, and is reset and
-armed again by itself.
+"""A drive for the latency benchmark of the console: arms, obeys MANUAL, stops, and begins anew by
+itself.
 
-What moves bytes is that of a real drive: wiring, guard and motors at 100 Hz. Only the reset, which
-is by hand on a real car, is automatic here, so that an emergency stop needs no new process.
+What moves bytes is that of a real drive: wiring, guard and motors at 100 Hz. Only the next drive,
+which somebody starts on a real car, comes by itself here, so that an emergency stop needs no new
+process.
 
 Run as `python -m tests.benchmarks.rearming_drive PORTS_FILE [SETTING...]`; ended by SIGTERM.
 """
@@ -34,14 +35,19 @@ _REST = 0.3
 def main() -> None:
     """Turns until SIGTERM."""
     scenario = load_scenario("auto_turn", sys.argv[2:])
-    car = wire_car(scenario, read_ports(Path(sys.argv[1])), "teensy_bridge", lambda: None)
-    guard = CarGuard(car, load_drive_safety())
+    ports = read_ports(Path(sys.argv[1]))
+
+    def start() -> CarGuard:
+        car = wire_car(scenario, ports, "teensy_bridge", lambda: None)
+        car.start()
+        return CarGuard(car, load_drive_safety())
+
+    guard = start()
     pilot = ManualPilot(scenario)
     stopped = 0.0
     ended = threading.Event()  # an exception of the handler may be raised where Python ignores it
     signal.signal(signal.SIGTERM, lambda *_: ended.set())
     try:
-        car.start()
         prefer_latency()
         due = time.monotonic()
         while not ended.is_set():
@@ -57,13 +63,14 @@ def main() -> None:
                 stopped = stopped or now
                 if now - stopped > _REST:
                     stopped = 0.0
-                    guard.reset(now)
+                    guard.wiring.stop("the next drive begins")
+                    guard = start()
             driving = guard.stage is Stage.DRIVING
             guard.write(pilot.step(0.0, guard.reading).command if driving else CarCommand(), now)
             due = max(due + PERIOD, now - 0.05)
             wait_until(due)
     finally:
-        car.stop("the benchmark is over")
+        guard.wiring.stop("the benchmark is over")
 
 
 if __name__ == "__main__":

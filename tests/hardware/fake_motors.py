@@ -2,13 +2,14 @@
 time.
 """
 
+import dataclasses
 import math
 import time
 from collections import deque
 
 from aerodima.hardware.devices.device_states import MotorState
 from aerodima.hardware.devices.motor_group import MotorGroup
-from aerodima.hardware.devices.motor_settings import load_motor_safety, motor_settings
+from aerodima.hardware.devices.motor_settings import motor_settings
 from aerodima.hardware.protocol.ak70 import (
     AK70_10_V1_0_8,
     NEUTRAL,
@@ -40,17 +41,16 @@ def settings(
     """Settings of a joint with the limits of the parameter files."""
     gains = changes.pop("hold_gains", (17.0, 5.0))
     profile = changes.pop("profile", PROFILE)
-    loaded = load_motor_safety(safety)
-    return motor_settings(
+    made = motor_settings(
         name,
         motor_id,
         profile,
         tail_motor_parameters(),
         (low, high),
         gains,
-        safety=loaded,
         **changes,
     )
+    return dataclasses.replace(made, safety=made.safety.model_copy(update=safety or {}))
 
 
 class FakeMotor:

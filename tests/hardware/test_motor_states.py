@@ -155,26 +155,15 @@ def test_exit_goes_out_from_every_state_without_waiting_for_replies(bench, state
     assert len(bench.port.exits(2)) >= before + 3
 
 
-def test_exit_of_a_faulted_motor_does_not_forget_the_fault(bench):
-    bench.to_running()
-    bench.motors[0].set_fault(MotorFault.BUS, "test", bench.now)
-    bench.group.set_exit(bench.now)
-    bench.cycle(count=30)
-    assert bench.motors[0].state is MotorState.FAULTED
-
-
-def test_fault_stays_until_reset_by_hand_and_the_motor_is_not_entered_meanwhile(bench):
+def test_fault_stays_and_the_motor_is_not_entered_any_more(bench):
     bench.to_running()
     bench.motors[0].set_fault(MotorFault.NO_REPLY, "gone", bench.now)
     start = bench.now
+    bench.group.set_exit(bench.now)
     bench.cycle(hold(0.0), count=300)
     assert bench.motors[0].state is MotorState.FAULTED
     assert ENTER not in [frame for when, frame in bench.port.sent if when > start]
     assert_refused(lambda: bench.group.set_enter(bench.now), HardwareError, "tail roll", "gone")
-    bench.group.reset(bench.now)
-    assert (bench.motors[0].state, bench.motors[0].fault_text) == (MotorState.OFF, "")
-    bench.to_holding()
-    assert_refused(lambda: bench.group.set_enter(bench.now), HardwareError, "tail roll", "holding")
 
 
 def test_faulted_motor_is_reminded_for_as_long_as_it_is_faulted(bench):

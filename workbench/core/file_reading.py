@@ -2,9 +2,11 @@
 limit.
 """
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from aerodima.workbench.core.errors import UserError
 
@@ -40,3 +42,9 @@ def read_text(path: Path) -> str:
     if len(content) > MAX_TEXT:
         raise ValueError(f"longer than {MAX_TEXT // 2**20} MiB")
     return content.decode()
+
+
+def read_json(path: Path, error: type[UserError]) -> Any:
+    """Read a JSON text; raises `error`, as `reading` does, for whatever is none."""
+    with reading(path, "JSON", error):
+        return json.loads(read_text(path))

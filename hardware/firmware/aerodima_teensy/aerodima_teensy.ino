@@ -1,6 +1,6 @@
 // The Teensy of the car: pins, serial port and CAN controller around the core in src/.
 //
-// `config.h` is written by `aerodima drive --firmware FOLDER`, from the parameters of the project.
+// `config.h` is written by `aerodima drive firmware`, from the parameters of the project.
 // Libraries: FlexCAN_T4, Servo, WDT_T4 (all for Teensy 4); hardware/README.md has the versions it was checked against.
 
 #include <FlexCAN_T4.h>

@@ -122,9 +122,6 @@ class FakeRadio(RadioLink):
     def age(self, now):
         return self.silence
 
-    def clear_stop(self):
-        self.stopped = False
-
 
 class FakeWatchdog:
     def __init__(self):

@@ -3,6 +3,7 @@
 import itertools
 import json
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from aerodima.hardware.car.mounting import AXES, load_mounting
 from aerodima.hardware.car.wirings import tail_motors, wire_car
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_settings import MotorSettings
+from aerodima.hardware.driving.motor_zero import write_zeros
 from aerodima.workbench.car.car_station import NOT_FITTED
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.scenario.scenario import load_scenario
@@ -91,14 +93,26 @@ def test_a_wrong_ports_file_is_told_by_key_and_value(tmp_path, row):
     assert_refused(lambda: read_ports(path), HardwareError, *named)
 
 
-@pytest.mark.parametrize(
-    "text", [None, "{", "[]", '{"schema": "aerodima/ports/1", "imu": {"path": "x"}}']
-)
-def test_what_is_no_ports_file_is_refused_by_its_name(tmp_path, text):
+NO_PORTS = {
+    "missing": None,
+    "cut": "{",
+    "a list": "[]",
+    "deep": "[" * 100_000,
+    "half": '{"schema": "aerodima/ports/1", "imu": {"path": "x"}}',
+}
+
+
+@pytest.mark.parametrize("text", NO_PORTS.values(), ids=NO_PORTS)
+@pytest.mark.parametrize("read", [read_ports, partial(write_zeros, angles={"tail_roll": 0.1})])
+def test_what_is_no_ports_file_is_refused_by_its_name(tmp_path, read, text):
     path = tmp_path / "ports.json"
     if text is not None:
         path.write_text(text)
-    assert_refused(lambda: read_ports(path), HardwareError, "ports.json")
+    assert_refused(lambda: read(path), HardwareError, "ports.json")
+
+
+def test_a_file_without_an_end_is_refused():
+    assert_refused(lambda: read_ports("/dev/zero"), HardwareError, "/dev/zero", "longer")
 
 
 def test_a_wiring_without_its_adapter_is_refused():

@@ -11,9 +11,11 @@ from typer.testing import CliRunner
 from aerodima.hardware.commands.drive_commands import current_words
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.control.controller_bundle import load_drive, make_bundle
+from aerodima.workbench.control.swing_library import find_swing
 from aerodima.workbench.control.swing_player import SwingPlayer
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.swing_file import write_swing
 
 
 @pytest.fixture(autouse=True)
@@ -159,6 +161,16 @@ def test_sketch_of_the_teensy_is_written_for_the_scenario_and_nothing_drives(
     assert (tmp_path / "sketch" / "sketch.ino").is_file()
     assert "#define AERODIMA_SAIL_BITS 10\n" in (tmp_path / "sketch" / "config.h").read_text()
     assert not list(tmp_path.glob("drive*"))
+
+
+def test_a_swing_for_another_car_is_refused_where_it_is_played(tmp_path):
+    """First tests and the sketch play no swing."""
+    swing = find_swing("thesis_8_rad_per_s").model_copy(update={"car": {"car.mass": 6.5}})
+    path = write_swing(swing, tmp_path / "heavy.yaml")
+    words = ["auto_turn", "--set", f"controller.swing_file={path}", "--ports", ports()]
+    for command in ("run", "check"):
+        refused(command, *words, named=["car.mass", "6.5"])
+    assert drive("firmware", *words, "--out=sketch") == (0, "")
 
 
 def test_words_of_version_0_3_are_those_of_a_command():

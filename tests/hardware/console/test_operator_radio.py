@@ -21,7 +21,7 @@ from aerodima.hardware.protocol.radio import (
     decode_report,
     make_report,
 )
-from aerodima.hardware.protocol.xbee import ApiStream, ReceivedPacket, make_received
+from aerodima.hardware.protocol.xbee import ApiStream, Packet, make_received
 from aerodima.workbench.core.errors import UserError
 from tests.refusals import assert_refused
 
@@ -55,7 +55,7 @@ class FakeLink:
 
     def write(self, data):
         packets = ApiStream().feed_transmits(data)
-        assert all(packet.receiver == CAR for packet in packets)
+        assert all(packet.address == CAR for packet in packets)
         self.sent.append([frames.decode(packet.data) for packet in packets])
 
     def poll(self):
@@ -64,7 +64,7 @@ class FakeLink:
         return inbox
 
     def report(self, report, now, sender=CAR):
-        self.inbox.append((now, make_received(ReceivedPacket(sender, make_report(report)))))
+        self.inbox.append((now, make_received(Packet(sender, make_report(report)))))
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ def test_delays_are_taken_out_up_to_the_shortest_one():
 
 
 def test_drift_is_followed():
-    clock = ClockAlignment(window=100)
+    clock = ClockAlignment()
     for i in range(5000):
         sent = 0.01 * i
         estimate = clock.add(round(10 * i * (1 + 1e-4)), sent + 0.001)
@@ -33,11 +33,9 @@ def test_counter_that_wraps_goes_on():
     first = clock.add(2**32 - 10, 5.0)
     second = clock.add(10, 5.02)
     assert second - first == pytest.approx(0.02)
-    assert clock.restarts == 0
 
 
 def test_restart_begins_anew():
     clock = ClockAlignment()
     clock.add(500_000, 5.0)
     assert clock.add(100, 9.0) == pytest.approx(9.0)
-    assert clock.restarts == 1

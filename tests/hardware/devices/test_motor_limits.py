@@ -14,7 +14,6 @@ from aerodima.hardware.devices.motor_limits import (
     limit_command,
     to_motor,
 )
-from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.protocol.ak70 import (
     AK70_10_24_N_M,
     MANUAL_SAMPLE_CODE,
@@ -22,7 +21,7 @@ from aerodima.hardware.protocol.ak70 import (
     make_command,
 )
 from aerodima.hardware.protocol.can_frame import FrameError
-from aerodima.workbench.core.errors import HardwareError, ScenarioError
+from aerodima.workbench.core.errors import HardwareError
 from tests.hardware.fake_motors import PROFILE, Bench, hold, settings, tail_motor_parameters
 from tests.refusals import assert_refused
 
@@ -97,11 +96,6 @@ def test_torque_of_the_motor_stays_below_the_limit_in_a_wild_run():
     assert max(map(abs, bench.fakes[0].torques)) <= 24.8
 
 
-def test_safety_parameters_are_overridden_by_key():
-    assert load_motor_safety().missed_replies == 5
-    assert load_motor_safety({"missed_replies": 3}).missed_replies == 3
-
-
 def changed(**values):
     return lambda: check_command(dataclasses.replace(hold(0.0), **values))
 
@@ -116,9 +110,6 @@ REFUSED = [
     (lambda: settings(zero=-8.0), HardwareError, "tail roll"),  # commands would look like replies
     (lambda: settings(direction=2), HardwareError, "tail roll", "direction", "2"),
     (lambda: settings(low=1.0, high=1.0), HardwareError, "tail roll", "1"),
-    (lambda: load_motor_safety({"temperature_limit": 400.0}), ScenarioError, "temperature_limit",
-     "400"),
-    (lambda: load_motor_safety({"temprature_limit": 40.0}), ScenarioError, "temprature_limit"),
 ]  # fmt: skip
 
 

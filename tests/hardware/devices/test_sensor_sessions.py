@@ -213,9 +213,9 @@ def test_a_sensor_is_silent_when_its_sample_is_too_old(clock):
     thread._closing.set()
     thread._thread.join()
     thread._port = Port(clock)
-    thread._newest = None
+    thread.newest = None
     assert thread.fault(clock.now)[0] is SourceFault.NO_SAMPLE_YET
-    thread._newest = (clock.now, "sample")
+    thread.newest = (clock.now, "sample")
     for age, fault in (
         (-0.01, SourceFault.NONE),
         (SILENT - 0.001, SourceFault.NONE),

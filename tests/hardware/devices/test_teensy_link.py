@@ -22,7 +22,6 @@ from aerodima.hardware.protocol.ak70 import (
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.teensy import (
     SERVO_PULSES,
-    THROTTLE_PULSES,
     Attitude,
     MotorReport,
     MotorRequest,
@@ -198,14 +197,6 @@ def test_a_reply_has_the_form_of_its_profile_and_unknown_stays_unknown(profile, 
     assert reply.position == pytest.approx(0.5, abs=2e-3)
 
 
-def test_motor_fault_comes_through(car):
-    car.run()
-    car.teensy.motors[1].fault = 5
-    car.turn(10, hold(0.0))
-    assert car.group.motors[0].fault is MotorFault.MOTOR_REPORTED
-    assert "encoder" in car.group.fault_text
-
-
 def test_a_teensy_counts_as_silent_after_a_tenth_of_a_second(car):
     car.turn(2)
     car.link.poll()
@@ -259,34 +250,10 @@ def test_a_lost_port_switches_the_motors_off_and_one_that_is_back_re_arms_nothin
     car.turn(60, hold(0.0))
     assert car.link.fault is SourceFault.NONE
     car.assert_switched_off_within(2, since)
-    car.group.reset(car.wire.now)
-    car.run()
 
 
 def test_motors_are_not_entered_before_the_teensy_has_answered(car):
     assert_refused(lambda: car.group.set_enter(car.wire.now), HardwareError, "Teensy")
-
-
-def test_motors_that_never_answered_have_no_position(car):
-    car.teensy.deaf = {1, 2}
-    car.turn(20)
-    assert car.link.fault is SourceFault.NONE
-    assert [motor.age(car.wire.now) for motor in car.group.motors] == [math.inf, math.inf]
-
-
-@pytest.mark.parametrize(
-    ("share", "pulses", "expected"),
-    [
-        (0.0, SERVO_PULSES, 1500),
-        (1.0, SERVO_PULSES, 2050),
-        (-1.0, SERVO_PULSES, 950),
-        (1.0, THROTTLE_PULSES, 1900),
-        (-1.0, THROTTLE_PULSES, 1100),
-        (0.25, THROTTLE_PULSES, 1600),
-    ],
-)
-def test_share_of_a_pulse(share, pulses, expected):
-    assert pulse(share, pulses) == expected
 
 
 @pytest.mark.parametrize("share", [math.nan, 1.01, -2.0])

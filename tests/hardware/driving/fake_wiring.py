@@ -30,7 +30,7 @@ def quick_turn(**settings):
 
 
 class FakeWiring:
-    """Attributes: commands: as exchanged; calls: of arm, hold, disarm, reset, stop; faults: on the
+    """Attributes: commands: as exchanged; calls: of arm, hold, disarm, stop; faults: on the
     status by name;
     operator: what is chosen, by one who goes to IDLE first when the car asks for it, unless
     `stubborn`.
@@ -72,10 +72,6 @@ class FakeWiring:
     def disarm(self, now):
         self.calls.append("disarm")
         self.armed = False
-
-    def reset(self, now):
-        self.calls.append("reset")
-        self.faults.clear()
 
     def stop(self, reason):
         self.calls.append("stop")

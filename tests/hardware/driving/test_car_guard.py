@@ -100,18 +100,6 @@ def test_an_idle_that_is_older_than_the_holding_motors_does_not_count(car):
     assert car.wiring.prompt is OperatorPrompt.SELECT_MODE
 
 
-def test_every_arming_needs_its_own_idle(car):
-    car.driving()
-    car.guard.stop("SIGINT", car.now, hard=True)
-    car.turn(count=30)
-    car.guard.reset(car.now)
-    car.turn()
-    car.wiring.stubborn = True
-    car.guard.arm(car.now)
-    car.turn(count=10)
-    assert car.wiring.prompt is OperatorPrompt.RETURN_TO_IDLE
-
-
 def soft(source, code):
     return lambda car: car.wiring.faults.update({source: code})
 
@@ -188,7 +176,7 @@ def test_a_command_that_is_not_finite_never_reaches_the_car(car, place, value):
     assert car.guard.hard
 
 
-def test_emergency_stop_latches_until_reset_by_hand(car):
+def test_emergency_stop_latches(car):
     car.driving()
     car.wiring.faults["operator"] = SourceFault.STOPPED
     car.turn(count=30)
@@ -198,26 +186,16 @@ def test_emergency_stop_latches_until_reset_by_hand(car):
     assert same(car.last, STOP)
     assert "arm" not in car.wiring.calls[1:]
     assert_refused(lambda: car.guard.arm(car.now), HardwareError, car.guard.reason)
-    car.guard.reset(car.now)
-    assert car.guard.stage is Stage.READY
-    assert not car.wiring.armed
-    car.turn()
-    car.guard.arm(car.now)
-    assert car.guard.stage is Stage.ARMED
 
 
 @pytest.mark.parametrize("hard", [True, False])
-def test_a_reason_to_stop_before_arming_forbids_it_until_reset_by_hand(car, hard):
+def test_a_reason_to_stop_before_arming_forbids_it(car, hard):
     car.turn(count=2)
     car.guard.stop("SIGINT", car.now, hard)
     assert car.guard.finished
     car.turn(count=20)
     assert_refused(lambda: car.guard.arm(car.now), HardwareError, "SIGINT")
     assert "arm" not in car.wiring.calls
-    car.guard.reset(car.now)
-    car.turn()
-    car.guard.arm(car.now)
-    assert car.wiring.calls[-1] == "arm"
 
 
 def test_a_signal_while_the_car_is_being_armed_or_let_go_switches_it_off(car):

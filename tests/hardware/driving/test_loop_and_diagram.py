@@ -28,6 +28,7 @@ from aerodima.hardware.driving.plain_loop import (
     run_loop,
 )
 from aerodima.hardware.driving.run_journal import RunJournal, drive_columns, open_run_journal
+from aerodima.hardware.driving.speaker import Speaker
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
 from aerodima.workbench.car.car_station import make_car_station
 from aerodima.workbench.control.swing_law import SwingState
@@ -243,13 +244,16 @@ def test_a_log_whose_folder_is_removed_is_said_at_once_and_written_all_the_same(
 ):
     monkeypatch.setattr(run_journal, "_CHECK_PERIOD", 0.01)
     said = []
+    terminal = threading.Event()
 
     def say(text):
         said.append(text)
+        terminal.wait()
         raise BrokenPipeError("the terminal is gone")
 
     path = tmp_path / "logs" / "run.parquet"
-    journal = open_run_journal(path, SCENARIO, "watched_can", say=say)
+    speaker = Speaker(say)
+    journal = open_run_journal(path, SCENARIO, "watched_can", say=speaker)
     append_rows(journal, 0, 25)
     shutil.rmtree(path.parent)
     assert wait_until(lambda: said)
@@ -258,6 +262,8 @@ def test_a_log_whose_folder_is_removed_is_said_at_once_and_written_all_the_same(
     if taken:  # something else is there by the end
         path.mkdir(parents=True)
     log = journal.close()
+    terminal.set()
+    speaker.flush()
     assert log == (tmp_path / "run.parquet" if taken else path)
     assert str(log) in said[1]
     assert len(said) == 2

@@ -4,6 +4,7 @@ is not armed.
 
 import dataclasses
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -54,12 +55,15 @@ def test_a_check_of_the_clock_does_not_pass_what_is_above_its_limit(latest, pass
 
 
 def test_a_check_blames_the_source_that_it_checks():
-    texts = {"operator": "an emergency stop", "imu": "no sample"}
-    faults = {"operator_fault": 7.0, "imu_fault": 2.0, "sail_fault": 5.0}
+    texts = {"operator": "an emergency stop", "imu": "no sample", "sail": "reported"}
+    faults = {"operator_fault": 7.0, "imu_fault": 2.0, "sail_fault": 5.0, "speed_fault": 6.0}
     status = STATUS.write(**dict.fromkeys(STATUS.fields, 0.0) | faults)
-    reading = CarReading(status=status, fault_text=texts["operator"], fault_texts=texts)
-    shown = {check.name: check.text for check in device_checks(reading, None, SAFETY)}
-    assert {"sail": "reported", **texts}.items() <= shown.items()
+    reading = CarReading(status=status, fault_text="worst", fault_texts=texts)
+    car = SimpleNamespace(name="watched_can", unwatched="", gps_time=None)
+    checks = device_checks(car, reading, SAFETY)
+    shown = {check.name: check.text for check in checks if check.passed is False}
+    assert "ports file" in shown.pop("speed"), "how to drive without a fix"
+    assert shown == texts
 
 
 def test_a_car_at_rest_may_be_armed():

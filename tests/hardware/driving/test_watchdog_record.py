@@ -36,15 +36,20 @@ REAL = ports(can={"interface": "socketcan", "channel": "can0"})
 WIRINGS = ("watched_can", "teensy_bridge")
 
 
-def recorded(folder, wiring="teensy_bridge", **changes):
+@pytest.fixture(autouse=True)
+def state_folder(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+
+
+def recorded(wiring="teensy_bridge", **changes):
     made = new_record(wiring, REAL, "strings stopped", 0.152, "operator")
-    return write_record(made.model_copy(update=changes), folder)
+    return write_record(made.model_copy(update=changes), REAL)
 
 
 @pytest.mark.parametrize("wiring", WIRINGS)
-def test_a_test_of_this_wiring_allows_arming(tmp_path, wiring):
-    path = recorded(tmp_path, wiring)
-    found = require_watchdog_test(wiring, REAL, tmp_path)
+def test_a_test_of_this_wiring_allows_arming(wiring):
+    path = recorded(wiring)
+    found = require_watchdog_test(wiring, REAL)
     assert (found.time_to_exit, found.seen_off_by, found.emulated) == (0.152, "operator", False)
     assert found == read_record(path)
 
@@ -65,17 +70,17 @@ OTHER = {
 
 
 @pytest.mark.parametrize("row", OTHER.values(), ids=OTHER)
-def test_a_record_that_does_not_fit_is_refused(tmp_path, row):
+def test_a_record_that_does_not_fit_is_refused(row):
     changes, *named = row
-    made = recorded(tmp_path, **changes)
-    made.rename(tmp_path / "teensy_bridge.json")
-    work = lambda: require_watchdog_test("teensy_bridge", REAL, tmp_path)  # noqa: E731
+    made = recorded(**changes)
+    made.rename(made.with_name("teensy_bridge.json"))
+    work = lambda: require_watchdog_test("teensy_bridge", REAL)  # noqa: E731
     assert_refused(work, HardwareError, *named)
 
 
-def test_without_a_record_nothing_is_armed(tmp_path):
-    recorded(tmp_path, "teensy_bridge")
-    work = lambda: require_watchdog_test("watched_can", REAL, tmp_path)  # noqa: E731
+def test_without_a_record_nothing_is_armed():
+    recorded("teensy_bridge")
+    work = lambda: require_watchdog_test("watched_can", REAL)  # noqa: E731
     assert_refused(work, HardwareError, "watched_can", "watchdog-test")
 
 
@@ -84,11 +89,14 @@ def test_exit_frames_that_came_too_late_are_not_recorded():
     assert_refused(work, HardwareError, "0.4", "0.3")
 
 
+DEEP = pytest.param("[" * 100_000, id="deep")
+
+
 @pytest.mark.parametrize(
-    "text", ["", "[]", "{}", '{"schema": "aerodima/watchdog_test/2"}', "\xff", "unknown key"]
+    "text", ["", DEEP, "{}", '{"schema": "aerodima/watchdog_test/2"}', "\xff", "unknown key"]
 )
-def test_a_file_that_is_no_record_is_refused(tmp_path, text):
-    path = recorded(tmp_path)
+def test_a_file_that_is_no_record_is_refused(text):
+    path = recorded()
     if text == "unknown key":
         text = json.dumps({**json.loads(path.read_text()), "motors_off": True})
     path.write_text(text, encoding="latin-1")
@@ -124,18 +132,20 @@ def test_only_a_pseudo_terminal_of_an_emulator_is_no_real_motor(tmp_path):
     events = [{"time_s": t, "event": "late", "delay_s": d} for t, d in ((1.0, 0.3), (5.0, 0.05))]
     (tmp_path / EVENTS_FILE).write_text("".join(f"{json.dumps(event)}\n" for event in events))
     assert emulator_delay(str(link), 2.0) == 0.05
+    (tmp_path / EVENTS_FILE).write_text("[" * 100_000 + "\n")
+    assert emulator_delay(str(link), 2.0) == 0.0, "a damaged file holds up no stop"
     link.unlink()
     link.symlink_to("/dev/ttyACM0")
     assert not is_emulated("teensy_bridge", ports(str(link)))
 
 
-def test_a_test_is_void_for_another_adapter_and_not_for_another_zero_or_imu(tmp_path):
-    recorded(tmp_path, "watched_can")
+def test_a_test_is_void_for_another_adapter_and_not_for_another_zero_or_imu():
+    recorded("watched_can")
     data = REAL.model_dump(mode="json", by_alias=True)
     moved = {**data, "imu": {"path": "/dev/ttyUSB9"}, "tail_roll": {"motor_id": 2, "zero": 0.3}}
-    assert require_watchdog_test("watched_can", ports_from_dict(moved), tmp_path)
+    assert require_watchdog_test("watched_can", ports_from_dict(moved))
     other = {**data, "can": {"interface": "socketcan", "channel": "can1"}}
-    work = lambda: require_watchdog_test("watched_can", ports_from_dict(other), tmp_path)  # noqa: E731
+    work = lambda: require_watchdog_test("watched_can", ports_from_dict(other))  # noqa: E731
     assert_refused(work, HardwareError, "can")
 
 

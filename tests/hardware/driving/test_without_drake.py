@@ -7,8 +7,8 @@ from tests.blocked_drake import run_without_drake
 PROGRAM = """
 import importlib, pathlib, pkgutil, tempfile
 import aerodima.hardware.commands.drive_commands, aerodima.workbench.control.law_of_scenario
-from aerodima.hardware import car, devices, driving
-for package in (driving, devices, car):
+from aerodima.hardware import car, devices, driving, protocol, transport
+for package in (driving, devices, car, protocol, transport):
     for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
         if module.name.rpartition(".")[2] not in ("car_interface", "drive_diagram", "__main__"):
             importlib.import_module(module.name)

@@ -7,10 +7,8 @@ import multiprocessing
 import os
 import resource
 import shutil
-import tempfile
 import time
 from collections import deque
-from pathlib import Path
 
 import numpy as np
 
@@ -181,7 +179,7 @@ def second_drive(scenario, ports, wiring):
 
 def watchdog_test(scenario, ports, wiring):
     """What `aerodima drive watchdog-test` does."""
-    run_watchdog_test(scenario, ports, wiring, lambda _: True, "emulator", Path(tempfile.mkdtemp()))
+    run_watchdog_test(scenario, ports, wiring, lambda _: True, "emulator")
 
 
 def _try(program, scenario, ports, wiring, answer):

@@ -42,6 +42,7 @@ class Case:
 
     Attributes:
         name: as the table calls it.
+        also: further entries of the script, at `AT`.
         fault: entry of the script, at `AT` unless it has a time; None: `broken_command`, `breaker`
             or the operator.
         stops: whether the car must stop. within: s from the fault to the motors off, as long as the
@@ -66,6 +67,7 @@ class Case:
     breaker: Callable[[], Breaker] = Breaker
     broken_command: CarCommand | Callable[[float], CarCommand] | None = None
     run_time: float = AT + 2.5
+    also: tuple[dict, ...] = ()
 
     @property
     def of_the_computer(self):
@@ -285,6 +287,35 @@ CASES: tuple[Case, ...] = (
         within=1.4 + _SOFT,
         run_time=AT + 4.0,
         acts="drive, soft, after 10 equal speeds",
+    ),
+    *_on_both(
+        "attitude stuck, the gyro lives",
+        fault={"fault": "attitude_stuck", "time": AT + 1.0},
+        reason="attitude",
+        within=0.5 + _SOFT,
+        run_time=AT + 4.0,
+        acts="drive, soft, after 10 equal samples",
+    ),
+    *_on_both(
+        "attitude stuck, the car lies on its side",
+        fault={"fault": "attitude_stuck"},
+        also=({"fault": "tipped_over"},),
+        reason="attitude",
+        within=0.4,
+        acts="drive: accelerometer",
+    ),
+    *_on_both(
+        "IMU answers once 60 ms late",
+        fault={"fault": "answer_late", "delay": 0.06, "count": 1},
+        stops=False,
+        acts="nothing stops",
+    ),
+    *_on_both(
+        "GPS loses its fix while driving",
+        fault={"fault": "fix_lost"},
+        reason="fix",
+        within=1.3 + _SOFT,
+        acts="drive, soft, after 1 s",
     ),
     *_on_both("car tips over", fault={"fault": "tipped_over"}, reason="degrees", acts="drive"),
     *_on_both(

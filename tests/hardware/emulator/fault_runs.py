@@ -124,7 +124,8 @@ def _heard(guard):
 
 def run_case(case, folder):
     """Drives on the emulator with the fault of a case."""
-    faults = [] if case.fault is None else [{"time": AT, **case.fault}]
+    entries = () if case.fault is None else (case.fault, *case.also)
+    faults = [{"time": AT, **entry} for entry in entries]
     scenario = load_scenario(SCENARIO, list(SETTINGS))
     script = {"clock": "driving", "faults": faults, "operator": list(case.operator)}
     with EmulatorProcess(folder, scenario, case.wiring, script) as emulator:

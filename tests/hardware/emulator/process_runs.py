@@ -233,6 +233,7 @@ def cut_settings(emulator, record):
 REFUSED: tuple[RefusedCase, ...] = tuple(
     RefusedCase(name, wiring, *rest)
     for name, *rest in (
+        ("no GPS fix before arming", {"fault": "fix_lost"}, "speed: the GPS has no fix"),
         ("frozen IMU before arming", {"fault": "frozen", "part": "imu"}, "IMU"),
         (
             "car on its side before arming",

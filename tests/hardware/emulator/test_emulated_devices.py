@@ -2,9 +2,21 @@
 time.
 """
 
+import math
+
+import numpy as np
 import pytest
 
 from aerodima.hardware.car.car_ports import read_events
+from aerodima.hardware.car.mounting import load_mounting
+from aerodima.hardware.devices.bno055 import (
+    Mode,
+    Register,
+    decode_sample,
+    make_read,
+    make_sample_request,
+    make_write,
+)
 from aerodima.hardware.emulator.emulated_bus import (
     DRIFT_RATE,
     ENCODER_JUMP,
@@ -15,6 +27,7 @@ from aerodima.hardware.emulator.emulated_bus import (
     read_frame,
     write_frame,
 )
+from aerodima.hardware.emulator.emulated_devices import EmulatedImu
 from aerodima.hardware.emulator.fault_script import (
     EventLog,
     FaultBoard,
@@ -31,6 +44,7 @@ from aerodima.hardware.protocol.ak70 import (
     make_neutral,
 )
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
+from aerodima.workbench.core.quantity import STANDARD_GRAVITY
 from tests.refusals import assert_refused
 
 PUSH = MitCommand(0.4, 0.0, 17.0, 5.0, 1.0)
@@ -155,6 +169,26 @@ def test_replies_that_report_something_wrong(tmp_path):
     assert not bench.motors[1].entered, "a motor with a fault of its own makes no torque"
     bench.board.update(0.5)
     assert bench.ask(make_neutral(1, PROFILE)).position == pytest.approx(0.5 * DRIFT_RATE, abs=4e-4)
+
+
+def test_an_attitude_that_is_stuck_leaves_gravity_in_the_acceleration(tmp_path):
+    bench = Bench(tmp_path, {"time": 1.0, "fault": "attitude_stuck"})
+    imu = EmulatedImu(load_mounting(), bench.board)
+    imu.set_reading(np.zeros(9))
+    bench.board.update(1.0)
+    imu.set_reading(np.array([math.pi / 2, 0.0, 0.0, 0.0, 0.0, 3.0, 0.0, 0.0, 0.0]))
+    imu.feed(make_write(Register.MODE, bytes([Mode.IMU])) + make_sample_request(), 1.0)
+    reading = load_mounting().imu_reading(decode_sample(imu.poll(1.0)[4:]))
+    expected = [0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 0.0, STANDARD_GRAVITY, -STANDARD_GRAVITY]
+    np.testing.assert_allclose(reading, expected, atol=0.01)
+
+
+def test_answers_of_the_imu_come_in_order_after_a_late_one(tmp_path):
+    bench = Bench(tmp_path, {"time": 0.0, "fault": "answer_late", "delay": 0.06, "count": 1})
+    imu = EmulatedImu(load_mounting(), bench.board)
+    for now in (1.0, 1.01):
+        imu.feed(make_read(Register.CHIP_ID, 1), now)
+    assert [len(imu.poll(now)) for now in (1.05, 1.06)] == [0, 6]
 
 
 def test_every_frame_is_in_the_traffic_log(tmp_path):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from aerodima import hardware
-from aerodima.hardware.emulator.fault_script import Fault
+from aerodima.hardware.emulator.fault_script import FAULT_PARTS
 from tests.hardware.emulator.breakers import ReceiverDies
 from tests.hardware.emulator.emulator_process import undisturbed
 from tests.hardware.emulator.fault_cases import CASES
@@ -34,7 +34,7 @@ def test_every_fault_of_a_script_has_a_case():
     entries = [case.fault for case in (*CASES, *REFUSED)] + [
         entry for case in PROCESS_CASES for entry in case.faults
     ]
-    assert {entry["fault"] for entry in entries if entry} == set(Fault)
+    assert {entry["fault"] for entry in entries if entry} == set(FAULT_PARTS)
 
 
 def test_every_case_has_its_line_in_the_table():

@@ -6,7 +6,7 @@ import pytest
 
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import WIRINGS
-from aerodima.hardware.driving.watchdog_record import record_path, require_watchdog_test
+from aerodima.hardware.driving.watchdog_record import require_watchdog_test
 from aerodima.hardware.driving.watchdog_test import run_watchdog_test
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.scenario.scenario import load_scenario
@@ -49,7 +49,7 @@ def emulator(request, tmp_path):
         yield running
 
 
-def test_a_watchdog_test_on_the_emulator_is_recorded_as_such(emulator, tmp_path):
+def test_a_watchdog_test_on_the_emulator_is_recorded_as_such(emulator):
     wiring = emulator.wiring
     seen = []
 
@@ -58,23 +58,20 @@ def test_a_watchdog_test_on_the_emulator_is_recorded_as_such(emulator, tmp_path)
         seen.append(question)
         return True
 
-    record, path = run_watchdog_test(
-        CAR, emulator.ports, wiring, confirm, "emulator", tmp_path / "records"
-    )
-    assert path == record_path(wiring, tmp_path / "records")
+    record, path = run_watchdog_test(CAR, emulator.ports, wiring, confirm, "emulator")
+    assert path == emulator.folder / f"{wiring}.json"
     assert len(seen) == 1
     assert record.emulated
     assert record.time_to_exit <= load_drive_safety().longest_watchdog_test
-    assert require_watchdog_test(wiring, emulator.ports, tmp_path / "records") == record
+    assert require_watchdog_test(wiring, emulator.ports) == record
 
 
-def test_motors_that_were_not_seen_off_are_not_recorded(emulator, tmp_path):
-    records = tmp_path / "records"
+def test_motors_that_were_not_seen_off_are_not_recorded(emulator):
     arguments = (CAR, emulator.ports, emulator.wiring, lambda _: False)
     assert_refused(
-        lambda: run_watchdog_test(*arguments, folder=records),
+        lambda: run_watchdog_test(*arguments),
         HardwareError,
         emulator.wiring,
         "not seen off",
     )
-    assert not records.exists()
+    assert not list(emulator.folder.glob("*_*.json"))

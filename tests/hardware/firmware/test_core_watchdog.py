@@ -27,8 +27,6 @@ from aerodima.hardware.protocol.teensy import (
     decode_reply,
 )
 from aerodima.hardware.protocol.teensy import make_command as make_string
-from aerodima.workbench.core.errors import HardwareError
-from tests.refusals import assert_refused
 
 TIMING = load_teensy_timing()
 PUSH = MitCommand(1.0, 0.0, 17.0, 5.0, 0.0)
@@ -285,10 +283,6 @@ def test_words_of_the_sail_encoder_become_degrees(bits, word, degrees):
     bench.write(MotorRequest.EXIT)
     bench.wait(0.005)
     assert bench.last_reply().sail == pytest.approx(degrees, abs=6e-4)
-
-
-def test_settings_refuse_other_wirings():
-    assert_refused(lambda: FirmwareSettings("usb", PROFILE), HardwareError, "usb")
 
 
 def test_no_command_leaves_after_everything_was_switched_off():

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from aerodima.hardware.protocol.can_frame import FrameError
-from aerodima.hardware.protocol.xbee import ApiStream, ReceivedPacket, make_received, make_transmit
+from aerodima.hardware.protocol.xbee import ApiStream, Packet, make_received, make_transmit
 from tests.refusals import assert_refused
 
 addresses = st.integers(0, 2**64 - 1)
@@ -26,8 +26,8 @@ def test_received_frames_are_those_of_the_vendors_library(sender, data):
     theirs = ReceivePacket(
         digi_address(sender), XBee16BitAddress.UNKNOWN_ADDRESS, 1, rf_data=bytearray(data)
     )
-    assert make_received(ReceivedPacket(sender, data)) == bytes(theirs.output(False))
-    assert ApiStream().feed(bytes(theirs.output(False))) == [ReceivedPacket(sender, data)]
+    assert make_received(Packet(sender, data)) == bytes(theirs.output(False))
+    assert ApiStream().feed(bytes(theirs.output(False))) == [Packet(sender, data)]
 
 
 @given(addresses, payloads)
@@ -42,7 +42,7 @@ def test_frames_to_send_are_those_of_the_vendors_library(receiver, data):
 @given(st.binary(max_size=80), st.lists(st.integers(1, 40), min_size=1, max_size=5))
 @settings(max_examples=200, deadline=None)
 def test_noise_costs_no_good_frame(noise, sizes):
-    good = ReceivedPacket(0x13A20040000001, b"\x02\x07" + bytes(16))
+    good = Packet(0x13A20040000001, b"\x02\x07" + bytes(16))
     # Noise may announce a frame of up to 128 bytes that swallows what follows until its checksum
     # fails.
     data = noise + 12 * make_received(good)
@@ -59,7 +59,7 @@ def test_noise_costs_no_good_frame(noise, sizes):
 
 
 def test_every_changed_byte_is_noticed():
-    good = ReceivedPacket(0x13A20040000001, b"\x01\x01" + bytes(range(16)))
+    good = Packet(0x13A20040000001, b"\x01\x01" + bytes(range(16)))
     frame = make_received(good)
     for place in range(len(frame)):
         changed = bytearray(frame)
@@ -69,7 +69,7 @@ def test_every_changed_byte_is_noticed():
 
 def test_other_kinds_of_frames_are_skipped():
     modem_status = bytes.fromhex("7E00028A066F")
-    good = ReceivedPacket(1, b"abc")
+    good = Packet(1, b"abc")
     stream = ApiStream()
     assert stream.feed(modem_status + make_received(good)) == [good]
     assert stream.rejected == 0

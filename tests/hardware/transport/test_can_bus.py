@@ -43,10 +43,18 @@ def received(bus, count=1):
     return frames
 
 
+def sent(adapter):
+    return [bytes(message.data) for message in adapter.outgoing]
+
+
+def comes_to(bus, fault):
+    return wait_until(lambda: bus.poll() is None or bus.fault is fault)
+
+
 def test_frames_come_in_with_their_time(bus, adapter):
     before = time.monotonic()
     adapter.deliver(0, REPLY.data)
-    assert wait_until(lambda: bus.received == 1)
+    assert wait_until(lambda: bus._inbox)
     ((when, frame),) = bus.poll()
     assert frame == REPLY
     assert before <= when <= time.monotonic()
@@ -106,7 +114,7 @@ def test_a_command_that_may_have_left_is_not_sent_twice_and_an_exit_is(bus, adap
     assert bus.flush()
     bus.send(EXIT, urgent=True)
     assert bus.flush()
-    assert [bytes(message.data) for message in adapter.outgoing] == [
+    assert sent(adapter) == [
         COMMAND.data,
         EXIT.data,
         EXIT.data,
@@ -123,8 +131,7 @@ def test_full_buffer_is_retried_and_the_newest_command_wins(bus, adapter):
     bus.send(LATER)
     adapter.send_error = None
     assert bus.flush()
-    assert [bytes(message.data) for message in adapter.outgoing] == [LATER.data]
-    assert bus._outbox.superseded == 1
+    assert sent(adapter) == [LATER.data]
     assert bus.fault is BusFault.NONE
 
 
@@ -142,7 +149,7 @@ def test_buffer_that_stays_full_is_a_fault_and_exit_still_waits_to_go_first(bus,
     adapter.send_error = None
     assert wait_until(lambda: adapter.outgoing)
     bus.flush()
-    assert [bytes(message.data) for message in adapter.outgoing] == [EXIT.data]
+    assert sent(adapter) == [EXIT.data]
 
 
 def hold_up(bus, adapter):
@@ -159,7 +166,7 @@ def test_exit_overtakes_what_waits_and_removes_the_commands_of_its_motor(bus, ad
         bus.send(EXIT, urgent=True)
     adapter.send_gate.set()
     bus.flush(5.0)
-    assert [bytes(message.data) for message in adapter.outgoing[1:]] == [EXIT.data] * 3
+    assert sent(adapter)[1:] == [EXIT.data] * 3
 
 
 def test_commands_that_grew_old_behind_a_stuck_driver_are_not_sent(bus, adapter):
@@ -179,7 +186,7 @@ def test_driver_that_never_returns_does_not_hold_up_the_loop_and_is_noticed(bus,
         bus.send(COMMAND)
         bus.poll()
     assert time.monotonic() - start < 0.1
-    assert wait_until(lambda: bus.poll() is None or bus.fault is BusFault.SEND_BLOCKED)
+    assert comes_to(bus, BusFault.SEND_BLOCKED)
 
 
 @pytest.mark.parametrize("number", [errno.ENODEV, errno.ENETDOWN, errno.EIO])
@@ -191,22 +198,22 @@ def test_lost_adapter_is_noticed(bus, adapter, number, way):
     else:
         adapter.send_error = lost
         bus.send(COMMAND)
-    assert wait_until(lambda: bus.fault is BusFault.ADAPTER_LOST)
+    assert comes_to(bus, BusFault.ADAPTER_LOST)
 
 
 def test_receive_thread_that_dies_is_noticed(bus, adapter):
     adapter.incoming.put(RuntimeError("driver bug"))
-    assert wait_until(lambda: bus.fault is BusFault.RECEIVER_DEAD)
+    assert comes_to(bus, BusFault.RECEIVER_DEAD)
     assert "driver bug" in bus.fault_text, "the cause is named"
     assert bus.send(EXIT, urgent=True)  # exit frames go out although nothing comes in any more
     bus.flush()
-    assert bytes(adapter.outgoing[-1].data) == EXIT.data
+    assert sent(adapter)[-1] == EXIT.data
 
 
 @realtime
 def test_receive_thread_that_hangs_is_noticed(bus, adapter):
     adapter._recv_internal = lambda timeout: (time.sleep(1.0), (None, False))[1]
-    assert wait_until(lambda: bus.poll() is None or bus.fault is BusFault.RECEIVER_DEAD)
+    assert comes_to(bus, BusFault.RECEIVER_DEAD)
 
 
 @realtime
@@ -216,12 +223,12 @@ def test_bus_off_is_reported_by_the_controller(bus, adapter):
         lambda: bus.fault is not BusFault.NONE, 0.05
     )  # error-passive warnings are no bus-off
     adapter.deliver(0x40, bytes(8), extended=True, is_error_frame=True)
-    assert wait_until(lambda: bus.fault is BusFault.BUS_OFF)
+    assert comes_to(bus, BusFault.BUS_OFF)
 
 
 def test_first_fault_stays(bus, adapter):
     adapter.deliver(0x40, bytes(8), extended=True, is_error_frame=True)
-    assert wait_until(lambda: bus.fault is BusFault.BUS_OFF)
+    assert comes_to(bus, BusFault.BUS_OFF)
     adapter.incoming.put(RuntimeError("later"))
     assert wait_until(lambda: not bus._receiver.is_alive())
     assert bus.fault is BusFault.BUS_OFF
@@ -232,7 +239,7 @@ def test_a_lost_adapter_is_named_with_the_reason_of_its_driver(adapter):
     error = can.CanOperationError("Could not read from serial device")
     error.__cause__ = OSError(errno.ENXIO, "gone")
     adapter.incoming.put(error)
-    assert wait_until(lambda: bus.fault is BusFault.ADAPTER_LOST)
+    assert comes_to(bus, BusFault.ADAPTER_LOST)
     bus.close()
     named = "CAN slcan:/dev/ttyACM0: receiving failed: there is no such device"
     assert bus.fault_text.startswith(named)
@@ -243,7 +250,7 @@ def test_close_sends_what_waits_and_closes_the_adapter(adapter):
     for _ in range(5):
         bus.send(EXIT, urgent=True)
     bus.close()
-    assert [bytes(message.data) for message in adapter.outgoing] == [EXIT.data] * 5
+    assert sent(adapter) == [EXIT.data] * 5
     assert adapter.closed
     assert not bus.send(COMMAND)
     assert bus.fault is BusFault.CLOSED
@@ -312,7 +319,7 @@ def test_lines_that_are_no_frame_are_counted_and_without_end_they_are_a_fault(bu
     assert (bus.garbage, bus.fault) == (2, BusFault.NONE)
     for _ in range(300):
         adapter.incoming.put(ValueError("no frame"))
-    assert wait_until(lambda: bus.fault is BusFault.RECEIVER_DEAD)
+    assert comes_to(bus, BusFault.RECEIVER_DEAD)
 
 
 def test_a_frame_with_less_data_than_it_names_is_none(bus, adapter):
@@ -330,7 +337,7 @@ def test_a_driver_that_reads_an_endless_nothing_has_lost_its_adapter(bus, adapte
         return None, False
 
     adapter._recv_internal = spin
-    assert wait_until(lambda: bus.fault is BusFault.ADAPTER_LOST)
+    assert comes_to(bus, BusFault.ADAPTER_LOST)
 
 
 # -- errors of the user
