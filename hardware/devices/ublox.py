@@ -1,26 +1,21 @@
 """Messages of a u-blox receiver: UBX NAV-PVT, out of a stream with other messages and noise.
 
-Layout: u-blox 8 / M8 protocol specification, UBX-13003221. `make_nav_pvt` is for emulators.
+Frames are cut out and their checksums verified here; their fields are read and written by pyubx2
+(NAV-PVT: u-blox 8 / M8 protocol specification, UBX-13003221). `make_nav_pvt` is for emulators.
 """
 
 import math
-import struct
 from dataclasses import dataclass
+from typing import Any
 
 from aerodima.hardware.protocol.byte_stream import cut_frames
 from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.workbench.core.errors import HardwareError
 
 _START = b"\xb5"
 """First byte of a frame."""
 _HEAD = b"\xb5\x62\x01\x07\x5c\x00"
 """Bytes before the payload of a NAV-PVT: start, class, id and length."""
-_PAYLOAD = struct.Struct("<8x 3B B 4x i B B 38x i 4x I 20x")
-"""Hour, minute, second and what of the time is valid; nanoseconds; kind of fix and its flags; speed
-over ground, mm/s; its accuracy, mm/s."""
-_VALID_TIME = 0x02
-"""Bit of the time that is valid."""
-_FIX_OK = 0x01
-"""Bit of a fix within the receiver's own limits."""
 _MAX_PAYLOAD = 256
 """Longer messages are stepped over byte by byte; a false start in noise must not hold up good
 frames for long."""
@@ -86,43 +81,54 @@ class GpsStream:
 
 
 def decode_nav_pvt(frame: bytes) -> GpsSample:
-    """Decodes the sample in a whole frame of a NAV-PVT.
+    """Decodes the sample in a whole UBX frame.
 
-    Raises `FrameError` for a speed that cannot be.
+    Raises `FrameError` if it is no NAV-PVT or a field cannot be.
     """
-    hours, minutes, seconds, valid, nanoseconds, kind, flags, speed, accuracy = (
-        _PAYLOAD.unpack_from(frame, len(_HEAD))
-    )
-    if not flags & _FIX_OK or kind not in _FIXES or accuracy > 1000.0 * _MAX_ACCURACY:
-        speed = math.nan
-    elif not 0.0 <= speed <= 1000.0 * _MAX_SPEED:
-        raise FrameError(f"GPS speed {speed!r} mm/s; allowed is 0 to {1000.0 * _MAX_SPEED:g}")
-    clock = 3600.0 * hours + 60.0 * minutes + seconds + 1e-9 * nanoseconds
-    known = bool(valid & _VALID_TIME)
-    return GpsSample(speed / 1000.0, math.isfinite(speed), clock if known else None)
+    UBXReader, _, _ = _ubx_library()
+    try:
+        message = UBXReader.parse(frame)
+        speed = message.gSpeed / 1000.0
+        accurate = message.sAcc / 1000.0 <= _MAX_ACCURACY
+        fix = bool(message.gnssFixOk) and message.fixType in _FIXES and accurate
+        known = bool(message.validTime)
+        clock = message.hour * 3600.0 + message.min * 60.0 + message.second + message.nano * 1e-9
+    except Exception as error:  # the library documents no closed set of exceptions
+        raise FrameError(f"GPS: no NAV-PVT: {error}") from None
+    if fix and not 0.0 <= speed <= _MAX_SPEED:
+        raise FrameError(f"GPS speed {speed!r} m/s; allowed is 0 to {_MAX_SPEED:g}")
+    return GpsSample(speed if fix else math.nan, fix, clock if known else None)
 
 
 def make_nav_pvt(sample: GpsSample) -> bytes:
-    """Makes the frame of a sample; for emulators.
+    """Makes the UBX frame of a sample; for emulators.
 
     Raises `FrameError` for a speed that is none.
     """
+    _, UBXMessage, get = _ubx_library()
     if sample.fix and not 0.0 <= sample.speed <= _MAX_SPEED:
         raise FrameError(f"GPS speed {sample.speed!r} m/s; allowed is 0 to {_MAX_SPEED:g}")
-    minutes, seconds = divmod(sample.time_of_day or 0.0, 60.0)
-    hours, minutes = divmod(int(minutes), 60)
-    body = _HEAD[2:] + _PAYLOAD.pack(
-        hours % 24,
-        minutes,
-        int(seconds),
-        _VALID_TIME * (sample.time_of_day is not None),
-        round(seconds % 1.0 * 1e9),
-        3 * sample.fix,
-        _FIX_OK * sample.fix,
-        round(sample.speed * 1000) if sample.fix else 0,
-        0,
-    )
-    return _HEAD[:2] + body + ubx_checksum(body)
+    clock = 0.0 if sample.time_of_day is None else sample.time_of_day
+    minutes, seconds = divmod(clock, 60.0)
+    hours, minutes = divmod(minutes, 60.0)
+    frame: bytes = UBXMessage(
+        "NAV",
+        "NAV-PVT",
+        get,
+        year=2026,
+        month=1,
+        day=1,
+        hour=int(hours) % 24,
+        min=int(minutes),
+        second=int(seconds),
+        nano=round((seconds % 1.0) * 1e9),
+        validDate=1,
+        validTime=int(sample.time_of_day is not None),
+        fixType=3 if sample.fix else 0,
+        gnssFixOk=int(sample.fix),
+        gSpeed=round(sample.speed * 1000) if sample.fix else 0,
+    ).serialize()
+    return frame
 
 
 def ubx_checksum(data: bytes) -> bytes:
@@ -133,3 +139,13 @@ def ubx_checksum(data: bytes) -> bytes:
         first = first + byte & 0xFF
         second = second + first & 0xFF
     return bytes([first, second])
+
+
+def _ubx_library() -> tuple[Any, Any, Any]:
+    try:
+        from pyubx2 import GET, UBXMessage, UBXReader
+    except ImportError:
+        raise HardwareError(
+            "the GPS needs pyubx2: pip install 'aerodima-workbench[hardware]'"
+        ) from None
+    return UBXReader, UBXMessage, GET
