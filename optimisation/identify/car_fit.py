@@ -287,7 +287,8 @@ def fit_car(drive: CarDrive) -> FitResult:
     model.find_step_error(first.x)
     weighed = replace(_OPTIONS, reweigh=model.weigh)
     best = solve_from(FitProgram(model.problem(first.x)), first.x, weighed)
-    return _result(model, replace(best, iterations=first.iterations + best.iterations))
+    iterations = first.iterations + best.iterations
+    return _result(model, replace(best, start=start, iterations=iterations))
 
 
 def _result(model: CarModel, best: StartResult) -> FitResult:

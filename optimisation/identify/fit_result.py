@@ -58,7 +58,8 @@ class FitResult:
         name: of the log or table that was fitted.
         estimates: of all parameters, the frozen ones included.
         covariance: of the free parameters, in the order of `free` (p x p).
-        cost: |weighted residual|^2 / 2.
+        cost: |weighted residual|^2 / 2, of Huber's loss with `loss="huber"`.
+        added_cost: value of the costs that a user added to the program, not in `cost`.
         residual_rms: root mean square of the residual per channel, in the channel's unit.
         success, status: of the solver.
         attempts: all starts that were tried: start, cost, success, status, iterations.
@@ -92,6 +93,7 @@ class FitResult:
     rig: Mapping[str, Any] = field(default_factory=dict)
     budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     constants: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    added_cost: float = 0.0
 
     def __getitem__(self, name: str) -> Estimate:
         """The estimate of that name; KeyError lists those there are."""
@@ -190,7 +192,8 @@ def make_result(
         name=solution.problem.name,
         estimates=tuple(estimates),
         covariance=tuple(map(tuple, covariance)),
-        cost=best.cost,
+        cost=best.cost - best.added_cost,
+        added_cost=best.added_cost,
         residual_rms=rms,
         success=best.success,
         status=best.status,

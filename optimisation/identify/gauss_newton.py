@@ -170,7 +170,9 @@ class _Descent:
                 ending = False, str(error)
         success, status = ending or (False, f"{step} steps were not enough")
         jacobian = None if self.J is None else self.J / self.scales
-        return StartResult(start, self.z * self.scales, self.cost, success, status, step, jacobian)
+        x = self.z * self.scales
+        added = self.terms.cost(self.z)
+        return StartResult(start, x, self.cost, success, status, step, jacobian, added)
 
     def _feasible(self, z: FloatArray) -> FloatArray:
         """Find the nearest point that meets the constraints."""

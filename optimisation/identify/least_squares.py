@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import InitVar, dataclass, replace
+from dataclasses import dataclass, replace
+from functools import wraps
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -17,6 +19,7 @@ from aerodima.workbench.core.errors import FitError
 
 Residual = Callable[[FloatArray], FloatArray]
 Jacobian = Callable[[FloatArray], FloatArray]
+T = TypeVar("T")
 
 _DIFFERENCE = 1e-5
 """Step of one-sided differences, in scales: sqrt(1e-10), for rollouts that repeat to about ten
@@ -27,6 +30,22 @@ _AT_BOUND = 1e-6
 """Distance from a bound, in scales, within which an unknown is at it."""
 
 
+def _accept_seed(kind: type[T]) -> type[T]:
+    """Let a class take the deprecated keyword `seed` for `initial`."""
+    make: Any = kind.__init__
+
+    @wraps(make)
+    def make_with_seed(self: T, *arguments: Any, **options: Any) -> None:
+        if "seed" in options:
+            warn_renamed("Parameter(seed=)", "initial=")
+            options["initial"] = options.pop("seed")
+        make(self, *arguments, **options)
+
+    kind.__init__ = make_with_seed  # type: ignore[method-assign]
+    return kind
+
+
+@_accept_seed
 @dataclass(frozen=True)
 class Parameter:
     """One number of a model.
@@ -42,7 +61,7 @@ class Parameter:
         prior_std: standard deviation with which the initial value is known beforehand; infinite
             when nothing is known. Fits with constants of a rig and of a car use it; a problem of
             your own has a row (value - initial) / prior_std in its weighted residual.
-        seed: deprecated keyword for `initial`.
+        seed: deprecated name of `initial`.
 
     Raises:
         FitError: bounds that are NaN, empty or exclude the initial value, or one that is not
@@ -57,12 +76,8 @@ class Parameter:
     fixed: bool = False
     scale: float | None = None
     prior_std: float = math.inf
-    seed: InitVar[float | None] = None
 
-    def __post_init__(self, seed: float | None) -> None:
-        if seed is not None:
-            warn_renamed("Parameter(seed=)", "initial=")
-            object.__setattr__(self, "initial", seed)
+    def __post_init__(self) -> None:
         who = f"parameter {self.name!r}"
         bounds = f"{self.lower:g} .. {self.upper:g}"
         if not math.isfinite(self.initial):
@@ -76,6 +91,12 @@ class Parameter:
             )
         if self.scale is not None and not 0.0 < self.scale < math.inf:
             raise FitError(f"{who}: the scale is {self.scale}, but must be a finite number above 0")
+
+    @property
+    def seed(self) -> float:
+        """Return the initial value, in `unit`; deprecated."""
+        warn_renamed("Parameter.seed", "initial")
+        return self.initial
 
     @property
     def size(self) -> float:
@@ -289,6 +310,7 @@ class StartResult:
     Attributes:
         start, x: unknowns (p).
         cost: value of all costs of the program; infinite when there never was a finite one.
+        added_cost: part of it that was added to |residual|^2 / 2.
         success: the solver met its tolerances.
         status: in the solver's words.
         iterations: steps of the solver.
@@ -302,6 +324,7 @@ class StartResult:
     status: str
     iterations: int
     jacobian: FloatArray | None = None
+    added_cost: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, Any
 
+from aerodima.workbench.batch.main_guard import refuse_unguarded_script
 from aerodima.workbench.core.errors import UserError
 
 if TYPE_CHECKING:
@@ -47,8 +48,9 @@ def check_workers(workers: int) -> None:
 @contextmanager
 def local_cluster(workers: int, memory: float | None = None) -> Iterator[Client]:
     """Start processes of one BLAS thread and `memory` bytes each; Dask's nanny replaces one that
-    ends.
+    ends. UserError in a script without a main guard.
     """
+    refuse_unguarded_script()
     import dask
     from distributed import Client, LocalCluster
 
