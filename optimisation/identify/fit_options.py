@@ -41,8 +41,8 @@ class FitOptions:
     constants: Knowledge = "uncertain"
 
     def bounded(self, parameters: Sequence[Parameter]) -> list[Parameter]:
-        """The parameters within these bounds, their seeds too; FitError for a bound that belongs to
-        none of them.
+        """Put the parameters within these bounds, their initial values too; FitError for a bound
+        that belongs to none of them.
         """
         self.require_known([p.name for p in parameters])
         limits = {name: (low, high) for name, low, high in self.bounds}
@@ -55,7 +55,7 @@ class FitOptions:
         return within
 
     def require_known(self, names: Sequence[str]) -> None:
-        """FitError for a bound on something that the fit does not have."""
+        """Raise FitError for a bound on something that the fit does not have."""
         unknown = [name for name, _, _ in self.bounds if name not in names]
         if unknown:
             raise FitError(f"bound on {unknown[0]!r}: the free parameters are {', '.join(names)}")

@@ -46,7 +46,7 @@ class Estimate:
     noise_deviation: float = math.nan
 
     def holds(self, truth: float) -> bool:
-        """Whether the interval holds a value."""
+        """Tell whether the interval holds a value."""
         return self.lower <= truth <= self.upper
 
 
@@ -96,7 +96,7 @@ class FitResult:
     added_cost: float = 0.0
 
     def __getitem__(self, name: str) -> Estimate:
-        """The estimate of that name; KeyError lists those there are."""
+        """Return the estimate of that name; KeyError lists those there are."""
         estimates = {estimate.name: estimate for estimate in self.estimates}
         if name not in estimates:
             raise KeyError(f"{name!r}; estimated: {', '.join(estimates)}")
@@ -115,7 +115,9 @@ class FitResult:
         return 2.0 * max(self.cost, 1e-12)
 
     def row(self) -> dict[str, Any]:
-        """One row for CSV: facts, then value, standard deviation and interval of each parameter."""
+        """Make one row for CSV: facts, then value, standard deviation and interval of each
+        parameter.
+        """
         row: dict[str, Any] = {"fit": self.name, **self.facts}
         for e in self.estimates:
             suffix = "" if e.unit in ("1", "") else "_" + unit_suffix(e.unit)
@@ -206,7 +208,7 @@ def make_result(
 
 
 def _estimates(solution: Solution, intervals: Uncertainty) -> list[Estimate]:
-    """Estimates of all parameters, in their order."""
+    """List the estimates of all parameters, in their order."""
     parameters = solution.problem.parameters
     bounds = parameters.active(solution.x)
     indices = {name: i for i, name in enumerate(parameters.names)}
@@ -236,7 +238,7 @@ def _estimates(solution: Solution, intervals: Uncertainty) -> list[Estimate]:
 
 
 def _attempts(solution: Solution) -> tuple[dict[str, Any], ...]:
-    """The starts as plain data."""
+    """Write the starts as plain data."""
     values = solution.problem.parameters
     return tuple(
         {
@@ -256,7 +258,7 @@ def _by_name(parameters: Parameters, x: np.ndarray) -> dict[str, float]:
 
 
 def _bound_warnings(estimates: Sequence[Estimate], beyond: Mapping[str, float]) -> list[str]:
-    """Warnings of what stopped at a bound; `beyond` is in standard deviations, by name."""
+    """Warn of what stopped at a bound; `beyond` is in standard deviations, by name."""
     at_bounds = [e for e in estimates if e.bound]
     warnings = []
     for e in at_bounds:

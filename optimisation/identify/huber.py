@@ -40,7 +40,7 @@ def huber(residual: FloatArray, limit: float = LIMIT) -> FloatArray:
 
 
 def spread(values: FloatArray) -> float:
-    """Robust standard deviation: 1.4826 times the median deviation from the median."""
+    """Compute the robust standard deviation: 1.4826 times the median deviation from the median."""
     return _NORMAL * float(np.median(np.abs(values - np.median(values))))
 
 
@@ -54,13 +54,11 @@ class HuberSolution:
         influence: the same x with the clipped residual, and the Jacobian times the share of the
             residuals within the limit: J^+ S J^+' of it is Huber's asymptotic covariance.
         outliers: number of residuals beyond three scales.
-        scale: standard deviation of the residual without its outliers.
     """
 
     solution: Solution
     influence: Solution
     outliers: int
-    scale: float
 
 
 def solve_huber(problem: Problem, squares: Solution) -> HuberSolution:
@@ -75,7 +73,7 @@ def solve_huber(problem: Problem, squares: Solution) -> HuberSolution:
     # Residuals that vanish (fewer rows than unknowns, exact data) have no outliers.
     least = 1e-9 * max(float(np.max(np.abs(solution.residual))), 1e-300)
     if scale <= least:
-        return HuberSolution(solution, solution, 0, scale)
+        return HuberSolution(solution, solution, 0)
     for _ in range(_MAX_SCALES):
         robust = solve(_huberised(problem, scale), [solution.x])
         residual = np.asarray(problem.residual(robust.x), float)
@@ -94,7 +92,7 @@ def solve_huber(problem: Problem, squares: Solution) -> HuberSolution:
         (*squares.attempts, best),
     )
     if scale <= least:
-        return HuberSolution(solution, solution, 0, scale)
+        return HuberSolution(solution, solution, 0)
     limit = LIMIT * scale
     within = float(np.mean(np.abs(residual) <= limit))
     influence = replace(
@@ -103,11 +101,11 @@ def solve_huber(problem: Problem, squares: Solution) -> HuberSolution:
         jacobian=within * solution.jacobian,
     )
     outliers = int(np.sum(np.abs(residual) > _OUTLIER * scale))
-    return HuberSolution(solution, influence, outliers, scale)
+    return HuberSolution(solution, influence, outliers)
 
 
 def _huberised(problem: Problem, scale: float) -> Problem:
-    """The problem whose squares are Huber's loss."""
+    """State the problem whose squares are Huber's loss."""
     jacobian = problem.jacobian
 
     def residual(x: FloatArray) -> FloatArray:

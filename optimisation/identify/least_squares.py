@@ -114,7 +114,7 @@ class Parameter:
         return math.isfinite(self.prior_std)
 
     def starting_at(self, value: float) -> Parameter:
-        """The parameter with another initial value, moved into the bounds."""
+        """Make the parameter with another initial value, moved into the bounds."""
         return replace(self, initial=min(max(value, self.lower), self.upper))
 
 
@@ -172,12 +172,12 @@ class Parameters:
         return np.array([parameter.size for parameter in self.free])
 
     def values(self, x: Sequence[float] | FloatArray) -> dict[str, float]:
-        """All values by name, the fixed ones included, for a vector of the unknowns."""
+        """List all values by name, the fixed ones included, for a vector of the unknowns."""
         values = {parameter.name: parameter.initial for parameter in self.all}
         return values | dict(zip(self.names, map(float, x), strict=True))
 
     def starts(self, starts: Iterable[Mapping[str, float]] = ()) -> list[FloatArray]:
-        """Vectors to start from: the initial values, then further ones by name.
+        """List the vectors to start from: the initial values, then further ones by name.
 
         A missing name keeps its initial value.
 
@@ -197,13 +197,13 @@ class Parameters:
         return vectors
 
     def sides(self, x: FloatArray) -> IntArray:
-        """Sides on which unknowns sit on a bound (p): -1 lower, 1 upper, else 0."""
+        """Tell the sides on which unknowns sit on a bound (p): -1 lower, 1 upper, else 0."""
         margin = _AT_BOUND * self.scales
         at_upper = np.where(x >= self.upper - margin, 1, 0)
         return np.where(x <= self.lower + margin, -1, at_upper)
 
     def active(self, x: FloatArray) -> dict[str, str]:
-        """Unknowns that sit on a bound, with `lower` or `upper`."""
+        """List the unknowns that sit on a bound, with `lower` or `upper`."""
         words = {-1: "lower", 1: "upper"}
         sides = zip(self.names, self.sides(x).tolist(), strict=True)
         return {name: words[side] for name, side in sides if side}
@@ -230,7 +230,7 @@ class Problem:
     steps: FloatArray | None = None
 
     def finite_residual(self, x: FloatArray) -> FloatArray:
-        """The residual (m); FitError that names the unknowns when it is not finite."""
+        """Compute the residual (m); FitError that names the unknowns when it is not finite."""
         r = np.asarray(self.residual(x), float)
         bad = np.flatnonzero(~np.isfinite(r))
         if bad.size:
@@ -240,7 +240,8 @@ class Problem:
         return r
 
     def forward_jacobian(self, x: FloatArray, at_x: FloatArray) -> FloatArray:
-        """The Jacobian (m x p): given, or one-sided differences that stay within the bounds.
+        """Compute the Jacobian (m x p): given, or one-sided differences that stay within the
+        bounds.
 
         Raises:
             FitError: it is not finite.
@@ -259,7 +260,7 @@ class Problem:
         return J
 
     def central_jacobian(self, x: FloatArray) -> FloatArray:
-        """The Jacobian for the covariance (m x p): given, or central differences.
+        """Compute the Jacobian for the covariance (m x p): given, or central differences.
 
         One-sided at a bound, and where the model ends on the other side.
 
@@ -289,7 +290,7 @@ class Problem:
     def _end_of_difference(
         self, x: FloatArray, index: int, value: float
     ) -> tuple[float, FloatArray]:
-        """Value and residual (m) of one end; those of x where the model does not exist."""
+        """Compute value and residual (m) of one end; those of x where the model does not exist."""
         moved = x.copy()
         moved[index] = value
         try:
@@ -298,7 +299,7 @@ class Problem:
             return x[index], self.finite_residual(x)
 
     def describe(self, x: FloatArray) -> str:
-        """The unknowns in words."""
+        """Describe the unknowns in words."""
         pairs = zip(self.parameters.free, x, strict=True)
         return ", ".join(f"{p.name} = {value:.6g} {p.unit}" for p, value in pairs)
 

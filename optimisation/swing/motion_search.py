@@ -157,7 +157,7 @@ def make_turn_nlp(
     steps = math.ceil(1.0 / (rate * MAX_STEP) - 1e-9)
     length = 1.0 / (rate * steps)
     interval = search.length / (search.knots - 1)
-    shooting = TurnShooting.of(turns, search.knots - 2, interval, task, length)
+    shooting = TurnShooting.from_scenarios(turns, search.knots - 2, interval, task, length)
     return TurnNlp(shooting)
 
 

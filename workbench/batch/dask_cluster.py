@@ -22,7 +22,7 @@ from aerodima.workbench.core.errors import UserError
 
 if TYPE_CHECKING:
     import psutil
-    from distributed import Client, Future
+    from distributed import Client
 
 MAX_WORKERS = 64
 """Processes on one computer."""
@@ -168,19 +168,6 @@ def lost_scheduler(error: Exception) -> UserError:
     return UserError(
         f"the Dask scheduler does not answer any more ({reason}); what was done is kept"
     )
-
-
-def submit_to(
-    client: Client, address: str, function: Callable[..., Any], *arguments: Any
-) -> Future:
-    """Submit a call to the worker at an address; UserError if the client lost its scheduler."""
-    from distributed.client import ClosedClientError
-
-    options: dict[str, Any] = {"workers": [address], "pure": False, "retries": 0}
-    try:
-        return client.submit(function, *arguments, **options)
-    except ClosedClientError as error:
-        raise lost_scheduler(error) from None
 
 
 def stopped_workers() -> set[psutil.Process]:
