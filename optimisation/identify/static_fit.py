@@ -133,12 +133,10 @@ class StaticResidual:
         bar, drag, lift = self._effect(psi)
         return self._constant + bar + cd * drag + cl * lift + current * self._motor
 
-    def noise(self, solution: Solution) -> Noise:
-        """Estimate the noise from the errors of the force sensor and the encoder."""
-        return self.noise_at(solution.x)
-
-    def noise_at(self, x: FloatArray) -> Noise:
-        """Estimate the noise at some unknowns (p)."""
+    def noise(self, x: FloatArray) -> Noise:
+        """Estimate the noise from the errors of the force sensor and the encoder at unknowns
+        (p).
+        """
         data = self._data
         rows = self._rows
         weights = self._weights
@@ -199,7 +197,7 @@ def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:
     )
     result = fit(
         problem,
-        residual.noise,
+        lambda solution: residual.noise(solution.x),
         channels=residual.channels,
         facts=facts,
         warnings=data.warnings,
@@ -250,7 +248,7 @@ def _mistake(result: FitResult, data: StaticData, parameters: Parameters) -> lis
     exact = _without_biases(data)
     residual = StaticResidual(exact)
     x = np.array([result[name].value for name in UNKNOWNS])
-    noise = residual.noise_at(x).covariance
+    noise = residual.noise(x).covariance
     constants = result.constants.items()
     ends = [StaticResidual(shifted_data(exact, {n: c["known_to"]}))(x) for n, c in constants]
     shifts = (np.array(ends) - residual(x)).T
@@ -290,7 +288,7 @@ def _uncertain_rig(data: StaticData) -> UncertainRig:
         return Problem(parameters, residual, name=data.name)
 
     def noise(solution: Solution) -> Noise:
-        here = StaticResidual(exact).noise_at(solution.x[: len(UNKNOWNS)])
+        here = StaticResidual(exact).noise(solution.x[: len(UNKNOWNS)])
         return replace(here, rounding=None)
 
     return UncertainRig(data.constants, problem, noise, noise)

@@ -353,17 +353,13 @@ def scenario_content(name: str, settings: Sequence[str] = ()) -> list[Any]:
         scenario = load_any_scenario(name, settings)
         swing = ""
         if isinstance(scenario, Scenario):
-            swing = _swing(scenario.controller.swing_file)
+            name = scenario.controller.swing_file
+            path = Path(name)
+            if name != NO_SWING:
+                swing = _swing_content(name, path.stat().st_mtime_ns if path.is_file() else 0)
         return [scenario.resolved(), swing]
     except UserError as error:
         return [str(error)]
-
-
-def _swing(name: str) -> str:
-    path = Path(name)
-    if name == NO_SWING:
-        return ""
-    return _swing_content(name, path.stat().st_mtime_ns if path.is_file() else 0)
 
 
 @lru_cache
