@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 from aerodima.optimisation.identify.huber import Loss
 from aerodima.optimisation.identify.least_squares import Parameter
 from aerodima.workbench.core.errors import FitError
 
 Knowledge = Literal["uncertain", "exact"]
-
-
-KNOWLEDGE: tuple[Knowledge, ...] = ("uncertain", "exact")
+KNOWLEDGE = get_args(Knowledge)
 
 
 @dataclass(frozen=True)
