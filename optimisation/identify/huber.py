@@ -54,11 +54,13 @@ class HuberSolution:
         influence: the same x with the clipped residual, and the Jacobian times the share of the
             residuals within the limit: J^+ S J^+' of it is Huber's asymptotic covariance.
         outliers: number of residuals beyond three scales.
+        scale: standard deviation of the residual without its outliers.
     """
 
     solution: Solution
     influence: Solution
     outliers: int
+    scale: float
 
 
 def solve_huber(problem: Problem, squares: Solution) -> HuberSolution:
@@ -73,7 +75,7 @@ def solve_huber(problem: Problem, squares: Solution) -> HuberSolution:
     # Residuals that vanish (fewer rows than unknowns, exact data) have no outliers.
     least = 1e-9 * max(float(np.max(np.abs(solution.residual))), 1e-300)
     if scale <= least:
-        return HuberSolution(solution, solution, 0)
+        return HuberSolution(solution, solution, 0, scale)
     for _ in range(_MAX_SCALES):
         robust = solve(_huberised(problem, scale), [solution.x])
         residual = np.asarray(problem.residual(robust.x), float)
@@ -92,7 +94,7 @@ def solve_huber(problem: Problem, squares: Solution) -> HuberSolution:
         (*squares.attempts, best),
     )
     if scale <= least:
-        return HuberSolution(solution, solution, 0)
+        return HuberSolution(solution, solution, 0, scale)
     limit = LIMIT * scale
     within = float(np.mean(np.abs(residual) <= limit))
     influence = replace(
@@ -101,7 +103,7 @@ def solve_huber(problem: Problem, squares: Solution) -> HuberSolution:
         jacobian=within * solution.jacobian,
     )
     outliers = int(np.sum(np.abs(residual) > _OUTLIER * scale))
-    return HuberSolution(solution, influence, outliers)
+    return HuberSolution(solution, influence, outliers, scale)
 
 
 def _huberised(problem: Problem, scale: float) -> Problem:

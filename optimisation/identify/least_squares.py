@@ -32,7 +32,8 @@ _AT_BOUND = 1e-6
 
 def _accept_seed(kind: type[T]) -> type[T]:
     """Let a class take the deprecated keyword `seed` for `initial`."""
-    make: Any = kind.__init__
+    untyped: Any = kind
+    make = untyped.__init__
 
     @wraps(make)
     def make_with_seed(self: T, *arguments: Any, **options: Any) -> None:
@@ -41,7 +42,7 @@ def _accept_seed(kind: type[T]) -> type[T]:
             options["initial"] = options.pop("seed")
         make(self, *arguments, **options)
 
-    kind.__init__ = make_with_seed  # type: ignore[method-assign]
+    untyped.__init__ = make_with_seed
     return kind
 
 
