@@ -15,10 +15,12 @@ def refuse_unguarded_script() -> None:
     """Raise UserError when the script that runs is about to start workers outside of its guard.
 
     Each worker would run these lines again, and would start workers of its own. A notebook, a
-    prompt and a program that is no file have no lines that a worker runs.
+    prompt, a program that is no file and a `__main__.py` have no lines that a worker runs.
     """
     main = sys.modules["__main__"]
     script = getattr(main, "__file__", None)
+    if getattr(main.__spec__, "name", "").rpartition(".")[2] == "__main__":
+        script = None
     frame = sys._current_frames().get(threading.main_thread().ident or 0)
     while frame is not None and not _is_top_level(frame, vars(main)):
         frame = frame.f_back
