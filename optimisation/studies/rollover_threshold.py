@@ -8,7 +8,7 @@ searches for clean runs on a grid, on which different controllers meet (`limit_s
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,8 @@ FRICTION_SEARCH = LimitSearch(FRICTION, 0.4, 1.1, 0.05, 0.01)
 """Scan of the friction coefficient; the last two numbers are its steps, coarse and fine."""
 SEARCHES = {"speed": LimitSearch(SPEED, 2.5, 6.5, 0.25, 0.05), "friction": FRICTION_SEARCH}
 """Name -> scan."""
+Judge = Callable[[Any], bool | None]
+"""Whether the result of a run counts as held or as lost; None says nothing."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,7 @@ def critical_friction(
 
 
 def is_clean(row: Mapping[str, Any]) -> bool:
-    """Tell whether a row of a run is that of clean survival."""
+    """Tells whether a row of a run is that of clean survival."""
     return row["outcome"] == "survived" and bool(row["clean"])
 
 
@@ -140,9 +142,6 @@ def find_thresholds(
     Raises:
         SweepError: the scenario of a scan cannot be resolved at all.
     """
-    begins: Sequence[Start] = ["scan"] * len(cases) if starts is None else starts
-    rows: list[dict[float, Row]] = [{} for _ in cases]
-    verdicts: list[dict[float, bool | None]] = [{} for _ in cases]
 
     def run(wanted: Sequence[tuple[int, float]]) -> list[Row]:
         tasks = []
@@ -152,20 +151,41 @@ def find_thresholds(
             tasks.append(RunTask(f"{case.name} {value:g}", case.scenario, settings))
         return runs.rows(tasks)
 
-    def record(index: int, value: float, row: Row) -> None:
+    if starts is not None:
+        return search_thresholds(search, starts, run, is_clean)
+    for case in cases:
+        load_scenario(case.scenario, case.settings)
+    return search_thresholds(search, ["scan"] * len(cases), run, _survival)
+
+
+def search_thresholds(
+    search: LimitSearch,
+    starts: Sequence[Start],
+    run: Callable[[Sequence[tuple[int, float]]], Sequence[Any]],
+    judge: Judge,
+) -> list[Threshold]:
+    """Searches the limits of several candidates at once.
+
+    Args:
+        search: range and steps of all of them.
+        starts: how, or where, each begins.
+        run: evaluates (index of the candidate, value), in order.
+        judge: of a result; in a climb never None.
+    """
+    rows: list[dict[float, Any]] = [{} for _ in starts]
+    verdicts: list[dict[float, bool | None]] = [{} for _ in starts]
+
+    def record(index: int, value: float, row: Any) -> None:
         rows[index][value] = row
-        verdicts[index][value] = _survival(row) if starts is None else is_clean(row)
+        verdicts[index][value] = judge(row)
 
     def next_values(index: int) -> list[float]:
-        return search.next_values(begins[index], verdicts[index])
+        return search.next_values(starts[index], verdicts[index])
 
-    if starts is None:
-        for case in cases:
-            load_scenario(case.scenario, case.settings)
-    run_rounds(range(len(cases)), next_values, run, record)
+    run_rounds(range(len(starts)), next_values, run, record)
     return [
-        _threshold(search, dict(sorted(of_case.items())), known)
-        for of_case, known in zip(rows, verdicts, strict=True)
+        _threshold(search, dict(sorted(own.items())), known)
+        for own, known in zip(rows, verdicts, strict=True)
     ]
 
 

@@ -137,7 +137,7 @@ def evaluate(task: RunTask) -> Row:
 
 
 def tipped_before_turn(row: Mapping[Any, Any]) -> bool:
-    """Tell whether a run flipped before its turn, so that it says nothing about the turn.
+    """Tells whether a run flipped before its turn, so that it says nothing about the turn.
 
     A high car with its tail behind may tip over backwards while it gathers speed; it is slow, or
     lies, when the turn begins.
