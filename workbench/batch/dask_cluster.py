@@ -133,16 +133,18 @@ def _environment_of_workers() -> Iterator[None]:
 
 @contextmanager
 def quiet_logs() -> Iterator[None]:
-    """Silence Dask, which logs every lost worker and stream; our own record has what matters."""
+    """Silence Dask and its loop, which log every lost worker; our own record has what matters."""
     import distributed  # noqa: F401 - sets its logger up when it is imported, so before the level below
 
-    logger = logging.getLogger("distributed")
-    before = logger.level
-    logger.setLevel(logging.CRITICAL)
+    loggers = [logging.getLogger(name) for name in ("distributed", "tornado.application")]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
     try:
         yield
     finally:
-        logger.setLevel(before)
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
 
 
 @contextmanager
