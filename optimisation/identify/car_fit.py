@@ -24,7 +24,6 @@ import numpy as np
 
 from aerodima.optimisation.identify.car_log import CarDrive, car_drive
 from aerodima.optimisation.identify.fit_options import FREE, FitOptions
-from aerodima.optimisation.identify.fit_program import FitProgram
 from aerodima.optimisation.identify.fit_result import FitResult, make_result
 from aerodima.optimisation.identify.gauss_newton import SolverOptions, solve_from
 from aerodima.optimisation.identify.least_squares import (
@@ -96,7 +95,7 @@ _NEAR = 25.0
 
 
 def prior_range(name: str) -> tuple[float, float]:
-    """Range of an unknown of `UNITS` that is known beforehand."""
+    """Look up the range of an unknown of `UNITS` that is known beforehand."""
     if name == DELAY:
         return DELAY_RANGE
     if name == "acceleration_bias_y":
@@ -108,7 +107,9 @@ def prior_range(name: str) -> tuple[float, float]:
 
 
 def unknowns(drive: CarDrive) -> Parameters:
-    """Unknowns of a fit, from the middle of their ranges; bounds lie half a range beyond them."""
+    """Make the unknowns of a fit, from the middle of their ranges; bounds lie half a range beyond
+    them.
+    """
     gps = drive.channels["speed"]
     before = gps.value[gps.time < max(drive.turn, gps.time[1])]
     least = {
@@ -157,7 +158,9 @@ class CarModel:
         self._runs: dict[tuple[float, ...], Mapping[str, FloatArray]] = {}
 
     def problem(self, x: FloatArray) -> Problem:
-        """The least-squares problem; its differences go from x to the middle of the ranges."""
+        """State the least-squares problem; its differences go from x to the middle of the
+        ranges.
+        """
         steps = {**STEPS, DELAY: 2.0 * self._step} if self.drive.tailed else STEPS
         sizes = np.array([steps.get(name, 1e-3) for name in self.parameters.names])
         return Problem(
@@ -188,7 +191,7 @@ class CarModel:
         return self._runs[key]
 
     def rows(self, x: FloatArray, step: float | None = None) -> FloatArray:
-        """Model less log, then unknown less its prior, in their units (m).
+        """Compute model less log, then unknown less its prior, in their units (m).
 
         Commands are late by whole ticks; what the delay differs by shifts the motion in time. That
         is exact for the steering, but not for a tail, whose commands are not late.
@@ -251,7 +254,7 @@ class CarModel:
         return np.array(list(best.values()))
 
     def _truncated_cost(self, motion: Mapping[str, FloatArray]) -> float:
-        """Squares of the residual, none larger than those at `_TRUNCATION`."""
+        """Sum the squares of the residual, none larger than those at `_TRUNCATION`."""
         cost = 0.0
         for name, channel in self.drive.channels.items():
             size = np.abs(motion[name] - channel.value) / _TRUNCATION[name]
@@ -283,15 +286,16 @@ def fit_car(drive: CarDrive) -> FitResult:
     model = CarModel(drive)
     far = replace(_OPTIONS, settled=_NEAR)
     start = model.start()
-    first = solve_from(FitProgram(model.problem(start)), start, far)
+    first = solve_from(model.problem(start), start, far)
     model.find_step_error(first.x)
     weighed = replace(_OPTIONS, reweigh=model.weigh)
-    best = solve_from(FitProgram(model.problem(first.x)), first.x, weighed)
-    return _result(model, replace(best, iterations=first.iterations + best.iterations))
+    best = solve_from(model.problem(first.x), first.x, weighed)
+    iterations = first.iterations + best.iterations
+    return _result(model, replace(best, start=start, iterations=iterations))
 
 
 def _result(model: CarModel, best: StartResult) -> FitResult:
-    """The result of a model whose scales have settled."""
+    """Make the result of a model whose scales have settled."""
     x = best.x
     problem = model.problem(x)
     opened = []

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from aerodima.optimisation.identify.log_rig import named
 from aerodima.workbench.car.car_sensors import STEPS
 from aerodima.workbench.car.laws import steady_speed
 from aerodima.workbench.car.turn_signals import STEERED
@@ -22,7 +21,7 @@ from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import FitError, LogError, UserError
 from aerodima.workbench.logs.log_findings import refuse_inconsistent_rates
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.logs.signals import check_signals, median_step
+from aerodima.workbench.logs.signals import check_signals, median_step, naming
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import IMU
 
@@ -103,12 +102,12 @@ class LoggedCommands:
     memory_size: int = 0
 
     def at(self, time: float) -> DriverInput:
-        """Inputs at `time` s since the start."""
+        """Return the inputs at `time` s since the start."""
         steering = self.driver[0, self._row(time - self.latency)]
         return DriverInput(float(steering), *self.driver[1:, self._row(time)].tolist())
 
     def start(self) -> FloatArray:
-        """The empty memory of a law without memory."""
+        """Return the empty memory of a law without memory."""
         return np.zeros(0)
 
     def step(
@@ -212,7 +211,7 @@ def car_drive(log: RunLog, settings: tuple[str, ...] = ()) -> CarDrive:
         FitError: a log of something else, without a turn, too short.
         ScenarioError: its scenario or a setting is wrong.
     """
-    with named(log.name):
+    with naming(log.name):
         return _car_drive(log, settings)
 
 
@@ -281,7 +280,7 @@ def _wrong_units(log: RunLog) -> list[str]:
 def _losses(
     scenario: Scenario, signals: Mapping[str, FloatArray], turn: int
 ) -> dict[str, np.ndarray]:
-    """Where no model can follow the car any more (n): reason -> flags.
+    """Flag where no model can follow the car any more (n): reason -> flags.
 
     Args:
         turn: row of the first steering command.
@@ -296,7 +295,7 @@ def _losses(
 
 
 def _channel(log: RunLog, name: str, scenario: Scenario, span: tuple[float, float]) -> Channel:
-    """Samples of a sensor within a span, s: a row of the log for each, at its own time."""
+    """Take the samples of a sensor within a span, s: a row of the log for each, at its own time."""
     source, column, _ = CHANNELS[name]
     age = log.signal(f"status_{source}_age_s")
     values = log.signal(column)
@@ -329,8 +328,8 @@ def _channel(log: RunLog, name: str, scenario: Scenario, span: tuple[float, floa
 
 
 def _fresh_rows(taken: FloatArray, gap: float) -> list[int]:
-    """Rows whose sample was taken (n), s, later by more than the gap, s, than that of the fresh row
-    before.
+    """List the rows whose sample was taken (n), s, later by more than the gap, s, than that of the
+    fresh row before.
     """
     rows: list[int] = []
     last = -math.inf

@@ -32,7 +32,7 @@ _ANGLE_STEP = 1.0
 
 
 def weights(resnorms: FloatArray) -> FloatArray:
-    """w_i of eqs. 4.29 and 4.30.
+    """Compute w_i of eqs. 4.29 and 4.30.
 
     Raises:
         FitError: a resnorm that is not above zero; its weight would be infinite.
@@ -48,7 +48,7 @@ def weights(resnorms: FloatArray) -> FloatArray:
 
 
 def averages(values: FloatArray, resnorms: FloatArray) -> dict[str, float]:
-    """All averages of one quantity over several fits.
+    """Compute all averages of one quantity over several fits.
 
     Args:
         values: (n).
@@ -74,7 +74,8 @@ def averages(values: FloatArray, resnorms: FloatArray) -> dict[str, float]:
 
 
 def averages_table(results: Sequence[FitResult], keys: Sequence[str] = ()) -> pd.DataFrame:
-    """All averages of every determined parameter over several fits; the start of a swing is none.
+    """Tabulate all averages of every determined parameter over several fits; the start of a swing
+    is none.
 
     Args:
         keys: facts that tell the groups apart, such as tail and wind speed.
@@ -103,8 +104,8 @@ def averages_table(results: Sequence[FitResult], keys: Sequence[str] = ()) -> pd
 
 
 def huber_location(values: FloatArray) -> float:
-    """The value with the least Huber loss; its scale is 1.4826 times the median deviation from the
-    median.
+    """Find the value with the least Huber loss; its scale is 1.4826 times the median deviation
+    from the median.
 
     The zero of a sum that falls with the location, so it is found however near to each other the
     values lie.
@@ -123,12 +124,12 @@ def huber_location(values: FloatArray) -> float:
 
 
 def node_angle(result: FitResult) -> float:
-    """The angle of the node that a hold belongs to, degrees."""
+    """Return the angle of the node that a hold belongs to, degrees."""
     return _ANGLE_STEP * abs(round(float(result.facts["angle_deg"]) / _ANGLE_STEP))
 
 
 def static_sets(results: Sequence[FitResult]) -> tuple[dict[str, dict[str, Any]], list[str]]:
-    """Per tail and axis the content of a coefficient file, from what static fits determined.
+    """Make per tail and axis the content of a coefficient file, from what static fits determined.
 
     A node is the resnorm-weighted average (eqs. 4.29-4.31) of its tests, with mean, median, Huber
     location and percentiles beside it. Sets that do not span two angles and two speeds make no
@@ -197,7 +198,7 @@ def _average(name: str, pairs: Sequence[tuple[float, float]]) -> dict[str, float
 
 
 def robot_tail_set(results: Sequence[FitResult]) -> dict[str, Any] | None:
-    """A speed table of C_N from fits in bins; None with fewer than two bins."""
+    """Make a speed table of C_N from fits in bins; None with fewer than two bins."""
     bins: dict[float, list[tuple[float, float]]] = defaultdict(list)
     for result in results:
         for estimate in result.free:

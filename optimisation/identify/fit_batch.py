@@ -126,7 +126,7 @@ def _unique(logs: Sequence[Path | str]) -> list[str]:
 
 
 def _fit_log(work: Fit, name: str) -> dict[str, Any]:
-    """The outcome of one log as plain data; errors of the log included."""
+    """Return the outcome of one log as plain data; errors of the log included."""
     try:
         return {"log": name, "result": asdict(work(name)), "error": ""}
     except (UserError, OSError) as error:
@@ -140,7 +140,7 @@ def _failed(name: str, reason: str = WORKER_KILLED) -> dict[str, Any]:
 
 
 def _key(name: str, versions: str) -> str:
-    """Hash that changes with the log, its file or the versions of the software."""
+    """Make a hash that changes with the log, its file or the versions of the software."""
     try:
         state = Path(name).stat()
     except OSError:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 from aerodima.optimisation.identify.huber import Loss
 from aerodima.optimisation.identify.least_squares import Parameter
 from aerodima.workbench.core.errors import FitError
 
 Knowledge = Literal["uncertain", "exact"]
-
-
-KNOWLEDGE: tuple[Knowledge, ...] = ("uncertain", "exact")
+KNOWLEDGE = get_args(Knowledge)
 
 
 @dataclass(frozen=True)
@@ -41,8 +39,8 @@ class FitOptions:
     constants: Knowledge = "uncertain"
 
     def bounded(self, parameters: Sequence[Parameter]) -> list[Parameter]:
-        """The parameters within these bounds, their seeds too; FitError for a bound that belongs to
-        none of them.
+        """Put the parameters within these bounds, their initial values too; FitError for a bound
+        that belongs to none of them.
         """
         self.require_known([p.name for p in parameters])
         limits = {name: (low, high) for name, low, high in self.bounds}
@@ -55,7 +53,7 @@ class FitOptions:
         return within
 
     def require_known(self, names: Sequence[str]) -> None:
-        """FitError for a bound on something that the fit does not have."""
+        """Raise FitError for a bound on something that the fit does not have."""
         unknown = [name for name, _, _ in self.bounds if name not in names]
         if unknown:
             raise FitError(f"bound on {unknown[0]!r}: the free parameters are {', '.join(names)}")

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from aerodima.optimisation.identify.fit_program import FitProgram
+from aerodima.optimisation.identify.fit_program import FitProgram, as_program
 from aerodima.optimisation.identify.fit_result import Channels, FitResult, make_result
 from aerodima.optimisation.identify.gauss_newton import solve
 from aerodima.optimisation.identify.huber import Loss, solve_huber
@@ -56,7 +56,7 @@ def fit(
     make_noise: NoiseModel = old_noise or noise
     channels = channels or {}
     facts = dict(facts or {})
-    program = problem if isinstance(problem, FitProgram) else FitProgram(problem)
+    program = as_program(problem)
     problem = program.problem
     if program.linear_terms().present:
         if loss != "squares" or rig is not None:

@@ -49,12 +49,12 @@ class LinearTerms:
         return bool(len(self.rows) or len(self.factor) or np.any(self.slope))
 
     def cost(self, x: FloatArray) -> float:
-        """Value of the costs."""
+        """Compute the costs."""
         quadratic = 0.5 * float(np.sum(np.square(self.factor @ x)))
         return quadratic + float(self.slope @ x) + self.constant
 
     def scaled(self, scales: FloatArray) -> LinearTerms:
-        """The same in unknowns / scales."""
+        """Express them in unknowns / scales."""
         return replace(
             self,
             factor=self.factor * scales,
@@ -63,7 +63,7 @@ class LinearTerms:
         )
 
     def about(self, x: FloatArray) -> LinearTerms:
-        """The same in the change from x; the constant is left out."""
+        """Express them in the change from x; the constant is left out."""
         reached = self.rows @ x
         return replace(
             self,
@@ -73,9 +73,12 @@ class LinearTerms:
             upper=self.upper - reached,
         )
 
-    def without_costs(self) -> LinearTerms:
-        """The constraints alone."""
-        return replace(self, factor=self.factor[:0], slope=0.0 * self.slope, constant=0.0)
+
+def as_program(problem: Problem | FitProgram) -> FitProgram:
+    """State a problem as its program; a program is left as it is."""
+    if isinstance(problem, FitProgram):
+        return problem
+    return FitProgram(problem)
 
 
 class FitProgram:
@@ -99,11 +102,11 @@ class FitProgram:
         prog.SetInitialGuess(self.x, parameters.initial)
 
     def __getitem__(self, name: str) -> Any:
-        """The decision variable of an unknown."""
+        """Return the decision variable of an unknown."""
         return self.x[self.problem.parameters.names.index(name)]
 
     def _half_square(self, x: Any) -> Any:
-        """|residual|^2 / 2 at x (p), of numbers or of AutoDiffXd."""
+        """Compute |residual|^2 / 2 at x (p), of numbers or of AutoDiffXd."""
         if x.dtype == float:
             return 0.5 * float(np.sum(np.square(self.problem.finite_residual(x))))
         values = ExtractValue(x)[:, 0]
@@ -147,7 +150,7 @@ class FitProgram:
         )
 
     def _at_origin(self, bindings: list[Any]) -> tuple[FloatArray, FloatArray]:
-        """Values (k) and gradients (k x p) of bindings where all unknowns are zero."""
+        """Compute values (k) and gradients (k x p) of bindings where all unknowns are zero."""
         count = len(self.x)
         origin = InitializeAutoDiff(np.zeros(count))[:, 0]
         values = [np.zeros(0)]
@@ -159,7 +162,7 @@ class FitProgram:
         return np.concatenate(values), np.concatenate(rows)
 
     def _factor(self, hessian: FloatArray) -> FloatArray:
-        """F (q x p) with F'F the Hessian; FitError where it is not convex."""
+        """Compute F (q x p) with F'F the Hessian; FitError where it is not convex."""
         values, vectors = np.linalg.eigh(hessian)
         largest = float(np.max(np.abs(values)))
         if float(values[0]) < _CONVEX * largest:

@@ -115,7 +115,7 @@ def _findings(
 
 
 def _origins(results: Sequence[FitResult], budget: pd.DataFrame) -> list[Section]:
-    """Shares of the variances, and what of the rig differs from `models/`."""
+    """List shares of the variances, and what of the rig differs from `models/`."""
     sections = []
     if len(budget):
         shares = budget.drop(columns="fit").groupby("parameter", sort=False).median()
@@ -131,8 +131,8 @@ def _origins(results: Sequence[FitResult], budget: pd.DataFrame) -> list[Section
 
 
 def budget_table(results: Sequence[FitResult]) -> pd.DataFrame:
-    """Shares of the variance of every determined parameter: a row each, a column for noise and each
-    constant.
+    """Tabulate shares of the variance of every determined parameter: a row each, a column for
+    noise and each constant.
     """
     rows = []
     for result in results:
@@ -143,7 +143,7 @@ def budget_table(results: Sequence[FitResult]) -> pd.DataFrame:
 
 
 def _plain(result: FitResult) -> dict[str, Any]:
-    """The content of the YAML file for one fit; the order of its keys is part of it."""
+    """Make the content of the YAML file for one fit; the order of its keys is part of it."""
     content = asdict(result)
     del content["curves"]
     renamed = {"unidentifiable": "not_determined"}
@@ -151,7 +151,7 @@ def _plain(result: FitResult) -> dict[str, Any]:
 
 
 def _numbers(value: Any) -> Any:
-    """Plain Python values all the way down."""
+    """Convert to plain Python values all the way down."""
     if isinstance(value, Mapping):
         return {str(key): _numbers(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -166,7 +166,7 @@ def _heading(name: str) -> str:
 
 
 def _estimates(results: Sequence[FitResult]) -> Table:
-    """A row per fit and parameter."""
+    """Tabulate a row per fit and parameter."""
     rows = [
         [
             short_name(r.name),
@@ -191,7 +191,9 @@ def _estimates(results: Sequence[FitResult]) -> Table:
 
 
 def _facts(results: Sequence[FitResult]) -> pd.DataFrame:
-    """A row per fit: what was fitted, how large the residuals are, how the search ended."""
+    """Tabulate a row per fit: what was fitted, how large the residuals are, how the search
+    ended.
+    """
     rows = []
     for r in results:
         rms = {f"rms of {channel}": value for channel, value in r.residual_rms.items()}

@@ -46,7 +46,7 @@ class Estimate:
     noise_deviation: float = math.nan
 
     def holds(self, truth: float) -> bool:
-        """Whether the interval holds a value."""
+        """Tell whether the interval holds a value."""
         return self.lower <= truth <= self.upper
 
 
@@ -58,7 +58,8 @@ class FitResult:
         name: of the log or table that was fitted.
         estimates: of all parameters, the frozen ones included.
         covariance: of the free parameters, in the order of `free` (p x p).
-        cost: |weighted residual|^2 / 2.
+        cost: |weighted residual|^2 / 2, of Huber's loss with `loss="huber"`.
+        added_cost: value of the costs that a user added to the program, not in `cost`.
         residual_rms: root mean square of the residual per channel, in the channel's unit.
         success, status: of the solver.
         attempts: all starts that were tried: start, cost, success, status, iterations.
@@ -92,9 +93,10 @@ class FitResult:
     rig: Mapping[str, Any] = field(default_factory=dict)
     budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     constants: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    added_cost: float = 0.0
 
     def __getitem__(self, name: str) -> Estimate:
-        """The estimate of that name; KeyError lists those there are."""
+        """Return the estimate of that name; KeyError lists those there are."""
         estimates = {estimate.name: estimate for estimate in self.estimates}
         if name not in estimates:
             raise KeyError(f"{name!r}; estimated: {', '.join(estimates)}")
@@ -113,7 +115,9 @@ class FitResult:
         return 2.0 * max(self.cost, 1e-12)
 
     def row(self) -> dict[str, Any]:
-        """One row for CSV: facts, then value, standard deviation and interval of each parameter."""
+        """Make one row for CSV: facts, then value, standard deviation and interval of each
+        parameter.
+        """
         row: dict[str, Any] = {"fit": self.name, **self.facts}
         for e in self.estimates:
             suffix = "" if e.unit in ("1", "") else "_" + unit_suffix(e.unit)
@@ -190,7 +194,8 @@ def make_result(
         name=solution.problem.name,
         estimates=tuple(estimates),
         covariance=tuple(map(tuple, covariance)),
-        cost=best.cost,
+        cost=best.cost - best.added_cost,
+        added_cost=best.added_cost,
         residual_rms=rms,
         success=best.success,
         status=best.status,
@@ -203,7 +208,7 @@ def make_result(
 
 
 def _estimates(solution: Solution, intervals: Uncertainty) -> list[Estimate]:
-    """Estimates of all parameters, in their order."""
+    """List the estimates of all parameters, in their order."""
     parameters = solution.problem.parameters
     bounds = parameters.active(solution.x)
     indices = {name: i for i, name in enumerate(parameters.names)}
@@ -233,7 +238,7 @@ def _estimates(solution: Solution, intervals: Uncertainty) -> list[Estimate]:
 
 
 def _attempts(solution: Solution) -> tuple[dict[str, Any], ...]:
-    """The starts as plain data."""
+    """Write the starts as plain data."""
     values = solution.problem.parameters
     return tuple(
         {
@@ -253,7 +258,7 @@ def _by_name(parameters: Parameters, x: np.ndarray) -> dict[str, float]:
 
 
 def _bound_warnings(estimates: Sequence[Estimate], beyond: Mapping[str, float]) -> list[str]:
-    """Warnings of what stopped at a bound; `beyond` is in standard deviations, by name."""
+    """Warn of what stopped at a bound; `beyond` is in standard deviations, by name."""
     at_bounds = [e for e in estimates if e.bound]
     warnings = []
     for e in at_bounds:

@@ -10,16 +10,16 @@ It works on value / scale and on a residual that the caller has divided by its w
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
-from aerodima.optimisation.identify.fit_program import FitProgram, LinearTerms
+from aerodima.optimisation.identify.fit_program import FitProgram, LinearTerms, as_program
 from aerodima.optimisation.identify.least_squares import Problem, Solution, StartResult
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.deprecation import warn_renamed
+from aerodima.workbench.core.deprecation import renamed
 from aerodima.workbench.core.errors import FitError
 
 _MIN_DAMPING = 1e-8
@@ -79,25 +79,20 @@ class SolverOptions:
 DEFAULT = SolverOptions()
 
 
-def solve(
-    problem: Problem | FitProgram,
-    starts: Sequence[FloatArray] | None = None,
-    options: SolverOptions = DEFAULT,
-) -> Solution:
+def solve(problem: Problem | FitProgram, starts: Sequence[FloatArray] | None = None) -> Solution:
     """Solve from every start and keep the lowest cost; of costs within 1 % that of a success.
 
     Args:
         problem: or its program, with what was added to it.
         starts: vectors of the unknowns (p); the initial values by default.
-        options: of the solver.
 
     Raises:
         FitError: no start gave a finite residual; the message has the reason of each.
     """
-    program = problem if isinstance(problem, FitProgram) else FitProgram(problem)
+    program = as_program(problem)
     problem = program.problem
     starts = [problem.parameters.initial] if starts is None else starts
-    attempts = tuple(solve_from(program, np.asarray(start, float), options) for start in starts)
+    attempts = tuple(solve_from(program, np.asarray(start, float)) for start in starts)
     best = best_start(attempts)
     if not np.isfinite(best.cost):
         reasons = "; ".join(dict.fromkeys(attempt.status for attempt in attempts))
@@ -107,7 +102,7 @@ def solve(
 
 
 def best_start(results: Sequence[StartResult]) -> StartResult:
-    """The result of lowest cost; of costs within 1 % that of a success."""
+    """Choose the result of lowest cost; of costs within 1 % that of a success."""
     least = min(result.cost for result in results)
     same = _SAME_COST * least if least >= 0.0 else least / _SAME_COST  # added costs may be negative
     near = [result for result in results if result.cost <= same]
@@ -115,25 +110,16 @@ def best_start(results: Sequence[StartResult]) -> StartResult:
 
 
 def solve_from(
-    program: FitProgram,
-    start: FloatArray,
-    options: SolverOptions = DEFAULT,
-    jacobian: FloatArray | None = None,
+    problem: Problem | FitProgram, start: FloatArray, options: SolverOptions = DEFAULT
 ) -> StartResult:
-    """Solve from one start (p).
-
-    Args:
-        jacobian: of the residual at the start (m x p), if it is known.
-    """
-    return _Descent(program, options, jacobian).run(start)
+    """Solve from one start (p)."""
+    return _Descent(as_program(problem), options).run(start)
 
 
 class _Descent:
     """State of one solution; vectors in unknowns / scales."""
 
-    def __init__(
-        self, program: FitProgram, options: SolverOptions, jacobian: FloatArray | None
-    ) -> None:
+    def __init__(self, program: FitProgram, options: SolverOptions) -> None:
         parameters = program.problem.parameters
         self.problem = program.problem
         self.options = options
@@ -142,8 +128,8 @@ class _Descent:
         self.upper = parameters.upper / self.scales
         self.terms = program.linear_terms().scaled(self.scales)
         self.damping = _MIN_DAMPING
-        self.J = None if jacobian is None else jacobian * self.scales
-        self.kept = jacobian is not None
+        self.J: FloatArray | None = None
+        self.kept = False
         self.predicted = np.inf
         self.z = np.zeros(0)
         self.r = np.zeros(0)
@@ -170,12 +156,15 @@ class _Descent:
                 ending = False, str(error)
         success, status = ending or (False, f"{step} steps were not enough")
         jacobian = None if self.J is None else self.J / self.scales
-        return StartResult(start, self.z * self.scales, self.cost, success, status, step, jacobian)
+        x = self.z * self.scales
+        added = self.terms.cost(self.z)
+        return StartResult(start, x, self.cost, success, status, step, jacobian, added)
 
     def _feasible(self, z: FloatArray) -> FloatArray:
         """Find the nearest point that meets the constraints."""
         count = len(z)
-        terms = self.terms.about(z).without_costs()
+        terms = self.terms.about(z)
+        terms = replace(terms, factor=terms.factor[:0], slope=0.0 * terms.slope)  # without costs
         bounds = (self.lower - z, self.upper - z)
         return z + bounded_step(np.eye(count), np.zeros(count), 0.0, *bounds, terms)
 
@@ -251,7 +240,7 @@ class _Descent:
             return None
 
     def _lowers(self, d: FloatArray, r: FloatArray | None, limit: float) -> bool:
-        """Whether the cost after a step is within the limit."""
+        """Tell whether the cost after a step is within the limit."""
         return r is not None and self._cost(self.z + d, r) <= limit
 
     def _shorten(self, d: FloatArray, predicted: float) -> tuple[bool, str] | None:
@@ -292,11 +281,11 @@ class _Descent:
         return None
 
     def _is_short(self, d: FloatArray) -> bool:
-        """Whether a step is small against the unknowns."""
+        """Tell whether a step is small against the unknowns."""
         return bool(np.linalg.norm(d) <= _STEP_TOLERANCE * (1.0 + np.linalg.norm(self.z)))
 
     def _free_gradient(self, gradient: FloatArray) -> float:
-        """Largest slope along which the bounds let z move."""
+        """Find the largest slope along which the bounds let z move."""
         held_low = (self.z <= self.lower) & (gradient > 0.0)
         held_high = (self.z >= self.upper) & (gradient < 0.0)
         return float(np.max(np.abs(np.where(held_low | held_high, 0.0, gradient))))
@@ -310,7 +299,7 @@ def bounded_step(
     high: FloatArray,
     terms: LinearTerms,
 ) -> FloatArray:
-    """The step d (n) of least |R d + c|^2 / 2 + damping s^2 |d|^2 / 2 and costs of `terms`.
+    """Find the step d (n) of least |R d + c|^2 / 2 + damping s^2 |d|^2 / 2 and costs of `terms`.
 
     R is (k, n), c is (k), low and high are (n), s is the least singular value of R that counts. The
     step lies within low <= d <= high and meets the constraints of `terms`.
@@ -368,13 +357,7 @@ def _exact_inside(
     return step
 
 
-def solve_rollout(problem: Problem, start: FloatArray) -> StartResult:
-    """Solves from one start; the old name of `solve_from`."""
-    warn_renamed("solve_rollout", "solve_from")
-    return solve_from(FitProgram(problem), start)
-
-
-def solve_formula(problem: Problem, start: FloatArray) -> StartResult:
-    """Solves from one start; the old name of `solve_from`."""
-    warn_renamed("solve_formula", "solve_from")
-    return solve_from(FitProgram(problem), start)
+solve_rollout = renamed("solve_rollout", solve_from)
+"""Deprecated alias of `solve_from`."""
+solve_formula = renamed("solve_formula", solve_from)
+"""Deprecated alias of `solve_from`."""

@@ -115,7 +115,7 @@ def _huber_weight(size: FloatArray) -> FloatArray:
 
 
 def residual_warnings(mean: HoldMean, channels: list[str], time: FloatArray) -> list[str]:
-    """Warnings of what the readings do that noise does not."""
+    """Warn of what the readings do that noise does not."""
     checks = dict(zip(channels, mean.checks, strict=True))
     far = {name: check for name, check in checks.items() if check.far_off >= FEW_FAR_OFF}
     warnings = []

@@ -8,7 +8,7 @@ residual, which is the standard deviation of normal data however far a minority 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from aerodima.optimisation.identify.least_squares import Problem, Solution
 from aerodima.workbench.core.array_types import FloatArray
 
 Loss = Literal["squares", "huber"]
-LOSSES: tuple[Loss, ...] = ("squares", "huber")
+LOSSES = get_args(Loss)
 LIMIT = 1.345
 """Limit of the squares, in standard deviations: 95 % efficient on normal data."""
 _NORMAL = 1.4826
@@ -40,7 +40,7 @@ def huber(residual: FloatArray, limit: float = LIMIT) -> FloatArray:
 
 
 def spread(values: FloatArray) -> float:
-    """Robust standard deviation: 1.4826 times the median deviation from the median."""
+    """Compute the robust standard deviation: 1.4826 times the median deviation from the median."""
     return _NORMAL * float(np.median(np.abs(values - np.median(values))))
 
 
@@ -107,7 +107,7 @@ def solve_huber(problem: Problem, squares: Solution) -> HuberSolution:
 
 
 def _huberised(problem: Problem, scale: float) -> Problem:
-    """The problem whose squares are Huber's loss."""
+    """State the problem whose squares are Huber's loss."""
     jacobian = problem.jacobian
 
     def residual(x: FloatArray) -> FloatArray:

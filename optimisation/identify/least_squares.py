@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import InitVar, dataclass, replace
+from dataclasses import dataclass, replace
+from functools import wraps
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -17,6 +19,7 @@ from aerodima.workbench.core.errors import FitError
 
 Residual = Callable[[FloatArray], FloatArray]
 Jacobian = Callable[[FloatArray], FloatArray]
+T = TypeVar("T")
 
 _DIFFERENCE = 1e-5
 """Step of one-sided differences, in scales: sqrt(1e-10), for rollouts that repeat to about ten
@@ -27,6 +30,23 @@ _AT_BOUND = 1e-6
 """Distance from a bound, in scales, within which an unknown is at it."""
 
 
+def _accept_seed(kind: type[T]) -> type[T]:
+    """Let a class take the deprecated keyword `seed` for `initial`."""
+    untyped: Any = kind
+    make = untyped.__init__
+
+    @wraps(make)
+    def make_with_seed(self: T, *arguments: Any, **options: Any) -> None:
+        if "seed" in options:
+            warn_renamed("Parameter(seed=)", "initial=")
+            options["initial"] = options.pop("seed")
+        make(self, *arguments, **options)
+
+    untyped.__init__ = make_with_seed
+    return kind
+
+
+@_accept_seed
 @dataclass(frozen=True)
 class Parameter:
     """One number of a model.
@@ -42,7 +62,7 @@ class Parameter:
         prior_std: standard deviation with which the initial value is known beforehand; infinite
             when nothing is known. Fits with constants of a rig and of a car use it; a problem of
             your own has a row (value - initial) / prior_std in its weighted residual.
-        seed: deprecated keyword for `initial`.
+        seed: deprecated name of `initial`.
 
     Raises:
         FitError: bounds that are NaN, empty or exclude the initial value, or one that is not
@@ -57,12 +77,8 @@ class Parameter:
     fixed: bool = False
     scale: float | None = None
     prior_std: float = math.inf
-    seed: InitVar[float | None] = None
 
-    def __post_init__(self, seed: float | None) -> None:
-        if seed is not None:
-            warn_renamed("Parameter(seed=)", "initial=")
-            object.__setattr__(self, "initial", seed)
+    def __post_init__(self) -> None:
         who = f"parameter {self.name!r}"
         bounds = f"{self.lower:g} .. {self.upper:g}"
         if not math.isfinite(self.initial):
@@ -76,6 +92,12 @@ class Parameter:
             )
         if self.scale is not None and not 0.0 < self.scale < math.inf:
             raise FitError(f"{who}: the scale is {self.scale}, but must be a finite number above 0")
+
+    @property
+    def seed(self) -> float:
+        """Return the initial value, in `unit`; deprecated."""
+        warn_renamed("Parameter.seed", "initial")
+        return self.initial
 
     @property
     def size(self) -> float:
@@ -93,7 +115,7 @@ class Parameter:
         return math.isfinite(self.prior_std)
 
     def starting_at(self, value: float) -> Parameter:
-        """The parameter with another initial value, moved into the bounds."""
+        """Make the parameter with another initial value, moved into the bounds."""
         return replace(self, initial=min(max(value, self.lower), self.upper))
 
 
@@ -151,12 +173,12 @@ class Parameters:
         return np.array([parameter.size for parameter in self.free])
 
     def values(self, x: Sequence[float] | FloatArray) -> dict[str, float]:
-        """All values by name, the fixed ones included, for a vector of the unknowns."""
+        """List all values by name, the fixed ones included, for a vector of the unknowns."""
         values = {parameter.name: parameter.initial for parameter in self.all}
         return values | dict(zip(self.names, map(float, x), strict=True))
 
     def starts(self, starts: Iterable[Mapping[str, float]] = ()) -> list[FloatArray]:
-        """Vectors to start from: the initial values, then further ones by name.
+        """List the vectors to start from: the initial values, then further ones by name.
 
         A missing name keeps its initial value.
 
@@ -176,13 +198,13 @@ class Parameters:
         return vectors
 
     def sides(self, x: FloatArray) -> IntArray:
-        """Sides on which unknowns sit on a bound (p): -1 lower, 1 upper, else 0."""
+        """Tell the sides on which unknowns sit on a bound (p): -1 lower, 1 upper, else 0."""
         margin = _AT_BOUND * self.scales
         at_upper = np.where(x >= self.upper - margin, 1, 0)
         return np.where(x <= self.lower + margin, -1, at_upper)
 
     def active(self, x: FloatArray) -> dict[str, str]:
-        """Unknowns that sit on a bound, with `lower` or `upper`."""
+        """List the unknowns that sit on a bound, with `lower` or `upper`."""
         words = {-1: "lower", 1: "upper"}
         sides = zip(self.names, self.sides(x).tolist(), strict=True)
         return {name: words[side] for name, side in sides if side}
@@ -209,7 +231,7 @@ class Problem:
     steps: FloatArray | None = None
 
     def finite_residual(self, x: FloatArray) -> FloatArray:
-        """The residual (m); FitError that names the unknowns when it is not finite."""
+        """Compute the residual (m); FitError that names the unknowns when it is not finite."""
         r = np.asarray(self.residual(x), float)
         bad = np.flatnonzero(~np.isfinite(r))
         if bad.size:
@@ -219,7 +241,8 @@ class Problem:
         return r
 
     def forward_jacobian(self, x: FloatArray, at_x: FloatArray) -> FloatArray:
-        """The Jacobian (m x p): given, or one-sided differences that stay within the bounds.
+        """Compute the Jacobian (m x p): given, or one-sided differences that stay within the
+        bounds.
 
         Raises:
             FitError: it is not finite.
@@ -238,7 +261,7 @@ class Problem:
         return J
 
     def central_jacobian(self, x: FloatArray) -> FloatArray:
-        """The Jacobian for the covariance (m x p): given, or central differences.
+        """Compute the Jacobian for the covariance (m x p): given, or central differences.
 
         One-sided at a bound, and where the model ends on the other side.
 
@@ -268,7 +291,7 @@ class Problem:
     def _end_of_difference(
         self, x: FloatArray, index: int, value: float
     ) -> tuple[float, FloatArray]:
-        """Value and residual (m) of one end; those of x where the model does not exist."""
+        """Compute value and residual (m) of one end; those of x where the model does not exist."""
         moved = x.copy()
         moved[index] = value
         try:
@@ -277,7 +300,7 @@ class Problem:
             return x[index], self.finite_residual(x)
 
     def describe(self, x: FloatArray) -> str:
-        """The unknowns in words."""
+        """Describe the unknowns in words."""
         pairs = zip(self.parameters.free, x, strict=True)
         return ", ".join(f"{p.name} = {value:.6g} {p.unit}" for p, value in pairs)
 
@@ -289,6 +312,7 @@ class StartResult:
     Attributes:
         start, x: unknowns (p).
         cost: value of all costs of the program; infinite when there never was a finite one.
+        added_cost: part of it that was added to |residual|^2 / 2.
         success: the solver met its tolerances.
         status: in the solver's words.
         iterations: steps of the solver.
@@ -302,6 +326,7 @@ class StartResult:
     status: str
     iterations: int
     jacobian: FloatArray | None = None
+    added_cost: float = 0.0
 
 
 @dataclass(frozen=True)

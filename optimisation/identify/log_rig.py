@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import lru_cache
 from typing import Any
 
@@ -18,7 +16,7 @@ import numpy as np
 
 from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.errors import FitError, LogError
+from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.core.yaml_files import find_file, read_yaml
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals
@@ -40,7 +38,8 @@ _FACTS = (("tail", ("1", "2", "3")), ("axis", ("major", "minor")))
 
 
 def checked_angle(log: RunLog, kind: str, least: int) -> tuple[FloatArray, FloatArray]:
-    """Times (s) and angles (rad) of a log (n each), once both are what a fit of this kind can use.
+    """Read times (s) and angles (rad) of a log (n each), once both are what a fit of this kind can
+    use.
 
     Raises:
         LogError: unsorted time, gap or NaN, with column and time.
@@ -61,15 +60,6 @@ def checked_angle(log: RunLog, kind: str, least: int) -> tuple[FloatArray, Float
     return time, angle
 
 
-@contextmanager
-def named(name: str) -> Iterator[None]:
-    """Names a log in the errors that are raised within this context."""
-    try:
-        yield
-    except (LogError, FitError) as error:
-        raise type(error)(f"{name}: {str(error).removeprefix(f'{name}: ')}") from error
-
-
 def is_ours(log: RunLog) -> bool:
     """Tells whether a rig of this workbench made the log: it has the experiment of its scenario."""
     return "experiment" in log.scenario
@@ -85,7 +75,8 @@ def is_simulated(log: RunLog) -> bool:
 
 
 def rig_of(log: RunLog, kind: str, options: FitOptions = FREE) -> RigScenario:
-    """The rig that a log was made on; what a fit is to find is that of `models/`, not of the log.
+    """Make the rig that a log was made on; what a fit is to find is that of `models/`, not of the
+    log.
 
     Raises:
         FitError: the log does not say which tail was on the rig, or how fast the wind was.
@@ -159,7 +150,9 @@ def _experiment(log: RunLog, kind: str) -> dict[str, Any]:
 
 
 def wind_speed(log: RunLog, least: float, most: float) -> float:
-    """Wind speed in the log's metadata, m/s; FitError when it is missing or out of range."""
+    """Read the wind speed in the log's metadata, m/s; FitError when it is missing or out of
+    range.
+    """
     value = log.extra.get("wind_speed_m_per_s")
     if (
         isinstance(value, bool)

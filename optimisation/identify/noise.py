@@ -41,7 +41,7 @@ class Noise:
 
 
 def correlation_time(residual: FloatArray) -> float:
-    """1 + 2 sum rho_k of a signal (n): how many samples count as one; at least 1.
+    """Compute 1 + 2 sum rho_k of a signal (n): how many samples count as one; at least 1.
 
     The autocorrelation is summed in pairs until a pair is no longer positive (initial positive
     sequence): longer sums scatter too much in short logs. Of a steep filter, whose autocorrelation
@@ -64,8 +64,8 @@ def correlation_time(residual: FloatArray) -> float:
 def serial_noise(
     residual: FloatArray, channels: list[slice], unknowns: int, rounding: float = 0.0
 ) -> Noise:
-    """Noise of time series, one per channel, from the residual itself: its variance, times its
-    correlation time.
+    """Estimate the noise of time series, one per channel, from the residual itself: its variance,
+    times its correlation time.
 
     Args:
         residual: weighted, of all channels (m).
@@ -95,7 +95,9 @@ def serial_noise(
 
 
 def independent_noise(residual: FloatArray, unknowns: int) -> Noise:
-    """Noise of rows that do not repeat each other (a table): one variance, from the residual."""
+    """Estimate the noise of rows that do not repeat each other (a table): one variance, from the
+    residual.
+    """
     freedom = max(len(residual) - unknowns, 0)
     variance = float(residual @ residual) / max(freedom, 1)
     return Noise(np.full(len(residual), variance), freedom, float(len(residual)))

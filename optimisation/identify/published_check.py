@@ -21,7 +21,7 @@ from aerodima.optimisation.identify.coefficient_averages import averages
 from aerodima.optimisation.identify.fit_pipeline import fit
 from aerodima.optimisation.identify.fit_result import FitResult, make_curve
 from aerodima.optimisation.identify.huber import Loss, huber
-from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution
+from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem
 from aerodima.optimisation.identify.noise import Noise, independent_noise
 from aerodima.optimisation.identify.rig_constants import with_values
 from aerodima.workbench.core.array_types import FloatArray
@@ -38,6 +38,9 @@ _MIN_CURRENT = 0.5
 nothing."""
 _TAILS = (1, 2, 3)
 """Numbers of the tails with published holds."""
+_COPIED_TABLE = "Table 11.6"
+"""Table of the robot tail whose rows stand again in a table of a higher wind speed, where they
+cannot be from."""
 _CELL = ["tail", "axis", "angle_of_attack_deg", "wind_speed_m_per_s"]
 
 
@@ -70,52 +73,19 @@ def check_published() -> tuple[list[FitResult], dict[str, pd.DataFrame]]:
 
 
 def static_rows() -> pd.DataFrame:
-    """The 200 distinct rows of the static fits: the copied ones are left out (ERRATA E1)."""
+    """Read the 200 distinct rows of the static fits, without the copied ones (ERRATA E1)."""
     rows = published_table("static_fits")
-    return rows[~repeated_speed(rows)].reset_index(drop=True)
-
-
-def repeated_speed(rows: pd.DataFrame) -> pd.Series:
-    """Rows equal in every number to those of a lower wind speed at the same tail, axis, angle."""
-    cell = ["tail", "axis", "angle_of_attack_deg", "test_no"]
-    numbers = ["cd", "cl", "psi3_rad", "current_a", "resnorm"]
-    ordered = rows.sort_values("wind_speed_m_per_s", kind="stable")
-    return ordered.duplicated(cell + numbers, keep="first").reindex(rows.index)
-
-
-def _robot_values(rows: pd.DataFrame, table: str) -> FloatArray:
-    group = rows[rows.source_table == table].sort_values(["swing", "relative_velocity_m_per_s"])
-    return group[["relative_velocity_m_per_s", "cd", "resnorm"]].to_numpy(float)
-
-
-def published_twin(rows: pd.DataFrame, table: str) -> str:
-    """Another table with the same numbers, or an empty string."""
-    mine = _robot_values(rows, table)
-    others = (str(name) for name in rows.source_table.unique() if name != table)
-    return next((other for other in others if np.array_equal(mine, _robot_values(rows, other))), "")
-
-
-def duplicated_robot_tables() -> list[str]:
-    """Find of each pair of equal tables the one whose lowest relative speed exceeds the wind
-    speed.
-    """
-    rows = published_table("robot_tail_drag")
-    return [
-        str(table)
-        for table, group in rows.groupby("source_table", sort=False)
-        if published_twin(rows, str(table))
-        and group.relative_velocity_m_per_s.min() > group.wind_speed_m_per_s.iloc[0]
-    ]
+    return rows[rows.derived_repeats_wind_speed_m_per_s.isna()].reset_index(drop=True)
 
 
 def robot_tail_rows() -> pd.DataFrame:
-    """The 160 distinct coefficients of the robot tail."""
+    """Read the 160 distinct coefficients of the robot tail, without the copy (ERRATA E24)."""
     rows = published_table("robot_tail_drag")
-    return rows[~rows.source_table.isin(duplicated_robot_tables())].reset_index(drop=True)
+    return rows[rows.derived_identical_to != _COPIED_TABLE].reset_index(drop=True)
 
 
 def recompute_averages() -> pd.DataFrame:
-    """Every weighted average of Tables 4.7, 6.2, 11.1 and 11.2 recomputed beside the printed one.
+    """Recompute every weighted average of Tables 4.7, 6.2, 11.1 and 11.2 beside the printed one.
 
     Returns:
         A row per average: table, quantity, published, its `averages`, and `agrees`: whether they
@@ -160,7 +130,7 @@ def fit_line(
     channel: str,
     loss: Loss = "squares",
 ) -> FitResult:
-    """The line y = slope x + offset through points.
+    """Fit the line y = slope x + offset through points.
 
     Args:
         x, y: points (n), at least three.
@@ -179,15 +149,17 @@ def fit_line(
     problem = Problem(Parameters.of(unknowns), residual, lambda _: design, name=name)
     channels = {channel: (slice(None), height)}
     facts = {"points": len(x)}
-    return fit(problem, _independent, channels=channels, facts=facts, loss=loss)
-
-
-def _independent(solution: Solution) -> Noise:
-    return independent_noise(solution.residual, len(solution.x))
+    return fit(
+        problem,
+        lambda solution: independent_noise(solution.residual, len(solution.x)),
+        channels=channels,
+        facts=facts,
+        loss=loss,
+    )
 
 
 def robot_tail_line() -> FitResult:
-    """C_N = slope v + intercept through the 160 distinct coefficients (Tables 6.3, 11.4-11.7;
+    """Fit C_N = slope v + intercept through the 160 distinct coefficients (Tables 6.3, 11.4-11.7;
     ERRATA E26).
     """
     rows = robot_tail_rows()
@@ -208,7 +180,9 @@ def robot_tail_line() -> FitResult:
 
 
 def static_cells() -> pd.DataFrame:
-    """C_D and C_L per cell: weighted (eqs. 4.29-4.31), mean, median, Huber and percentiles."""
+    """Average C_D and C_L per cell: weighted (eqs. 4.29-4.31), mean, median, Huber and
+    percentiles.
+    """
     cells = []
     rows = static_rows()
     for cell, group in rows[~rows.published_bold_outlier.eq(True)].groupby(_CELL):
@@ -245,7 +219,9 @@ class RigConstants:
 
 
 def constants_parameters() -> Parameters:
-    """Unknown constants; seed and physical bounds: value and prior in `models/parameters/rig`."""
+    """List the unknown constants; initial value and physical bounds: value and prior in
+    `models/parameters/rig`.
+    """
     unknowns = [_unknown("maxon", "torque_constant"), _unknown("tunnel", "jet_edge_depth")]
     for tail in _TAILS:
         unknowns += [_unknown(f"tail_{tail}", key) for key in ("com_distance", "gap")]
@@ -261,7 +237,7 @@ def _unknown(section: str, key: str) -> Parameter:
 
 
 def balances() -> dict[int, StaticBalance]:
-    """The held rig with each of the three tails, with the parameters of `models/`."""
+    """Make the held rig with each of the three tails, with the parameters of `models/`."""
     return {
         tail: StaticBalance.from_scenario(
             rig_scenario_from_dict({"experiment": {"kind": "static", "tail": tail}})
@@ -271,7 +247,7 @@ def balances() -> dict[int, StaticBalance]:
 
 
 def with_constants(balance: StaticBalance, tail: int, values: dict[str, float]) -> StaticBalance:
-    """A held rig with a trial of the constants."""
+    """Make a held rig with a trial of the constants."""
     changes = {
         "maxon": {"torque_constant": values["torque_constant"]},
         "tunnel": {"jet_edge_depth": values["jet_edge_depth"]},
@@ -281,7 +257,7 @@ def with_constants(balance: StaticBalance, tail: int, values: dict[str, float]) 
 
 
 def predicted_currents(rigs: dict[int, StaticBalance], rows: pd.DataFrame) -> FloatArray:
-    """The current of each row (n), A, from its published coefficients."""
+    """Predict the current of each row (n), A, from its published coefficients."""
     currents = []
     row: Any
     for row in rows.itertuples():
@@ -333,7 +309,7 @@ def fit_rig_constants(rows: pd.DataFrame | None = None) -> RigConstants:
 
 
 def _cell_noise(residual: FloatArray, rows: pd.DataFrame, unknowns: int) -> Noise:
-    """The five tests of a cell share their error (the model's): they count as one sample."""
+    """Estimate the noise where the five tests of a cell share their error: they count as one."""
     cell = rows.groupby(_CELL).ngroup().to_numpy()
     cells = int(cell.max()) + 1
     freedom = max(cells - unknowns, 1)

@@ -71,7 +71,7 @@ def check_residual(residual: FloatArray, unknowns: int = 1) -> ResidualCheck:
 
 
 def chance_of(checks: Sequence[ResidualCheck]) -> float:
-    """Probability that noise wanders as much as several residuals together do."""
+    """Compute the probability that noise wanders as much as several residuals together do."""
     slow = sum(check.freedom[0] for check in checks)
     following = sum(check.freedom[1] for check in checks)
     wander = np.mean([check.wander for check in checks])

@@ -76,14 +76,14 @@ _STATIC_ONLY = ("mount_mass", "mount_com_x", "mount_com_y", "force_gain", *BIASE
 
 @cache
 def accuracies() -> FloatArray:
-    """Table 4.8 for the six reactions (6), N and N m; do not change it in place."""
+    """Read Table 4.8 for the six reactions (6), N and N m; do not change it in place."""
     return published_table("residual_weights").uncertainty_factor.to_numpy(float)[:6]
 
 
 @cache
 def speed_accuracy() -> float:
-    """Table 4.8 for the speed, rad/s (printed as rad/s; ERRATA E19); in rad also that of an angle,
-    one count.
+    """Read Table 4.8 for the speed, rad/s (printed as rad/s; ERRATA E19); in rad also that of an
+    angle, one count.
     """
     return float(published_table("residual_weights").uncertainty_factor.iloc[6])
 
@@ -97,7 +97,7 @@ def constant_names(kind: str) -> tuple[str, ...]:
 
 
 def require_constants(free: Sequence[str], names: Sequence[str]) -> None:
-    """FitError for a constant to free that is not among the names."""
+    """Raise FitError for a constant to free that is not among the names."""
     for name in free:
         if name not in names:
             raise FitError(
@@ -112,7 +112,7 @@ def constant_parameters(
     options: FitOptions,
     biases: Mapping[str, float] | None = None,
 ) -> tuple[Parameter, ...]:
-    """The constants that a fit varies, as shifts from the scenario: seed zero, and a deviation
+    """Make the constants that a fit varies, as shifts from the scenario: from zero, and a deviation
     unless they are free.
 
     Args:
@@ -158,7 +158,7 @@ def _unit(name: str) -> str:
 
 
 def shifted(scenario: RigScenario, values: Mapping[str, float]) -> RigScenario:
-    """The rig with its constants shifted; ranges are not checked again, trials of a fit stay near
+    """Shift the constants of a rig; ranges are not checked again, trials of a fit stay near
     the scenario.
     """
     changes: dict[str, dict[str, float]] = {}
@@ -176,7 +176,7 @@ def shifted(scenario: RigScenario, values: Mapping[str, float]) -> RigScenario:
 
 
 def with_values(scenario: RigScenario, changes: Mapping[str, Mapping[str, float]]) -> RigScenario:
-    """The rig with other values, by section and key; ranges are not checked."""
+    """Make the rig with other values, by section and key; ranges are not checked."""
     sections = {
         name: getattr(scenario, name).model_copy(update=values) for name, values in changes.items()
     }

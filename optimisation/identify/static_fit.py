@@ -61,7 +61,9 @@ _TURN = 1e-5
 
 
 def static_parameters(data: StaticData, options: FitOptions = FREE) -> Parameters:
-    """Unknowns, from the seeds of Tables 4.9 and 10.1-10.5 at the nearest angle and wind speed."""
+    """Make the unknowns, from the initial values of Tables 4.9 and 10.1-10.5 at the nearest angle
+    and wind speed.
+    """
     angle = abs(math.degrees(data.angle))
     nodes = [node for node in _seed_table() if str(node[0]) == data.facts["tail"]]
     nearest = min(
@@ -74,7 +76,7 @@ def static_parameters(data: StaticData, options: FitOptions = FREE) -> Parameter
 
 @cache
 def _seed_table() -> dict[Any, dict[str, float]]:
-    """Tail, angle (degrees) and wind speed -> name -> seed."""
+    """Read tail, angle (degrees) and wind speed -> name -> initial value."""
     keys = ["tail", "angle_of_attack_deg", "wind_speed_m_per_s"]
     table = {}
     for node, group in published_table("static_seeds").groupby(keys, sort=False):
@@ -116,7 +118,7 @@ class StaticResidual:
         return dict(zip(names, zip(rows, weights, strict=True), strict=True))
 
     def _effect(self, psi: float) -> FloatArray:
-        """Weighted rows of bar, unit C_D and unit C_L (3 x m)."""
+        """Compute the weighted rows of bar, unit C_D and unit C_L (3 x m)."""
         last, weighted = self._last
         if last != psi:
             data = self._data
@@ -126,17 +128,15 @@ class StaticResidual:
         return weighted
 
     def __call__(self, x: FloatArray) -> FloatArray:
-        """Residual (present axes + 1) of C_D, C_L, psi3 and current."""
+        """Compute the residual (present axes + 1) of C_D, C_L, psi3 and current."""
         cd, cl, psi, current = x.tolist()
         bar, drag, lift = self._effect(psi)
         return self._constant + bar + cd * drag + cl * lift + current * self._motor
 
-    def noise(self, solution: Solution) -> Noise:
-        """Noise from the errors of the force sensor and the encoder."""
-        return self.noise_at(solution.x)
-
-    def noise_at(self, x: FloatArray) -> Noise:
-        """The same at some unknowns (p)."""
+    def noise(self, x: FloatArray) -> Noise:
+        """Estimate the noise from the errors of the force sensor and the encoder at unknowns
+        (p).
+        """
         data = self._data
         rows = self._rows
         weights = self._weights
@@ -150,8 +150,8 @@ class StaticResidual:
         return Noise(covariance, np.inf, data.effective_samples, rounding)
 
     def _weight(self, angle: float) -> tuple[FloatArray, float]:
-        """Reactions of the weight that are in the readings (6) and torque of the weight about the
-        motor axis.
+        """Compute the reactions of the weight that are in the readings (6) and torque of the
+        weight about the motor axis.
         """
         reactions, torque = self._balance.hanging(angle)
         tare = self._data.tare
@@ -164,7 +164,7 @@ class StaticResidual:
         return reactions - tared, torque
 
     def _angle_slope(self, x: FloatArray) -> FloatArray:
-        """d residual / d angle."""
+        """Compute d residual / d angle."""
         cd, cl, psi, _ = x.tolist()
         shares = np.array([1.0, cd, cl])
         data = self._data
@@ -177,7 +177,7 @@ class StaticResidual:
 
 
 def static_problem(data: StaticData, options: FitOptions = FREE) -> Problem:
-    """The least-squares problem of one hold on a rig that is known exactly."""
+    """State the least-squares problem of one hold on a rig that is known exactly."""
     return Problem(static_parameters(data, options), StaticResidual(data), name=data.name)
 
 
@@ -197,7 +197,7 @@ def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:
     )
     result = fit(
         problem,
-        residual.noise,
+        lambda solution: residual.noise(solution.x),
         channels=residual.channels,
         facts=facts,
         warnings=data.warnings,
@@ -217,7 +217,7 @@ def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:
 
 
 def _without_biases(data: StaticData) -> StaticData:
-    """The hold whose biases are unknowns, and no noise."""
+    """Make the hold whose biases are unknowns, and no noise."""
     if not any(p.name in BIASES for p in data.constants):
         return data
     biases = np.diag(np.square(data.offset_deviation))
@@ -248,7 +248,7 @@ def _mistake(result: FitResult, data: StaticData, parameters: Parameters) -> lis
     exact = _without_biases(data)
     residual = StaticResidual(exact)
     x = np.array([result[name].value for name in UNKNOWNS])
-    noise = residual.noise_at(x).covariance
+    noise = residual.noise(x).covariance
     constants = result.constants.items()
     ends = [StaticResidual(shifted_data(exact, {n: c["known_to"]}))(x) for n, c in constants]
     shifts = (np.array(ends) - residual(x)).T
@@ -257,7 +257,7 @@ def _mistake(result: FitResult, data: StaticData, parameters: Parameters) -> lis
     off = np.where(sizes > MAX_SHIFT_SIGMA, sizes, 1.0)
 
     def unlikelihood(hold: StaticData, factors: FloatArray, shifts: FloatArray) -> float:
-        """-2 log likelihood of the readings."""
+        """Compute -2 log likelihood of the readings."""
         covariance = noise * np.outer(factors, factors) + shifts @ shifts.T
         whitening = np.linalg.inv(np.linalg.cholesky(covariance))
         model = StaticResidual(hold)
@@ -274,7 +274,9 @@ def _mistake(result: FitResult, data: StaticData, parameters: Parameters) -> lis
 
 
 def _uncertain_rig(data: StaticData) -> UncertainRig:
-    """The hold with the rig's constants as unknowns; biases of the readings are then no noise."""
+    """State the hold with the rig's constants as unknowns; biases of the readings are then no
+    noise.
+    """
     exact = _without_biases(data)
 
     def problem(parameters: Parameters) -> Problem:
@@ -286,14 +288,16 @@ def _uncertain_rig(data: StaticData) -> UncertainRig:
         return Problem(parameters, residual, name=data.name)
 
     def noise(solution: Solution) -> Noise:
-        here = StaticResidual(exact).noise_at(solution.x[: len(UNKNOWNS)])
+        here = StaticResidual(exact).noise(solution.x[: len(UNKNOWNS)])
         return replace(here, rounding=None)
 
     return UncertainRig(data.constants, problem, noise, noise)
 
 
 def shifted_data(data: StaticData, values: Mapping[str, float]) -> StaticData:
-    """The hold as it is when constants and instruments are off by some values (`constants`)."""
+    """Make the hold as it is when constants and instruments are off by some values
+    (`constants`).
+    """
     zero = values.get("encoder_zero", 0.0)
     bias = np.array([values.get(name, 0.0) for name in BIASES])
     return replace(

@@ -29,7 +29,6 @@ from aerodima.optimisation.identify.log_rig import (
     CURRENT,
     MAX_WIND_SPEED,
     checked_angle,
-    named,
     rig_of,
     wind_speed,
 )
@@ -38,7 +37,7 @@ from aerodima.optimisation.identify.rig_constants import BIASES, constant_parame
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.logs.signals import check_signals, stated_rest
+from aerodima.workbench.logs.signals import check_signals, naming, stated_rest
 from aerodima.workbench.scenario.rig_scenario import RigScenario
 
 REACTIONS = ("fx", "fy", "fz", "tx", "ty", "tz")
@@ -140,7 +139,7 @@ def static_data(
         ScenarioError: the rig is wrong.
     """
     name = log.source or "static log"
-    with named(name):
+    with naming(name):
         return _static_data(log, rest if rest is not None else stated_rest(log), name, options)
 
 
@@ -200,7 +199,7 @@ def _static_data(
 
 
 def _facts(log: RunLog, held: float, speed: float) -> dict[str, Any]:
-    """Labels of the hold for reports."""
+    """Make the labels of the hold for reports."""
     return {
         "tail": str(log.extra["tail"]),
         "axis": str(log.extra["axis"]),
@@ -219,7 +218,7 @@ def _require_held(angle: FloatArray) -> None:
 
 
 def _hold_mask(time: FloatArray, rest: tuple[float, float] | None) -> np.ndarray:
-    """Samples of the hold (n): all of them, or those after the rest phase."""
+    """Flag the samples of the hold (n): all of them, or those after the rest phase."""
     if rest is None:
         return np.ones(len(time), bool)
     begin, end = rest
@@ -235,7 +234,7 @@ def _hold_mask(time: FloatArray, rest: tuple[float, float] | None) -> np.ndarray
 
 
 def _readings(log: RunLog, time: FloatArray) -> tuple[dict[str, FloatArray], list[str]]:
-    """The axes that are there and alive; a warning names what is left out."""
+    """Read the axes that are there and alive; a warning names what is left out."""
     columns: dict[str, FloatArray] = {}
     warnings = []
     for channel, column in COLUMNS.items():
@@ -262,8 +261,8 @@ def _readings(log: RunLog, time: FloatArray) -> tuple[dict[str, FloatArray], lis
 def _mean_current(
     log: RunLog, hold: np.ndarray, scenario: RigScenario, warnings: list[str]
 ) -> tuple[float, float]:
-    """Mean logged current of the hold and the deviation of its error, NaN without a usable one; it
-    is not fitted.
+    """Average the logged current of the hold and the deviation of its error, NaN without a usable
+    one; it is not fitted.
     """
     unusable = (math.nan, math.nan)
     if CURRENT not in log.table.columns:
@@ -283,8 +282,8 @@ def _mean_current(
 def _mean_rate(
     log: RunLog, time: FloatArray, hold: np.ndarray, count: float
 ) -> tuple[float, float]:
-    """Mean speed of the hold and the deviation of its error: half a count at either end, over its
-    length.
+    """Average the speed of the hold, with the deviation of its error: half a count at either end,
+    over its length.
     """
     times = time[hold]
     length = float(times[-1] - times[0])
@@ -314,7 +313,8 @@ class Offset:
 
 
 def _stated_offset(log: RunLog, scenario: RigScenario) -> Offset:
-    """Offset of a hold without rest: the one that the log states, else that of the scenario.
+    """Look up the offset of a hold without rest: the one that the log states, else that of the
+    scenario.
 
     Raises:
         LogError, FitError: nonsense in the metadata.

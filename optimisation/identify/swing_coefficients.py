@@ -12,7 +12,7 @@ import math
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -36,7 +36,7 @@ from aerodima.workbench.rig.pendulum import (
 from aerodima.workbench.scenario.rig_scenario import RigScenario
 
 Shape = Literal["constant", "line", "bins"]
-SHAPES: tuple[Shape, ...] = ("constant", "line", "bins")
+SHAPES = get_args(Shape)
 BIN = 2.0
 """Distance of the nodes of a table over the relative speed, m/s."""
 _NODE = "cn_at_"
@@ -106,7 +106,7 @@ def fit_friction(data: SwingData, options: FitOptions = FREE) -> FitResult:
 
 
 def friction_parameters(robot: bool = False) -> list[Parameter]:
-    """Coulomb and viscous friction, from Table 4.7 (bar) or Table 6.2 (the robot's tail)."""
+    """Make Coulomb and viscous friction, from Table 4.7 (bar) or Table 6.2 (the robot's tail)."""
     name, record = "bar_friction", "seed"
     if robot:
         name, record = "robot_tail_friction", "published_final_value"
@@ -121,7 +121,7 @@ def friction_parameters(robot: bool = False) -> list[Parameter]:
 
 
 def friction_law(data: SwingData) -> TorqueLaw:
-    """The friction of the values; air and motor as in the scenario."""
+    """Make the friction of the values; air and motor as in the scenario."""
     scenario = data.scenario
     air = air_torque(scenario)
     fixed = []
@@ -134,8 +134,8 @@ def friction_law(data: SwingData) -> TorqueLaw:
 
 
 def motor_of(scenario: RigScenario) -> Torque:
-    """The AK70-10 in MIT mode after the release: tau = kp (target - q) - kd w, within its torque
-    (design section 6).
+    """Make the AK70-10 in MIT mode after the release: tau = kp (target - q) - kd w, within its
+    torque (design section 6).
     """
     kp = scenario.robot.kp
     kd = scenario.robot.kd
@@ -149,7 +149,9 @@ def motor_of(scenario: RigScenario) -> Torque:
 
 
 def potential_flow_mass(data: SwingData) -> float:
-    """rho pi R^2 times the length of one part (eq. 2.6), kg: a cylinder of the mean width."""
+    """Compute rho pi R^2 times the length of one part (eq. 2.6), kg: a cylinder of the mean
+    width.
+    """
     tail = data.scenario.cheetah_tail
     density = data.scenario.environment.air_density
     radius = 0.25 * (tail.major_axis + tail.minor_axis)
@@ -157,8 +159,8 @@ def potential_flow_mass(data: SwingData) -> float:
 
 
 def still_tail_law(data: SwingData) -> TorqueLaw:
-    """The quasi-steady coefficients of the tail and the published friction; values change nothing
-    of them.
+    """Make the quasi-steady coefficients of the tail and the published friction; values change
+    nothing of them.
     """
     air = air_torque(data.scenario)
     torques = [known_friction(data.scenario), *([air] if air is not None else [])]
@@ -166,7 +168,7 @@ def still_tail_law(data: SwingData) -> TorqueLaw:
 
 
 def added_mass_parameter(data: SwingData) -> Parameter:
-    """Seed 0, up to 1 kg per part; at least 3 % of the inertia must be left."""
+    """Make it from 0, up to 1 kg per part; at least 3 % of the inertia must be left."""
     least = (1.0 - LEAST_INERTIA_LEFT) * PendulumModel.from_scenario(data.scenario).min_added_mass
     return Parameter("added_mass", "kg", 0.0, least, _MAX_ADDED_MASS, scale=0.02)
 
@@ -245,7 +247,7 @@ def fit_robot_tail(
 
 
 def speed_range(data: SwingData) -> tuple[float, float]:
-    """Lowest and highest relative speed at the middle of the sail, m/s."""
+    """Find the lowest and highest relative speed at the middle of the sail, m/s."""
     tail = data.scenario.robot_tail
     wind = data.scenario.experiment.wind_speed
     middle = tail.length - 0.5 * tail.sail_length
@@ -256,7 +258,9 @@ def speed_range(data: SwingData) -> tuple[float, float]:
 
 
 def shape_parameters(shape: Shape, data: SwingData) -> list[Parameter]:
-    """The unknowns of a shape; nodes of `bins` stand every 2 m/s over the speeds of the swing."""
+    """Make the unknowns of a shape; nodes of `bins` stand every 2 m/s over the speeds of the
+    swing.
+    """
     if shape == "constant":
         return [Parameter("cn", "1", _INITIAL, _LOW, _HIGH, scale=1.0)]
     if shape == "line":
@@ -271,7 +275,7 @@ def shape_parameters(shape: Shape, data: SwingData) -> list[Parameter]:
 
 
 def normal_force_law(shape: Shape, values: Values, speeds: tuple[float, float]) -> NormalForceLaw:
-    """C_N as `constant`, `line` or `bins` over the relative speed."""
+    """Make C_N as `constant`, `line` or `bins` over the relative speed."""
     if shape == "constant":
         return NormalForceLaw(values["cn"])
     if shape == "line":
@@ -282,7 +286,7 @@ def normal_force_law(shape: Shape, values: Values, speeds: tuple[float, float]) 
 
 
 def robot_tail_law(shape: Shape, data: SwingData) -> TorqueLaw:
-    """Air with C_N of a shape; friction and motor as in the scenario."""
+    """Make the air with C_N of a shape; friction and motor as in the scenario."""
     scenario = data.scenario
     fixed = [known_friction(scenario), motor_of(scenario)]
     low, high = speed_range(data)

@@ -60,7 +60,9 @@ class SwingModel:
         return self.law(self.data)
 
     def motion(self, values: Values, count: int | None = None) -> tuple[FloatArray, FloatArray]:
-        """Angles (rad), rates (rad/s) on the data's grid, or its first `count` times (n each)."""
+        """Simulate angles (rad), rates (rad/s) on the data's grid, or its first `count` times (n
+        each).
+        """
         data = self.data
         return simulate_swing(
             self.pendulum,
@@ -74,7 +76,7 @@ class SwingModel:
         )
 
     def problem(self, parameters: Sequence[Parameter]) -> Problem:
-        """The least-squares problem in these parameters and the start."""
+        """State the least-squares problem in these parameters and the start."""
         angle = self.data.angle[0]
         rate = self.data.start_rate
         limits = angle - _START_ANGLE, angle + _START_ANGLE
@@ -84,7 +86,7 @@ class SwingModel:
         return self.problem_in(Parameters.of([*parameters, start_angle, start_rate]))
 
     def problem_in(self, parameters: Parameters) -> Problem:
-        """The same in all parameters with those of the start, constants of the rig too or not."""
+        """State it in all parameters with those of the start, constants of the rig too or not."""
 
         def residual(x: FloatArray) -> FloatArray:
             values = parameters.values(x)
@@ -135,7 +137,7 @@ class SwingModel:
         return replace(result, curves={"angle": curve}, rig=differences(data.scenario))
 
     def shifted(self, values: Values) -> SwingModel:
-        """The model when constants and instruments are off by some values (`constants`)."""
+        """Make the model when constants and instruments are off by some values (`constants`)."""
         data = self.data
         shifts = {c.name: values.get(c.name, 0.0) for c in data.constants}
         if not any(shifts.values()):
@@ -167,8 +169,8 @@ class SwingModel:
         return Noise(np.full(len(solution.residual), variance))
 
     def noise(self, solution: Solution, widened: bool = True) -> Noise:
-        """Noise of a free swing from its residual; of a driven one from the rounding of the angle
-        and the current.
+        """Estimate the noise of a free swing from its residual; of a driven one from the rounding
+        of the angle and the current.
 
         Noise of the current pushes the tail off its path for good, so the residual wanders: too few
         of its wanderings fit into a swing to judge them by the residual alone.

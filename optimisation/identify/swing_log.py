@@ -13,14 +13,14 @@ import numpy as np
 
 from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.least_squares import Parameter
-from aerodima.optimisation.identify.log_rig import CURRENT, checked_angle, is_ours, named, rig_of
+from aerodima.optimisation.identify.log_rig import CURRENT, checked_angle, is_ours, rig_of
 from aerodima.optimisation.identify.rig_constants import constant_parameters
 from aerodima.optimisation.identify.static_log import CURRENT_MARGIN
 from aerodima.workbench.car.car_sensors import MotorReply
 from aerodima.workbench.core.array_types import FloatArray, IntArray
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.logs.signals import check_signals, earlier_shift, stated_rest
+from aerodima.workbench.logs.signals import check_signals, earlier_shift, naming, stated_rest
 from aerodima.workbench.scenario.rig_scenario import RigScenario
 
 CURRENT_SAMPLING = "current_sampling"
@@ -28,6 +28,8 @@ CURRENT_SAMPLING = "current_sampling"
 sample before."""
 MAX_STEP = 0.004
 """Step of the rollouts, s."""
+MAX_LENGTH = 20.0
+"""Length after the release of which a swing is fitted, s."""
 MIN_SAMPLES = 50
 """Fewest samples of a swing that are fitted."""
 _COUNTS_MOVED = 20
@@ -64,7 +66,7 @@ class LoggedCurrent:
     ends: FloatArray
 
     def mean(self, delay: float = 0.0) -> FloatArray:
-        """Averages over each step (m - 1), A; a sample that comes late by `delay` (s) tells of an
+        """Average over each step (m - 1), A; a sample that comes late by `delay` (s) tells of an
         earlier time.
 
         Outside the log the first and last sample hold.
@@ -85,7 +87,7 @@ class LoggedCurrent:
         return np.diff(inside + before + after) / np.diff(ends)
 
     def ramp(self, delay: float = 0.0) -> FloatArray:
-        """Change over each step (m - 1), A; none where samples are means."""
+        """Compute the change over each step (m - 1), A; none where samples are means."""
         if self.means:
             return np.zeros(len(self.ends) - 1)
         return np.diff(np.interp(self.ends + delay, self.time, self.value))
@@ -98,8 +100,8 @@ def motor_torque(
     bias: float = 0.0,
     delay: float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
-    """Mean torque of the Maxon during each step and its change over the step (steps each), N m;
-    zero without current.
+    """Compute the mean torque of the Maxon during each step and its change over the step (steps
+    each), N m; zero without current.
 
     Args:
         bias, delay: of the logged current, A and s.
@@ -155,14 +157,11 @@ class SwingData:
         return float(self.time[1] - self.time[0])
 
 
-def swing_data(
-    log: RunLog, kind: str, longest: float = 20.0, options: FitOptions = FREE
-) -> SwingData:
+def swing_data(log: RunLog, kind: str, options: FitOptions = FREE) -> SwingData:
     """Checks a swing log and takes from it what the fits need.
 
     Args:
         kind: `swing`, `bar_swing` or `robot_swing`; the log must have this kind.
-        longest: use at most this long after the release, s.
         options: the rig.
 
     Raises:
@@ -170,13 +169,11 @@ def swing_data(
         FitError: another kind of log, no motion, too short, angles that must be degrees.
     """
     name = log.source or kind
-    with named(name):
-        return _swing_data(log, kind, longest, name, options)
+    with naming(name):
+        return _swing_data(log, kind, name, options)
 
 
-def _swing_data(
-    log: RunLog, kind: str, longest: float, name: str, options: FitOptions
-) -> SwingData:
+def _swing_data(log: RunLog, kind: str, name: str, options: FitOptions) -> SwingData:
     time, angle = checked_angle(log, kind, MIN_SAMPLES)
     scenario = rig_of(log, kind, options)
     sampling = float(np.median(np.diff(time)))
@@ -187,7 +184,7 @@ def _swing_data(
         )
     first = _release(time, angle, scenario, log)
     stride = max(1, round(MAX_STEP / sampling))
-    last = int(np.searchsorted(time, time[first] + longest, side="right"))
+    last = int(np.searchsorted(time, time[first] + MAX_LENGTH, side="right"))
     picked = np.arange(first, last, stride)
     if len(picked) < MIN_SAMPLES:
         raise FitError(
@@ -228,8 +225,8 @@ def _swing_data(
 
 
 def _release(time: FloatArray, angle: FloatArray, scenario: RigScenario, log: RunLog) -> int:
-    """Row of the release: the end of the rest that the metadata or the scenario tell, else the
-    first motion.
+    """Find the row of the release: the end of the rest that the metadata or the scenario tell,
+    else the first motion.
     """
     stated = stated_rest(log)
     if stated is None and "rest" in log.scenario.get("experiment", {}):
@@ -264,7 +261,7 @@ def _is_rounded(angle: FloatArray, step: float) -> bool:
 
 
 def _end_of_motion(angle: FloatArray, step: float, sampling: float) -> int:
-    """Number of samples until the reading changes by fewer than three steps in a tenth of a second.
+    """Count the samples until the reading changes by fewer than three steps in a tenth of a second.
 
     At rest a reading repeats one rounding error for as long as the log goes on, and on the way
     there it dwells on the later side of each step: errors that do not average out, in samples that
@@ -282,7 +279,7 @@ def _end_of_motion(angle: FloatArray, step: float, sampling: float) -> int:
 def _current(
     log: RunLog, scenario: RigScenario, picked: IntArray
 ) -> tuple[LoggedCurrent | None, list[str]]:
-    """The current of a driven swing; None of a free one, whose logged current is noise."""
+    """Read the current of a driven swing; None of a free one, whose logged current is noise."""
     if scenario.is_robot:
         return None, []
     if CURRENT not in log.table.columns:

@@ -75,7 +75,7 @@ def fit_constants(
     data = _unsolved(problem, problem.parameters.initial, np.empty(0))
     rows = len(data.residual)
     for _ in range(_MAX_ITERATIONS):
-        whitening = _Whitening.of(noise.covariance)
+        whitening = _Whitening.from_covariance(noise.covariance)
         solution = solve(_whitened(problem, whitening, loss), [data.x])
         data = _unsolved(problem, solution.x, whitening.undo(solution.jacobian[:rows]))
         previous = noise
@@ -106,13 +106,13 @@ def fit_constants(
 
 
 def _with_moving_constants(rig: UncertainRig, given: list[Parameter]) -> tuple[Problem, Noise]:
-    """The problem whose constants of no effect are fixed, and its least noise."""
+    """State the problem whose constants of no effect are fixed, and its least noise."""
     problem = rig.problem(Parameters.of([*given, *rig.constants]))
     x = problem.parameters.initial
     start = _unsolved(problem, x, problem.central_jacobian(x))
     noise = rig.least_noise(start)
     sizes = [p.prior_std if p.has_prior else 1.0 for p in problem.parameters.free]
-    whitened = _Whitening.of(noise.covariance)(start.jacobian)
+    whitened = _Whitening.from_covariance(noise.covariance)(start.jacobian)
     effects = np.linalg.norm(whitened, axis=0) * sizes
     effect = dict(zip(problem.parameters.names, effects.tolist(), strict=True))
     kept = []
@@ -129,7 +129,7 @@ class _Whitening:
     matrix: FloatArray
 
     @classmethod
-    def of(cls, covariance: FloatArray) -> _Whitening:
+    def from_covariance(cls, covariance: FloatArray) -> _Whitening:
         if covariance.ndim == 1:
             return cls(1.0 / np.sqrt(np.maximum(covariance, 1e-300)))
         size = np.sqrt(np.diag(covariance))
@@ -153,13 +153,13 @@ def _size(noise: Noise) -> float:
 
 
 def _unsolved(problem: Problem, x: FloatArray, jacobian: FloatArray) -> Solution:
-    """Residual and Jacobian at x, without solving."""
+    """Hold residual and Jacobian at x, without solving."""
     residual = np.asarray(problem.residual(x), float)
     return Solution(problem, x, residual, jacobian, best=None, attempts=())  # type: ignore[arg-type]
 
 
 def _whitened(problem: Problem, whitening: _Whitening, loss: Loss) -> Problem:
-    """The whitened residual, then a row per constant with a prior."""
+    """State the whitened residual, then a row per constant with a prior."""
     free = problem.parameters.free
     indices = [i for i, p in enumerate(free) if p.has_prior]
     deviations = np.array([free[i].prior_std for i in indices])
@@ -176,7 +176,7 @@ def _whitened(problem: Problem, whitening: _Whitening, loss: Loss) -> Problem:
 def _with_budget(
     result: FitResult, solution: Solution, rows: int, known: Collection[str]
 ) -> FitResult:
-    """The result with its budget, and with the deviations that noise alone would give.
+    """Give the result its budget, and the deviations that noise alone would give.
 
     Args:
         solution: of the whitened problem.
@@ -210,7 +210,7 @@ def _with_budget(
 def _misfit_warnings(
     result: FitResult, solution: Solution, rows: int, known: Collection[str]
 ) -> list[str]:
-    """Warnings of constants far from their prior, and of a residual that nothing explains."""
+    """Warn of constants far from their prior, and of a residual that nothing explains."""
     warnings = []
     for p, shift in zip(solution.problem.parameters.free, solution.x, strict=True):
         if p.name in known and abs(shift) > MAX_SHIFT_SIGMA * p.prior_std:

@@ -84,7 +84,7 @@ class Uncertainty:
 def uncertainty(
     solution: Solution, noise: Noise, max_deviation: FloatArray | float = math.inf
 ) -> Uncertainty:
-    """Covariance and intervals at the solution.
+    """Compute covariance and intervals at the solution.
 
     Every interval holds its estimate and is cut at the bounds. One of a parameter that stopped at a
     bound is one-sided, and those of the others take that into account. Not identifiable is a
@@ -150,7 +150,9 @@ def _deviation(covariance: FloatArray) -> FloatArray:
 def _factors(
     inverse: FloatArray, noise: Noise, deviation: FloatArray, freedom: float
 ) -> FloatArray:
-    """Half the widths of the intervals in standard deviations (p); `deviation` is scaled."""
+    """Compute half the widths of the intervals in standard deviations (p); `deviation` is
+    scaled.
+    """
     factor = np.full(len(deviation), _factor(freedom))
     if noise.rounding is None:
         return factor
@@ -163,7 +165,7 @@ def _factors(
 def _widths(
     active: ActiveBounds, scales: FloatArray, half_width: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Widths of the intervals below and above the estimates (p each)."""
+    """Compute the widths of the intervals below and above the estimates (p each)."""
     reach = active.reach * scales
     shift = active.shift * scales[:, None]
     shift_down = np.linalg.norm(np.minimum(shift, 0.0), axis=1)
@@ -179,14 +181,14 @@ def _widths(
 
 @lru_cache(maxsize=256)
 def _factor(freedom: float) -> float:
-    """Half the width of an interval in standard deviations, for a normal error."""
+    """Compute half the width of an interval in standard deviations, for a normal error."""
     return float(stdtrit(freedom, 0.5 + 0.5 * CONFIDENCE))
 
 
 @lru_cache(maxsize=128)
 def _rounded_factor(share: float) -> float:
-    """The same for a normal error and an evenly spread one, whose part of the standard deviation is
-    `share`.
+    """Compute the same for a normal error and an evenly spread one, whose part of the standard
+    deviation is `share`.
 
     An even error alone stays within 1.73 standard deviations, and in 95 % of the cases within 1.65.
     """
@@ -209,7 +211,7 @@ def _rounded_factor(share: float) -> float:
 
 
 def _pseudo_inverse(jacobian: FloatArray, scales: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """J^+ in scaled unknowns (p x m), the unidentifiable directions (k x p)."""
+    """Compute J^+ in scaled unknowns (p x m), the unidentifiable directions (k x p)."""
     rows, count = jacobian.shape
     # Rows of zeros: with fewer residuals than unknowns all directions are needed, too.
     padded = np.pad(jacobian * scales, ((0, max(count - rows, 0)), (0, 0)))
@@ -290,13 +292,13 @@ def _following(solution: Solution, hidden: FloatArray, half_width: FloatArray) -
 
 
 def _leading(hidden: FloatArray) -> list[int]:
-    """Indices of the unknowns that lead the directions (k)."""
+    """List the unknowns that lead the directions (k)."""
     return np.argmax(np.abs(hidden), axis=1).tolist() if len(hidden) else []
 
 
 def _hidden_directions(Vt: FloatArray, seen: np.ndarray) -> FloatArray:
-    """A readable basis of the directions that are not seen (k x p): each has a parameter that the
-    others lack.
+    """Make a readable basis of the directions that are not seen (k x p): each has a parameter that
+    the others lack.
     """
     hidden = Vt[~seen].copy()
     for row in range(len(hidden)):
@@ -312,7 +314,7 @@ def _hidden_directions(Vt: FloatArray, seen: np.ndarray) -> FloatArray:
 
 
 def _in_words(direction: FloatArray, names: tuple[str, ...]) -> str:
-    """A direction of scaled unknowns: `cd`, or `0.80 gap + 0.60 h0`."""
+    """Describe a direction of scaled unknowns: `cd`, or `0.80 gap + 0.60 h0`."""
     order = np.argsort(-np.abs(direction))
     parts = [(direction[i], names[i]) for i in order if abs(direction[i]) > _SHARE]
     largest, first = parts[0]

@@ -24,7 +24,10 @@ import numpy as np
 
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.core.quantity import NO_UNIT, check_range
 
+_MIN_STEP = 1e-12
+"""Least step of a search, in the unit of its factor."""
 SCAN_SECTIONS = 3
 """Parts of a bracket per round of a scan: two runs, one per core of a small computer."""
 
@@ -118,18 +121,13 @@ class LimitSearch:
     tolerance: float
 
     def __post_init__(self) -> None:
-        limits = {
-            "low": (-math.inf, self.high),
-            "scan": (1e-12, math.inf),
-            "tolerance": (1e-12, self.scan),
-        }
-        for name, (least, largest) in limits.items():
-            value = getattr(self, name)
-            if not (least <= value <= largest and math.isfinite(value)):
-                raise SweepError(
-                    f"threshold of {self.factor}: {name} {value:g}; "
-                    f"must be from {least:g} to {largest:g}"
-                )
+        for name, low, high in (
+            ("low", -math.inf, self.high),
+            ("scan", _MIN_STEP, math.inf),
+            ("tolerance", _MIN_STEP, self.scan),
+        ):
+            where = f"threshold of {self.factor}: {name}"
+            check_range(where, getattr(self, name), low, high, NO_UNIT, error=SweepError)
 
     def index(self, value: float) -> int:
         """Returns the index of a value on the grid, within its ends; the lower one of two."""

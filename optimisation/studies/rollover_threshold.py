@@ -121,7 +121,7 @@ def critical_friction(
 
 
 def is_clean(row: Mapping[str, Any]) -> bool:
-    """Whether a row of a run is that of clean survival."""
+    """Tells whether a row of a run is that of clean survival."""
     return row["outcome"] == "survived" and bool(row["clean"])
 
 

@@ -12,7 +12,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from functools import cache, lru_cache, partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -36,19 +36,17 @@ from aerodima.workbench.logs.schema import RunLog, read_run_log, software_versio
 from aerodima.workbench.scenario.rig_scenario import RigScenario
 from aerodima.workbench.scenario.scenario import Scenario, default_values
 
-WORKER_LOST = "its worker process was lost"
-"""Begins the error of a run whose worker died under it again and again."""
-
 MIN_SPEED_SHARE = 0.9
 """Share of the commanded speed that a car must have reached when its turn begins."""
 
 FINE_STEP = 0.0005
 """Step of the plant at which claims are made, s; a fourth of that of ordinary runs."""
-Item = TypeVar("Item")
-WORKER_LOST_AGAIN = (
-    f"{WORKER_LOST} again and again, also alone in the cluster (out of memory, or "
+WORKER_LOST = (
+    "its worker process was lost again and again, also alone in the cluster (out of memory, or "
     "a crash in the solver)"
 )
+"""Error of a run whose worker died under it."""
+Item = TypeVar("Item")
 TEXT_COLUMNS = frozenset(
     [
         "axis",
@@ -139,7 +137,7 @@ def evaluate(task: RunTask) -> Row:
 
 
 def tipped_before_turn(row: Mapping[Any, Any]) -> bool:
-    """Whether a run flipped before its turn, so that it says nothing about the turn.
+    """Tells whether a run flipped before its turn, so that it says nothing about the turn.
 
     A high car with its tail behind may tip over backwards while it gathers speed; it is slow, or
     lies, when the turn begins.
@@ -242,7 +240,9 @@ class CachedRunner:
         store: open; keeps them on the disk, and holds those of before. Without one this object
             remembers them.
         progress: receives lines of progress.
-        stage: what is being run, for these lines; may be changed on the way.
+
+    Attributes:
+        stage: what is being run, for these lines; set it on the way.
     """
 
     def __init__(
@@ -250,13 +250,12 @@ class CachedRunner:
         engine: Engine | None = None,
         store: RowStore | None = None,
         progress: ProgressLine = no_progress,
-        stage: str = "",
     ) -> None:
         self._engine = engine or Engine()
         self._store = store
         self._known: dict[str, Row] = {} if store is None else store.rows
         self.say = progress
-        self.stage = stage
+        self.stage = ""
         self.ran = 0
 
     def rows(self, tasks: Sequence[RunTask]) -> list[Row]:
@@ -327,7 +326,7 @@ def cached_runs(
 
 
 def _lost(task: RunTask) -> Row:
-    return failed_row(task, WORKER_LOST_AGAIN)
+    return failed_row(task, WORKER_LOST)
 
 
 def _result_of(function: Callable[[Any], Any], item: Any) -> Row:
@@ -343,7 +342,7 @@ def run_key(task: RunTask) -> str:
     if task.law:
         path, _, name = task.law.rpartition(":")
         content += [name, Path(path).read_text(encoding="utf-8")]
-    return content_key(task.scenario, task.settings, task.signals, _versions(), content)
+    return content_key(task.scenario, task.settings, task.signals, software_versions(), content)
 
 
 def scenario_content(name: str, settings: Sequence[str] = ()) -> list[Any]:
@@ -354,22 +353,13 @@ def scenario_content(name: str, settings: Sequence[str] = ()) -> list[Any]:
         scenario = load_any_scenario(name, settings)
         swing = ""
         if isinstance(scenario, Scenario):
-            swing = _swing(scenario.controller.swing_file)
+            name = scenario.controller.swing_file
+            path = Path(name)
+            if name != NO_SWING:
+                swing = _swing_content(name, path.stat().st_mtime_ns if path.is_file() else 0)
         return [scenario.resolved(), swing]
     except UserError as error:
         return [str(error)]
-
-
-@cache
-def _versions() -> dict[str, str]:
-    return software_versions()
-
-
-def _swing(name: str) -> str:
-    path = Path(name)
-    if name == NO_SWING:
-        return ""
-    return _swing_content(name, path.stat().st_mtime_ns if path.is_file() else 0)
 
 
 @lru_cache

@@ -122,10 +122,7 @@ class Block(StrictModel):
 
     def points(self) -> Iterator[dict[str, Value]]:
         """Yields factor -> value of each run."""
-        axes = [
-            axis.values() if isinstance(axis, Range) else list(axis) for axis in self.grid.values()
-        ]
-        cells = list(product(*axes))
+        cells = list(product(*self._axes))
         samples: Sequence[Mapping[str, Value]] = [{}]
         anew = False
         if self.sample is not None:
@@ -142,10 +139,12 @@ class Block(StrictModel):
     @property
     def size(self) -> int:
         """Number of points."""
-        lengths = [
-            axis.number if isinstance(axis, Range) else len(axis) for axis in self.grid.values()
-        ]
-        return math.prod(lengths) * (1 if self.sample is None else self.sample.number)
+        samples = 1 if self.sample is None else self.sample.number
+        return math.prod(map(len, self._axes)) * samples
+
+    @property
+    def _axes(self) -> list[list[Value]]:
+        return [axis.values() if isinstance(axis, Range) else axis for axis in self.grid.values()]
 
     @property
     def factors(self) -> list[str]:

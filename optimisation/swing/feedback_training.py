@@ -10,6 +10,7 @@ differential evolution (Storn and Price 1997, doi 10.1023/A:1008202821328).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -30,6 +31,7 @@ from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, conten
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.core.quantity import NO_UNIT, check_range
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 
 RANGES = {
@@ -89,10 +91,8 @@ class LawSearch:
     around: float = 0.3
 
     def __post_init__(self) -> None:
-        if self.laws < 3:
-            raise SweepError(f"{self.laws} laws for each number: must be at least 3")
-        if not 0.0 < self.around <= 1.0:
-            raise SweepError(f"around {self.around:g}: must be above 0, at most 1")
+        check_range("laws for each number", self.laws, 3, math.inf, NO_UNIT, error=SweepError)
+        check_range("around", self.around, 0.0, 1.0, NO_UNIT, above_low=True, error=SweepError)
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,7 @@ from aerodima.workbench.car.laws import torque_speed_limits
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.deprecation import renamed
 from aerodima.workbench.core.errors import SwingError
+from aerodima.workbench.core.quantity import NO_UNIT, check_range
 from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.scenario.ensemble import Member
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
@@ -90,9 +91,7 @@ class MotionSearch:
             ("length", 0.2, 1.2),
             ("iterations", 1, math.inf),
         ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise SwingError(f"{name}: {value:g}; must be from {low:g} to {high:g}")
+            check_range(name, getattr(self, name), low, high, NO_UNIT, error=SwingError)
 
 
 def search_motion(
@@ -157,7 +156,7 @@ def make_turn_nlp(
     steps = math.ceil(1.0 / (rate * MAX_STEP) - 1e-9)
     length = 1.0 / (rate * steps)
     interval = search.length / (search.knots - 1)
-    shooting = TurnShooting.of(turns, search.knots - 2, interval, task, length)
+    shooting = TurnShooting.from_scenarios(turns, search.knots - 2, interval, task, length)
     return TurnNlp(shooting)
 
 

@@ -26,6 +26,7 @@ from aerodima.optimisation.studies.rollover_threshold import (
 from aerodima.optimisation.studies.runs import CachedRunner, step_settings
 from aerodima.workbench.core.errors import SweepError, UserError
 from aerodima.workbench.core.key_errors import nearest
+from aerodima.workbench.core.quantity import NO_UNIT, check_range
 from aerodima.workbench.core.yaml_files import (
     StrictModel,
     checked,
@@ -87,8 +88,7 @@ class Task(StrictModel):
         ):
             require_unique([f"{value:g}" for value in values], name)
             for value in values:
-                if not low <= value <= high:
-                    raise SweepError(f"{name} {value:g}: must be {low:g} to {high:g}")
+                check_range(name, value, low, high, NO_UNIT, error=SweepError)
         low, high = self.steering
         if not 0.0 < low < high:
             raise SweepError(f"steering {low:g} to {high:g} degrees: must be 0 < first < second")

@@ -140,14 +140,6 @@ class TurnNlp:
             self.evaluations += 1
         return self._last[1]
 
-    def scaled_rows(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns scaled rows of all cars (members x rows,) and their slopes (members x rows,
-        size).
-        """
-        evaluation = self.at(x)
-        slopes = evaluation.row_slopes / self._sizes[:, None]
-        return (evaluation.rows / self._sizes).ravel(), slopes.reshape(-1, slopes.shape[-1])
-
     def _solve(self, start: FloatArray, iterations: int) -> tuple[FloatArray, bool]:
         """Returns the best point that was visited and keeps all constraints, else where the solver
         ended; whether it converged.
@@ -185,7 +177,10 @@ class TurnNlp:
 
     def _scaled_rows(self, x: np.ndarray) -> np.ndarray:
         value, gradient = _split(x)
-        return _joined(*self.scaled_rows(value), gradient)
+        evaluation = self.at(value)
+        rows = evaluation.rows / self._sizes
+        slopes = evaluation.row_slopes / self._sizes[:, None]
+        return _joined(rows.ravel(), slopes.reshape(-1, slopes.shape[-1]), gradient)
 
     def _weights(self) -> FloatArray:
         """Returns the matrix of the quadratic part of the cost (size, size)."""

@@ -262,7 +262,7 @@ class TurnShooting:
     length: float
 
     @classmethod
-    def of(
+    def from_scenarios(
         cls, scenarios: Sequence[Scenario], rates: int, interval: float, task: Task, length: float
     ) -> TurnShooting:
         """Makes the shooting of turns with a tail.
@@ -295,7 +295,6 @@ class TurnShooting:
         swinging = [
             s.varied(tail={"mode": "swing"}, controller={"swing_file": "none"}) for s in scenarios
         ]
-        count = len(scenarios)
         law = {"hold_kp": HOLD_GAINS["kp"], "hold_kd": HOLD_GAINS["kd"], "delay": 0.0}
         law |= {"by_steering": 1.0, "threshold": RELEASE_STEERING}
         plans = TurnPlans.from_scenarios(swinging).varied(

@@ -17,11 +17,12 @@ from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, Any
 
+from aerodima.workbench.batch.main_guard import refuse_unguarded_script
 from aerodima.workbench.core.errors import UserError
 
 if TYPE_CHECKING:
     import psutil
-    from distributed import Client, Future
+    from distributed import Client
 
 MAX_WORKERS = 64
 """Processes on one computer."""
@@ -47,8 +48,9 @@ def check_workers(workers: int) -> None:
 @contextmanager
 def local_cluster(workers: int, memory: float | None = None) -> Iterator[Client]:
     """Start processes of one BLAS thread and `memory` bytes each; Dask's nanny replaces one that
-    ends.
+    ends. UserError in a script without a main guard.
     """
+    refuse_unguarded_script()
     import dask
     from distributed import Client, LocalCluster
 
@@ -131,16 +133,18 @@ def _environment_of_workers() -> Iterator[None]:
 
 @contextmanager
 def quiet_logs() -> Iterator[None]:
-    """Silence Dask, which logs every lost worker and stream; our own record has what matters."""
+    """Silence Dask and its loop, which log every lost worker; our own record has what matters."""
     import distributed  # noqa: F401 - sets its logger up when it is imported, so before the level below
 
-    logger = logging.getLogger("distributed")
-    before = logger.level
-    logger.setLevel(logging.CRITICAL)
+    loggers = [logging.getLogger(name) for name in ("distributed", "tornado.application")]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
     try:
         yield
     finally:
-        logger.setLevel(before)
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
 
 
 @contextmanager
@@ -166,19 +170,6 @@ def lost_scheduler(error: Exception) -> UserError:
     return UserError(
         f"the Dask scheduler does not answer any more ({reason}); what was done is kept"
     )
-
-
-def submit_to(
-    client: Client, address: str, function: Callable[..., Any], *arguments: Any
-) -> Future:
-    """Submit a call to the worker at an address; UserError if the client lost its scheduler."""
-    from distributed.client import ClosedClientError
-
-    options: dict[str, Any] = {"workers": [address], "pure": False, "retries": 0}
-    try:
-        return client.submit(function, *arguments, **options)
-    except ClosedClientError as error:
-        raise lost_scheduler(error) from None
 
 
 def stopped_workers() -> set[psutil.Process]:

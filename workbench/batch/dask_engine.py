@@ -22,7 +22,6 @@ from aerodima.workbench.batch.dask_cluster import (
     prepare_worker,
     run_piece,
     stopped_workers,
-    submit_to,
 )
 from aerodima.workbench.batch.engine import Engine, StallMonitor, WorkerRecord
 from aerodima.workbench.core.errors import UserError
@@ -180,7 +179,13 @@ class DaskEngine(Engine):
     def _submit(
         self, address: str, index: int | None, function: Callable[..., Any], *arguments: Any
     ) -> None:
-        future = submit_to(self._client, address, function, *arguments)
+        from distributed.client import ClosedClientError
+
+        options: dict[str, Any] = {"workers": [address], "pure": False, "retries": 0}
+        try:
+            future = self._client.submit(function, *arguments, **options)
+        except ClosedClientError as error:
+            raise lost_scheduler(error) from None
         self._pending[future] = address, index
 
     def _finished(self) -> list[Future]:

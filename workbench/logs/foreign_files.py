@@ -42,6 +42,10 @@ MAX_COLUMNS = 64
 numbers is a picture or a table of something else, not a log."""
 MAX_TEXT_LOG = 4 * 2**30
 """Size of the longest CSV that is read, bytes."""
+MAX_DEFLATION = 1032
+"""Most bytes that a compressed one of HDF5 stands for."""
+MAX_UNSTORED = 2**24
+"""Size of the largest HDF5 dataset that is read although the file holds less of it, bytes."""
 NANOSECOND = 1e-9
 """One nanosecond, s."""
 _NAN = ("NaN", "nan", "NAN", "NA", "null", "")
@@ -271,8 +275,12 @@ def _walk(prefix: str, struct: Any) -> Iterator[tuple[str, Any]]:
 def _content(dataset: Any) -> NDArray | str | None:
     """Reads an HDF5 dataset.
 
-    It keeps MATLAB's order of the numbers, so that rows and columns are exchanged.
+    It keeps MATLAB's order of the numbers, so that rows and columns are exchanged. ValueError for
+    one that states a size which the bytes in the file cannot have.
     """
+    stored = dataset.id.get_storage_size()
+    if dataset.nbytes > max(MAX_UNSTORED, MAX_DEFLATION * stored):
+        raise ValueError(f"{dataset.name} states {dataset.nbytes} bytes, the file holds {stored}")
     if dataset.attrs.get("MATLAB_class") == b"char":
         return ""
     if dataset.dtype.kind not in "fiub" or "MATLAB_object_decode" in dataset.attrs:

@@ -40,7 +40,13 @@ from aerodima.workbench.logs.mapping import (
     unit_factor,
 )
 from aerodima.workbench.logs.schema import Json, RunLog, run_log_from_metadata, run_metadata
-from aerodima.workbench.logs.signals import GAP_FACTOR, check_time, hold_last, median_step
+from aerodima.workbench.logs.signals import (
+    GAP_FACTOR,
+    UNWRAPPED,
+    check_time,
+    hold_last,
+    median_step,
+)
 from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.signal_table import RIG_KINDS, TIME
@@ -53,9 +59,6 @@ _READERS: dict[str, Callable[[Path], ForeignLog]] = {
 }
 _REMEDY = "; is it cut off or damaged? Of a text: is it written as `csv` in the mapping says?"
 _EQUAL_TIMES = " (`time.repeated: first`, or last, in the mapping keeps one of equal times)"
-
-CONTINUOUS = ("imu_yaw_rad", "yaw_truth_rad")
-"""Angles whose jumps of a whole turn are taken out, as in a log of this project."""
 
 
 @dataclass(frozen=True)
@@ -186,7 +189,7 @@ def _column(
         sampled = np.isfinite(values)
         sample_time = sample_time[sampled]
         values = values[sampled]
-    if name in CONTINUOUS:
+    if name in UNWRAPPED:
         finite = np.isfinite(values)
         values[finite] = np.unwrap(values[finite])
     if sample_time is time:

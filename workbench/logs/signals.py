@@ -21,7 +21,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from aerodima.workbench.core.array_types import FloatArray, IntArray
-from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.core.errors import FitError, LogError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.scenario.signal_table import TIME
 
@@ -238,7 +238,7 @@ def fill_gaps(run_log: RunLog, longest: float) -> RunLog:
     if not 0.0 <= longest < np.inf:
         raise LogError(f"{run_log.name}: gaps of {longest:g} s cannot be filled; must be >= 0 s")
     time = run_log.time
-    with _naming(run_log):
+    with naming(run_log.name):
         check_time(time)
         step = median_step(time)
         max_step = max(longest * (1 + 1e-9), GAP_FACTOR * step)
@@ -293,7 +293,7 @@ def remove_drift(
     notes = []
     for name in columns:
         signal = run_log.signal(name)
-        with _naming(run_log):
+        with naming(run_log.name):
             check_signals(time, {name: signal}, largest_step=np.inf)
         slope, mean, centre = resting_line(time, signal, resting)
         note = f"drift of {name}: {slope:.3g} per s, {mean:.4g} at rest"
@@ -310,7 +310,7 @@ def low_pass_columns(run_log: RunLog, columns: Sequence[str], design: LowPass) -
     """Filters columns without phase lag; LogError for gaps, NaN, a low rate or few samples."""
     table = run_log.table.copy()
     for name in columns:
-        with _naming(run_log):
+        with naming(run_log.name):
             table[name] = low_pass(run_log.time, run_log.signal(name), design, name)
     note = (
         f"low pass (order {design.order}, {design.cutoff_hz:g} Hz, forwards and back): "
@@ -371,9 +371,9 @@ def _check_nan(run_log: RunLog, name: str, good: BoolArray, longest: float, max_
 
 
 @contextmanager
-def _naming(run_log: RunLog) -> Iterator[None]:
-    """Puts the name of the log before a LogError."""
+def naming(name: str) -> Iterator[None]:
+    """Puts the name of a log before the errors about it that have it not."""
     try:
         yield
-    except LogError as error:
-        raise LogError(f"{run_log.name}: {error}") from None
+    except (LogError, FitError) as error:
+        raise type(error)(f"{name}: {str(error).removeprefix(f'{name}: ')}") from error

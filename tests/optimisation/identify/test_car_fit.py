@@ -176,6 +176,7 @@ def test_a_rough_cost_settles_and_what_the_log_does_not_show_is_named():
     assert "com_height" in warning
     assert all(found[name].holds(value) for name, value in (TRUTH | {"delay": 0.03}).items())
     assert found["com_height"].upper - found["com_height"].lower > 0.2
+    assert found.attempts[0]["start"]["delay"] in np.arange(0.0, 0.1501, 0.005)  # those tried first
 
 
 def test_a_channel_with_three_times_the_noise_weighs_and_widens_by_three():

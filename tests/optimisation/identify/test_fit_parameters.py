@@ -1,6 +1,7 @@
 """Parameters of a fit: bounds, fixed ones, starts, and what is refused."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -44,6 +45,14 @@ def test_fixed_parameters_keep_their_place_and_may_stand_outside_their_bounds():
 
 def test_starts_are_the_initial_values_then_named_ones():
     assert [start.tolist() for start in AB.starts([{"b": 7.0}])] == [[1.0, 5.0], [1.0, 7.0]]
+
+
+def test_the_old_name_of_the_initial_value_warns_and_is_the_same_number():
+    with pytest.warns(DeprecationWarning, match="initial="):
+        parameter = Parameter("a", "m", seed=2.0)
+    with pytest.warns(DeprecationWarning, match="initial"):
+        assert parameter.seed == 2.0
+    assert replace(parameter, initial=3.0).initial == 3.0
 
 
 def test_active_bounds_are_named_by_side():

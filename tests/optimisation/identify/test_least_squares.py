@@ -158,6 +158,9 @@ def test_costs_and_constraints_of_a_user_are_met_and_snopt_agrees_on_the_whole_p
     assert solution.best.cost == pytest.approx(oracle.get_optimal_cost(), rel=1e-9)
     result = fit(program, lambda s: independent_noise(s.residual, 3))
     assert any("constraints" in warning for warning in result.warnings)
+    assert result.added_cost == pytest.approx((result["k"].value - 2.0) ** 2, rel=1e-9)
+    residual = solution.residual
+    assert result.cost == pytest.approx(0.5 * float(residual @ residual), rel=1e-9)
     program.prog.AddConstraint(program["a"] ** 2 <= 1.0)
     assert_refused(lambda: solve(program), FitError, "decay", "linear")
 

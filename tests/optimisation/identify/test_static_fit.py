@@ -5,7 +5,6 @@ log.
 import math
 from collections import defaultdict
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -101,7 +100,7 @@ def test_rounding_of_the_angle_is_half_a_count_in_the_residual(windy):
     x = np.array([0.9, 0.3, 0.07, 5.0])
     half = 0.5 * data.scenario.count_angle
     ends = [StaticResidual(shifted_data(data, {"encoder_zero": off}))(x) for off in (-half, half)]
-    noise = StaticResidual(data).noise(SimpleNamespace(x=x))
+    noise = StaticResidual(data).noise(x)
     assert noise.rounding == pytest.approx(0.5 * (ends[1] - ends[0]), rel=1e-3, abs=1e-9)
 
 

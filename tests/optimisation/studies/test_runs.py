@@ -146,7 +146,7 @@ def test_the_key_of_a_run_follows_all_that_determines_its_row(tmp_path, monkeypa
     keys["law's text"] = run_key(base)
     scenario.write_text("schema: aerodima/scenario/1\nname: mine\ncar: {mass: 6.6}\n")
     keys["scenario's text"] = run_key(base)
-    monkeypatch.setattr(engine_module, "_versions", lambda: {"project": "0.0.0"})
+    monkeypatch.setattr(engine_module, "software_versions", lambda: {"project": "0.0.0"})
     keys["versions"] = run_key(base)
     assert len(set(keys.values())) == len(keys), keys
 

@@ -2,6 +2,7 @@
 
 import random
 
+import h5py
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -12,6 +13,7 @@ from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.importers import read_foreign_log
 from aerodima.workbench.logs.mapping import CsvFormat, load_mapping
 from aerodima.workbench.logs.schema import read_run_log, write_run_log
+from tests.refusals import assert_refused
 from tests.workbench.logs.test_importers import MAPPING, TIMES, foreign, write_mat_7_3, write_mcap
 from tests.workbench.made_up_runs import made_up_run
 
@@ -76,3 +78,10 @@ def test_a_damaged_file_is_refused_or_read_as_it_was_written(tmp_path, name, cou
         assert name in message
         for column in {*found} & {*written} if name in CHECKED else ():
             assert np.array_equal(found[column], written[column], equal_nan=True)
+
+
+def test_a_size_that_the_file_cannot_hold_is_refused_before_it_is_read(tmp_path):
+    path = tmp_path / "log.mat"
+    with h5py.File(path, "w") as file:
+        file.create_dataset("angle", shape=(10**12,), dtype="f8")
+    assert_refused(lambda: read_foreign_log(path, CsvFormat()), LogError, "log.mat", "/angle")

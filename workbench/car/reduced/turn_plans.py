@@ -11,7 +11,7 @@ import numpy as np
 
 from aerodima.workbench.car.reduced.parameters import take
 from aerodima.workbench.car.reduced.rollout import delay_ticks
-from aerodima.workbench.control.manoeuvre import make_schedule
+from aerodima.workbench.control.manoeuvre import TurnSchedule, make_schedule
 from aerodima.workbench.control.swing_law import SwingSettings
 from aerodima.workbench.control.swing_library import NO_SWING
 from aerodima.workbench.control.swing_player import RollTrajectory
@@ -54,7 +54,7 @@ class TurnPlans:
             UserError: a manoeuvre, swing file or trigger that the model does not know, or scenarios
                 that differ in the start of the turn, the rate or the delay of the IMU.
         """
-        schedules: list[Any] = [make_schedule(scenario) for scenario in scenarios]
+        schedules = [_turn_schedule(scenario) for scenario in scenarios]
         ramps = [
             SimpleNamespace(duration=one.ramp.duration, time_constant=one.ramp.line.time_constant)
             for one in schedules
@@ -99,6 +99,16 @@ def stack_fields(objects: Sequence[Any], names: Sequence[str] | Mapping[str, Any
     return SimpleNamespace(
         **{name: np.array([getattr(one, name) for one in objects], float) for name in names}
     )
+
+
+def _turn_schedule(scenario: Scenario) -> TurnSchedule:
+    """Makes the schedule of a turn; UserError for a manoeuvre of another kind."""
+    schedule = make_schedule(scenario)
+    if not isinstance(schedule, TurnSchedule):
+        raise UserError(
+            f"manoeuvre.kind: {scenario.manoeuvre.kind}; the reduced car drives turn and auto_turn"
+        )
+    return schedule
 
 
 def _law_numbers(scenario: Scenario) -> Any:

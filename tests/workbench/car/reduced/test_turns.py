@@ -114,6 +114,7 @@ def of_plans(name, *settings):
         (of_cars, ("turn_swing", "tail.added_mass=0.01"), ("tail.added_mass", "0.01")),
         (of_cars, ("entry_turn",), ("rolling_start",)),
         (of_cars, ("entry_twice",), ("turns",)),
+        (of_plans, ("turn_none", "manoeuvre.kind=slalom"), ("manoeuvre.kind", "slalom", "turn")),
         (of_plans, ("turn_none", "manoeuvre.turn_start=3"), ("manoeuvre.turn_start", "2", "3")),
         (
             of_plans,

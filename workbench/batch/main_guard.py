@@ -1,0 +1,47 @@
+"""The main guard of a script: every worker process imports the script that starts it."""
+
+import ast
+import sys
+import threading
+from pathlib import Path
+from types import FrameType
+
+from aerodima.workbench.core.errors import UserError
+
+_GUARD = 'if __name__ == "__main__":'
+
+
+def refuse_unguarded_script() -> None:
+    """Raise UserError when the script that runs is about to start workers outside of its guard.
+
+    Each worker would run these lines again, and would start workers of its own. A notebook, a
+    prompt, a program that is no file and a `__main__.py` have no lines that a worker runs.
+    """
+    main = sys.modules["__main__"]
+    script = getattr(main, "__file__", None)
+    if getattr(main.__spec__, "name", "").rpartition(".")[2] == "__main__":
+        script = None
+    frame = sys._current_frames().get(threading.main_thread().ident or 0)
+    while frame is not None and not _is_top_level(frame, vars(main)):
+        frame = frame.f_back
+    if script is None or frame is None or not Path(script).is_file():
+        return
+    line = frame.f_lineno
+    if not any(block.start <= line < block.stop for block in _guarded_lines(Path(script))):
+        raise UserError(
+            f"{script}, line {line}: starts worker processes, which run the script again; put this "
+            f"line, and what else is to run once, below {_GUARD}"
+        )
+
+
+def _is_top_level(frame: FrameType, names: dict[str, object]) -> bool:
+    return frame.f_code.co_name == "<module>" and frame.f_globals is names
+
+
+def _guarded_lines(script: Path) -> list[range]:
+    """Find the lines of the blocks that ask for the name of the module."""
+    blocks = []
+    for node in ast.walk(ast.parse(script.read_bytes())):
+        if isinstance(node, ast.If) and "__name__" in ast.unparse(node.test):
+            blocks.append(range(node.lineno, (node.end_lineno or 0) + 1))
+    return blocks
