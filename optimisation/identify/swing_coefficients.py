@@ -22,7 +22,7 @@ from aerodima.optimisation.identify.least_squares import Parameter
 from aerodima.optimisation.identify.swing_fit import SwingModel, TorqueLaw, Values
 from aerodima.optimisation.identify.swing_log import SwingData, swing_data
 from aerodima.workbench.aero.section_laws import NormalForceLaw, SpeedLine, SpeedTable
-from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS, LEAST_INERTIA_LEFT
+from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS, MIN_INERTIA_FRACTION
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.core.resources import published_table
 from aerodima.workbench.logs.schema import read_run_log
@@ -167,7 +167,7 @@ def still_tail_law(data: SwingData) -> TorqueLaw:
 
 def added_mass_parameter(data: SwingData) -> Parameter:
     """Seed 0, up to 1 kg per part; at least 3 % of the inertia must be left."""
-    least = (1.0 - LEAST_INERTIA_LEFT) * PendulumModel.from_scenario(data.scenario).min_added_mass
+    least = (1.0 - MIN_INERTIA_FRACTION) * PendulumModel.from_scenario(data.scenario).min_added_mass
     return Parameter("added_mass", "kg", 0.0, least, _MAX_ADDED_MASS, scale=0.02)
 
 

@@ -1,4 +1,4 @@
-"""When a run completes its manoeuvre, as a function of the row of the run.
+"""Rule by which a run completes its manoeuvre, as a function of the row of the run.
 
 No two wheels of one side are more than `TWO_WHEELS` above the ground at a time, nothing but wheels
 touches it from the start of the steering on (the anti-ramp board: while the car is steered; it

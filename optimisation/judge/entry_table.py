@@ -101,7 +101,7 @@ def summarise_entries(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
 
 
 def has_gain(summary: pd.DataFrame) -> bool:
-    """Whether a tail enters faster than the car without one; True when none was judged."""
+    """Returns whether a tail enters faster than the car without one; True when none was judged."""
     without = summary["candidate"].isin([NO_TAIL.name, LOW_BALLAST.name])
     with_tail = summary[~without]
     if with_tail.empty:

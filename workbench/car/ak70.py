@@ -22,7 +22,10 @@ from aerodima.workbench.scenario.signal_table import TAIL_COMMAND
 
 if TYPE_CHECKING:
     from aerodima.workbench.scenario.scenario import Scenario
-    from aerodima.workbench.scenario.tail_parameters import TailMotorParameters
+    from aerodima.workbench.scenario.tail_parameters import (
+        FrictionParameters,
+        TailMotorParameters,
+    )
 
 TAIL_JOINTS = ("tail_pitch", "tail_roll")
 """Joints that a motor drives, in the order of all vectors of two."""
@@ -79,23 +82,23 @@ class TailMotor(LeafSystem):
 
 
 class JointFriction(LeafSystem):
-    """Friction of the tail's joints, added to the torques of their motors.
+    """Friction of n joints, added to the torques of their motors.
 
     Input ports:
-        rates (2): of `TAIL_JOINTS`, rad/s.
-        motor_torques (2): N m; a NaN counts as 0.
+        rates (n): of the joints, rad/s.
+        motor_torques (n): N m; a NaN counts as 0.
     Output ports:
-        joint_torques (2): motor and friction together, N m.
+        joint_torques (n): motor and friction together, N m.
 
     Args:
-        scenario: with the friction.
+        law: of the friction, see `joint_friction`.
+        size: n.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, law: FrictionParameters, size: int) -> None:
         super().__init__()
         self.set_name("joint_friction")
-        self._friction = scenario.friction
-        size = len(TAIL_JOINTS)
+        self._friction = law
         self._rates = self.DeclareVectorInputPort("rates", size)
         self._torques = self.DeclareVectorInputPort("motor_torques", size)
         inputs = {self.all_input_ports_ticket()}

@@ -42,18 +42,18 @@ CAGE_STIFFNESS = 1.0e5
 EDGE_HALF_WIDTH = 0.002
 """Half the width (m) of each edge of a tyre: narrow against any tyre, so that its contact point
 stays on it."""
-RIGID_SLIP = 1e-4
+MIN_STICTION_TOLERANCE = 1e-4
 """Slip (m/s) over which Drake spreads friction by default, that of rigid tyres."""
 
 
-def slip_speed(car: CarParameters, speed: float) -> float:
+def stiction_tolerance(car: CarParameters, speed: float) -> float:
     """Slip (m/s) over which the friction of the tyres is spread, at the speed (m/s) of a run.
 
     A tyre that slips at v feels friction x load x v / sqrt(v^2 + slip_speed^2), along and across
     alike: at small slip angles its cornering stiffness is friction x load / `tyre_slip_angle`, the
     same for both axles.
     """
-    return max(RIGID_SLIP, math.tan(car.tyre_slip_angle) * speed)
+    return max(MIN_STICTION_TOLERANCE, math.tan(car.tyre_slip_angle) * speed)
 
 
 @dataclass(frozen=True)

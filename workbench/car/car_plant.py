@@ -32,8 +32,8 @@ from pydrake.multibody.plant import (
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from aerodima.workbench.car.car_model import car_sdf, slip_speed
-from aerodima.workbench.car.tail_plant import LEAST_INERTIA_LEFT, added_mass_layout, tail_sdf
+from aerodima.workbench.car.car_model import car_sdf, stiction_tolerance
+from aerodima.workbench.car.tail_plant import MIN_INERTIA_FRACTION, added_mass_layout, tail_sdf
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.resources import models_dir
 from aerodima.workbench.core.sdf_model import SdfModel
@@ -122,17 +122,19 @@ def add_car_plant(
         plant.GetJointByName("tail_roll").set_default_angle(scenario.resting_roll)
         plant.GetJointByName("tail_pitch").set_default_angle(scenario.resting_pitch)
         added = _added_mass(plant, scenario)
-    plant.set_stiction_tolerance(slip_speed(scenario.car, scenario.manoeuvre.speed))
+    plant.set_stiction_tolerance(stiction_tolerance(scenario.car, scenario.manoeuvre.speed))
     plant.set_contact_model(ContactModel.kPoint)
     plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
     plant.SetUseSampledOutputPorts(sampled_outputs)
     plant.Finalize()
     result = CarPlant(plant, scene_graph, car, tail)
-    _let_parts_pass_each_other(plant, scene_graph, result.instances)
+    _exclude_self_collisions(plant, scene_graph, result.instances)
     if added is not None:
         try:
             added.add_to_builder(
-                builder, wind_acceleration=wind_acceleration, least_left=LEAST_INERTIA_LEFT
+                builder,
+                wind_acceleration=wind_acceleration,
+                min_inertia_fraction=MIN_INERTIA_FRACTION,
             )
         except ModelError as error:
             raise ModelError(f"tail.added_mass: {error}") from None
@@ -185,7 +187,7 @@ def parse_model(plant: MultibodyPlant, model: SdfModel, drawn: bool = True) -> M
 
 def _add_ground(plant: MultibodyPlant, friction: float) -> None:
     # A filter that is there already is not added again.
-    logging.getLogger("drake").addFilter(is_news)
+    logging.getLogger("drake").addFilter(drop_half_space_warning)
     properties = ProximityProperties()
     AddContactMaterial(
         dissipation=0.0,
@@ -202,7 +204,7 @@ def _add_ground(plant: MultibodyPlant, friction: float) -> None:
     )
 
 
-def _let_parts_pass_each_other(
+def _exclude_self_collisions(
     plant: MultibodyPlant, scene_graph: SceneGraph, instances: list[ModelInstanceIndex]
 ) -> None:
     """Contact acts between car and ground only; the tail's range is a limit of its joints."""
@@ -215,6 +217,6 @@ def _let_parts_pass_each_other(
     )
 
 
-def is_news(record: logging.LogRecord) -> bool:
+def drop_half_space_warning(record: logging.LogRecord) -> bool:
     """False for what Drake says about the ground of every car."""
     return record.getMessage() != HALF_SPACE_WARNING

@@ -98,7 +98,7 @@ def run_outcome(
     `speed`, m/s, straight ahead, or by default as the manoeuvre says.
     """
     car = assemble(
-        scenario, meshcat=view.meshcat, tail_law=law, lean=True, schedule=schedule, build=build
+        scenario, meshcat=view.meshcat, tail_law=law, minimal=True, schedule=schedule, build=build
     )
     with _released(car, build):
         outcome = OutcomeRecord(car.builder, car.station, scenario, car.signals)

@@ -45,7 +45,7 @@ class ChassisMotion(NamedTuple):
 
 
 def chassis_motion(values: Any, step: float) -> ChassisMotion:
-    """What a vector of `CHASSIS_MOTION_SIZE` says, for a plant of this step, s."""
+    """Reads the motion from a vector of `CHASSIS_MOTION_SIZE`, for a plant of this step, s."""
     x = values.tolist()
     change = [x[19] * (x[7 + k] - x[13 + k]) / step for k in range(6)]
     return ChassisMotion(rotation_rows(x[:4]), x[7:10], change[:3], change[3:])
@@ -115,7 +115,7 @@ class Imu(SampledSensor):
     Output ports:
         imu (9): roll, pitch, yaw rad; gyro rad/s; linear acceleration m/s2, in body axes
             (`signal_table.IMU`).
-        sample_time (1), age (1): s, see `SampledSensor`.
+        sample_time (1): s, see `SampledSensor`.
 
     Args:
         settings: `scenario.imu`: rate Hz, delay s; standard deviations gyro_noise rad/s, gyro_bias
@@ -184,7 +184,7 @@ class GpsSpeed(SampledSensor):
         chassis_motion (20): see `CHASSIS_MOTION_SIZE`.
     Output ports:
         speed (1): m/s.
-        sample_time (1), age (1): s, see `SampledSensor`.
+        sample_time (1): s, see `SampledSensor`.
 
     Args:
         settings: `scenario.gps`: rate Hz, delay s, noise m/s (standard deviation).
@@ -292,7 +292,7 @@ class MotorEncoder(SampledSensor):
     Output ports:
         angles (2): pitch, roll, rad.
         rates (2): pitch, roll, rad/s.
-        sample_time (1), age (1): s, see `SampledSensor`.
+        sample_time (1): s, see `SampledSensor`.
 
     Args:
         rate: Hz, one reply per command.

@@ -187,7 +187,7 @@ def _ignored_commands(builder: DiagramBuilder) -> dict[str, InputPort]:
 
 @dataclass(frozen=True)
 class TailDrives:
-    """What drives the tail of a car.
+    """Drives of the tail of a car.
 
     Attributes:
         commands: input ports of the motors, by their names on the station.
@@ -235,7 +235,7 @@ class TailDrives:
         motor_torques = concatenate(builder, "motor_torques", torques)
         friction = add_and_connect(
             builder,
-            JointFriction(scenario),
+            JointFriction(scenario.friction, len(TAIL_JOINTS)),
             rates=ports.motion("tail_rates"),
             motor_torques=motor_torques,
         )
@@ -310,10 +310,9 @@ def _add_status(builder: DiagramBuilder, sensors: dict[str, System]) -> OutputPo
     return add_status(
         builder,
         STATUS,
-        {},
+        {name: sensor.GetOutputPort("sample_time") for name, sensor in sensors.items()},
         healthy,
-        samples={name: sensor.GetOutputPort("sample_time") for name, sensor in sensors.items()},
-        faults={f"{part}_fault": fault for part in TAIL_PARTS},
+        {f"{part}_fault": fault for part in TAIL_PARTS},
     )
 
 

@@ -1,5 +1,5 @@
-"""Where the tail can go without touching the car: clearance over pitch and roll by signed distances
-of drawn shapes.
+"""Range of motion in which the tail does not touch the car: clearance over pitch and roll by signed
+distances of drawn shapes.
 
 The contact model of a run knows only the few points of car and tail that meet the ground; here
 every shape that the model draws takes part: rod and sail against cage, deck, board, wheels and
@@ -146,7 +146,7 @@ class TailQuery:
         ]
 
     def clearances(self, pitch: float, roll: float) -> list[float]:
-        """To each of `PARTS`, m."""
+        """Returns the distance to each of `PARTS`, m."""
         for joint, angle in zip(self._joints, (pitch, roll), strict=True):
             joint.set_angle(self._context, angle)
         query: Any = self._query_port.Eval(self._graph_context)
@@ -234,7 +234,7 @@ def _register_ground(graph: Any, source: Any) -> Any:
 
 
 def _part(body: str, geometry: str) -> str | None:
-    """Which of `PARTS` a drawn shape belongs to; None for what the tail need not avoid."""
+    """Returns which of `PARTS` a drawn shape belongs to; None for what the tail need not avoid."""
     if body.endswith("_wheel"):
         return "wheels"
     if body not in ("chassis", "board"):

@@ -108,7 +108,7 @@ def _body_truth(place: Any, velocity: Any, motion: ChassisMotion, p_BoImu_B: Any
 
 
 class PlantTruth(_Kinematics):
-    """What a plant knows of its motion. Evaluated only when somebody reads it, such as the run log.
+    """Motion of a plant, computed from its state. Evaluated only when somebody reads it, such as the run log.
 
     Everything comes from the plant's state through a context of its own.
 
@@ -199,7 +199,7 @@ class PlantTruth(_Kinematics):
 
 
 class CarTruth(_Kinematics):
-    """What the plant knows and the car does not.
+    """Ground truth of the car: motion, contacts and tail, as no sensor gives them.
 
     Evaluated only when somebody reads it, such as the run log.
 

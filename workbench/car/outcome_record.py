@@ -1,4 +1,4 @@
-"""What outcome and metrics of a run need, recorded without Python at any step.
+"""Record of what outcome and metrics of a run need, made without Python at any step.
 
 Drake's own loggers keep the ports that are plain vectors: what the sensors hold, the state of the
 plant, the torques on the tail's joints. All else is computed from them after the run, for all rows
@@ -111,7 +111,7 @@ class OutcomeRecord:
         return self._may_settle and self._is_calm(context, turn_end)
 
     def _is_calm(self, context: Context, since: float) -> bool:
-        """Whether the car has been calm in the last instants, and not before `since`, s."""
+        """Returns whether the car has been calm in the last instants, and not before `since`, s."""
         state = self._states(context)
         time = self._times(context)
         first = int(np.searchsorted(time, max(since, time[-1] - self._look_back)))

@@ -1,4 +1,4 @@
-"""What goes into the car's plant in a step, and what comes out of it, as named vectors.
+"""Inputs and outputs of the car's plant in a step, as named vectors.
 
 The plant's own vectors have their parts where Drake puts them. Two `Selector`s know these places:
 `motion` cuts the state into the parts that drives and sensors read, `plant_inputs` puts torques and
@@ -207,7 +207,7 @@ class PlantPorts:
     def _filled(
         self, port: InputPort, elements: Mapping[int, PortSlice]
     ) -> tuple[InputPort, list[PortSlice]]:
-        """What an input port is made of: these elements by their places; the others are 0."""
+        """Lists the parts of an input port: these elements by their places; the others are 0."""
         return port, [elements.get(place, self.zero) for place in range(port.size())]
 
 

@@ -138,7 +138,7 @@ def _corners(plate: Plate, margin: float) -> list[np.ndarray]:
 
 
 def _covers(piece: Piece, point: np.ndarray) -> bool:
-    """Whether a point in T lies on a piece, to a millimetre."""
+    """Returns whether a point in T lies on a piece, to a millimetre."""
     from_start = point - piece.start
     along = float(from_start @ piece.axis)
     across = float(from_start @ piece.across)

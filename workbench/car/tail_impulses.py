@@ -1,4 +1,4 @@
-"""What the tail does to the car: its moment about the car's heading axis, split by cause.
+"""Moment of the tail on the car about its heading axis, split by cause.
 
 Take the tail alone, with momentum P and angular momentum L about the world origin Wo. The air acts
 on it with the force F and the moment M about Wo, its weight m g at its centre of mass c, and the

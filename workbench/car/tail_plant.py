@@ -43,7 +43,7 @@ TAIL_CONTACT_STIFFNESS = 1.0e4
 in a crash only."""
 ADDED_MASS_PARTS = 5
 """Equal parts of the tail that carry the added mass (design section 5, thesis section 4.6)."""
-LEAST_INERTIA_LEFT = 0.03
+MIN_INERTIA_FRACTION = 0.03
 """Share of every inertia that a negative `tail.added_mass` must leave: a swing of the default tail
 with 3 % is the same at steps of 2 ms and 0.5 ms, with less than 1 % Drake's solver gives up."""
 
@@ -66,7 +66,9 @@ class ArmInertia(NamedTuple):
     pitch_product: float = 0.0
 
     def about_joints(self, roll_angle: float) -> tuple[float, float]:
-        """About pitch and roll axis at a roll angle (rad): the arm's mass matrix, diagonal."""
+        """Returns the inertia about pitch and roll axis at a roll angle (rad): the diagonal of the
+        arm's mass matrix.
+        """
         return inertia_about_joints(self, roll_angle)
 
 

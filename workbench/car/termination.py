@@ -1,4 +1,4 @@
-"""When a run of the car may end: it has flipped, or its turn is over."""
+"""End of a run of the car: it has flipped, or its turn is over."""
 
 import math
 from collections.abc import Iterator

@@ -1,5 +1,5 @@
-"""Whether a car tips up while it is steered: how high two wheels of one side are lifted, and what
-touches the ground.
+"""Tip-up of a steered car: how high two wheels of one side are lifted, and what touches the
+ground.
 
 NHTSA calls two wheels of one side two inches (51 mm) above the ground a tip-up, on cars of full
 size. At the size of this car, a tenth, it is `TWO_WHEELS`. Everything is from the ground truth and
@@ -35,7 +35,7 @@ _TIME_MARGIN = 1e-6
 
 @dataclass(frozen=True)
 class TipUp:
-    """How near a steered car came to tipping up, and how it turned.
+    """Lift, contacts and turning of a steered car.
 
     Attributes:
         side_lift_m: largest value over time of the smaller lift of the two wheels of one side, m;

@@ -1,5 +1,4 @@
-"""How far a turn takes the car over the ground, and how soon: its course, from the steering command
-on.
+"""Course of a turn over the ground, and the time that it takes, from the steering command on.
 
 The course is the direction in which the point of the chassis moves over the ground that lies on it
 under the centre of mass of the car without tail arm (`car.com_x`). A spin turns the body, not the
@@ -23,7 +22,7 @@ from aerodima.workbench.logs.schema import RunLog
 
 @dataclass(frozen=True)
 class TurnCourse:
-    """Where the turn led; every field is None without an exit.
+    """Exit of a turn; every field is None without one.
 
     Attributes:
         exit_time_s: since the steering command; first instant with straight wheels and a yaw rate

@@ -1,4 +1,4 @@
-"""What every law for the driver sees and gives: schedules of time, and drivers that look at the
+"""Laws of the driver, with what they see and give: schedules of time, and drivers that look at the
 car.
 
 No Drake.
@@ -30,7 +30,7 @@ SLOW = 0.5
 
 
 class Seen(NamedTuple):
-    """What a driver sees at one tick; NaN where it is not known, as all of it is before the first
+    """Signals that a driver sees at one tick; NaN where it is not known, as all of it is before the first
     tick.
 
     Attributes:

@@ -37,7 +37,7 @@ MIDDLE = 0.1
 
 
 class Seen(NamedTuple):
-    """What the law looks at, numbers or arrays of cars (n).
+    """Signals that the law reads, numbers or arrays of cars (n).
 
     Attributes:
         roll, roll_rate: of the car, rad and rad/s, positive to the right.

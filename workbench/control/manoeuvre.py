@@ -1,5 +1,5 @@
-"""What the driver does and when: steering, throttle and announced turn as plain functions of time
-(design section 10).
+"""Manoeuvres of the driver: steering, throttle and announced turn as plain functions of time (design
+section 10).
 
 No Drake here; `TurnDriver` plays a schedule into a station, and so does the no-Drake mode on the
 car. Steering angles in rad, positive to the left; throttle -1 to 1; planned turn +1 left, -1 right,
@@ -24,7 +24,7 @@ CLOSED_LOOP = ("fishhook", "path")
 
 
 class DriverInput(NamedTuple):
-    """What the driver gives at one instant."""
+    """Commands of the driver at one instant."""
 
     steering_angle: float
     throttle: float
@@ -276,7 +276,7 @@ class RisingSchedule:
 
 @dataclass(frozen=True)
 class StraightSchedule:
-    """Up to speed and straight on, for the throttle tests (thesis 6.2). No turn is announced."""
+    """Straight driving at a speed, for the throttle tests (thesis 6.2). No turn is announced."""
 
     ramp: SpeedRamp
 

@@ -96,7 +96,7 @@ class SwingSettings(ControllerParameters):
 
 
 class SwingPhase(NamedTuple):
-    """How far a swing is, numbers or arrays of cars (n).
+    """Progress of a swing, numbers or arrays of cars (n).
 
     Attributes:
         state: a `SwingState`.

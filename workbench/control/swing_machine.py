@@ -38,7 +38,7 @@ ACCELERATION_Y = IMU.index("acceleration_y")
 
 @dataclass(frozen=True)
 class SwingMemory:
-    """What a law remembers between ticks. Angles as the car reports them, not mirrored.
+    """Memory of a law between ticks. Angles as the car reports them, not mirrored.
 
     Args:
         state: a `SwingState`.

@@ -1,4 +1,5 @@
-"""What every control law for the tail sees, from the station's signals on, and what it gives.
+"""Protocol of every control law for the tail: what it sees of the station's signals, and what it
+gives.
 
 No Drake.
 """
@@ -34,7 +35,7 @@ IMU_AGE = STATUS.index("imu_age")
 
 @dataclass(frozen=True)
 class Observation:
-    """What a law sees at one tick. NaN means "not known".
+    """Signals that a law sees at one tick. NaN means "not known".
 
     Args:
         time: s.

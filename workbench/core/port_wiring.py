@@ -74,7 +74,6 @@ class DiscreteVector:
         index = system.DeclareDiscreteState(values)
         if output is not None:
             system.DeclareStateOutputPort(output, index)
-        self.ticket = system.discrete_state_ticket(index)
         self._index = int(index)
 
     def read(self, context: Context) -> np.ndarray:

@@ -4,13 +4,12 @@ import hashlib
 import math
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem, State
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem, State
 
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.event_order import EventPriority, period_of
 from aerodima.workbench.core.port_wiring import DiscreteVector, vector_of
 from aerodima.workbench.core.quantity import RATE_TOLERANCE, check_rate
-from aerodima.workbench.core.system_lifetime import weak_callback
 
 TURN = 2.0 * math.pi
 """One revolution, rad."""
@@ -25,7 +24,7 @@ class SampledSensor(LeafSystem):
     until the next one: whole periods of the delay are a queue in discrete state, the rest is the
     phase of the event that shows the sample, so the delay is exact and nothing is interpolated.
     Before the run the robot is taken to have stood as it does at the initial time: the output then
-    holds the first sample, and its age is the delay.
+    holds the first sample, taken a delay ago.
 
     Before a discrete plant, sampling and appearing come first of all that happens at an instant,
     and the plant's step last (`aerodima.workbench.core.event_order`): the sensor sees the plant
@@ -38,7 +37,6 @@ class SampledSensor(LeafSystem):
         <outputs>: the newest sample that has appeared, cut into ports; cost nothing between
         samples.
         sample_time (1): when it was taken, s.
-        age (1): time since then, s; changes with time.
 
     Args:
         name: of the system, e.g. "imu"; settings are named by it in messages.
@@ -82,9 +80,6 @@ class SampledSensor(LeafSystem):
         self._queue_length = whole + 1
         self._row_size = size + 1
         self._queue = DiscreteVector(self, np.zeros(self._queue_length * self._row_size))
-        self.DeclareVectorOutputPort(
-            "age", 1, weak_callback(self._calc_age), {self.time_ticket(), self._sample_time.ticket}
-        )
         self.DeclareInitializationUnrestrictedUpdateEvent(self._initialise)
         period = period_of(rate, EventPriority.SENSOR) if discrete else 1.0 / rate
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._sample)
@@ -145,9 +140,6 @@ class SampledSensor(LeafSystem):
             group.write(discrete_state, row[columns])
         self._sample_time.write(discrete_state, row[-1:])
 
-    def _calc_age(self, context: Context, output: BasicVector) -> None:
-        output[0] = context.get_time() - self._sample_time.read(context)[0]
-
 
 class AngleEncoder(SampledSensor):
     """Encoder of one joint: its angle in steps, and the rate from the difference of two readings.
@@ -161,7 +153,7 @@ class AngleEncoder(SampledSensor):
     Output ports:
         angle (1): rad.
         rate (1): rad/s, mean over the window; 0 until it is filled.
-        sample_time (1), age (1): s, see `SampledSensor`.
+        sample_time (1): s, see `SampledSensor`.
 
     Args:
         name, rate, delay, step, discrete: as for `SampledSensor`.

@@ -1,4 +1,4 @@
-"""What a table or a plot over many runs needs of each run, and which published figures stand beside
+"""Summary of a run for tables and plots over many runs, and the published figures that stand beside
 it.
 
 Everything comes from the run log. `RunSummary` is small and pickles, so a worker process can send

@@ -1,5 +1,5 @@
-"""What a run comes to: the eight metrics of the thesis, raw and filtered, and whether the car
-stayed on its wheels.
+"""Metrics of a run: the eight of the thesis, raw and filtered, and whether the car stayed on its
+wheels.
 
 Everything is computed from the log alone. The eight metrics come twice, from the signals that the
 thesis took for its simulated car (`RunMetrics.raw`) and for the real one (`RunMetrics.filtered`);
@@ -37,7 +37,7 @@ OF_THE_TURN = ("speed_in_turn_m_per_s", "lift_yaw_rate_rad_per_s")
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended.
+    """End of a run.
 
     Attributes:
         result: `flipped` if the tilt passed 75 degrees at any time, or the run ended beyond 20

@@ -22,27 +22,31 @@ from pydrake.systems.framework import (
     Context,
     Diagram,
     DiagramBuilder,
+    InputPort,
     LeafSystem,
     OutputPort,
     System,
 )
-from pydrake.systems.primitives import Adder
 
 from aerodima.workbench.aero.added_mass import AddedMass, add_added_mass
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import Air
 from aerodima.workbench.aero.tail_force import add_tail_force, connect_spatial_forces
 from aerodima.workbench.aero.wind import WindModel, add_wind
+from aerodima.workbench.car.ak70 import JointFriction
 from aerodima.workbench.car.car_plant import add_plant, parse_model
-from aerodima.workbench.car.laws import joint_friction
 from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.core.port_wiring import add_and_connect, declare_spatial_forces, vector_of
+from aerodima.workbench.core.port_wiring import (
+    add_and_connect,
+    concatenate,
+    declare_spatial_forces,
+    vector_of,
+)
 from aerodima.workbench.core.system_lifetime import weak_callback
 from aerodima.workbench.rig.rig_layout import bar_layout, rig_jet, rig_law, tail_layout
 from aerodima.workbench.rig.rig_model import cheetah_rig_sdf, robot_rig_sdf
 from aerodima.workbench.scenario.rig_scenario import RigScenario
-from aerodima.workbench.scenario.tail_parameters import FrictionParameters
 
 
 @dataclass(frozen=True)
@@ -53,8 +57,7 @@ class RigPlant:
         plant: finalised, continuous.
         scene_graph: for a viewer; None without.
         tail_force: aerodynamic system of the tail; None for the bare bar.
-        torques: adder whose first input port takes the motor's torque (1), N m, along the joint
-            axis.
+        motor_torque: input port of the motor's torque (1), N m, along the joint axis.
         wrench: port (6) of the wrench of the support on the rig at W: force N, torque N m, in W
             axes.
     """
@@ -62,7 +65,7 @@ class RigPlant:
     plant: MultibodyPlant
     scene_graph: SceneGraph | None
     tail_force: System | None
-    torques: Adder
+    motor_torque: InputPort
     wrench: OutputPort
 
 
@@ -103,11 +106,13 @@ def add_rig_plant(
     added = _added_mass(plant, scenario)
     plant.Finalize()
     plant.GetJointByName("swing").set_default_angle(scenario.experiment.angle)
-    torques = _add_torques(builder, plant, scenario)
+    state = plant.get_state_output_port()
+    friction = JointFriction(scenario.joint_friction, 1)
+    add_and_connect(builder, friction, rates=concatenate(builder, "joint_rate", [(state, [1])]))
+    builder.Connect(friction.get_output_port(), plant.get_actuation_input_port())
     tail_force = _add_air(builder, plant, scenario)
     if added is not None:
         added.add_to_builder(builder)
-        state = plant.get_state_output_port()
         balance = add_and_connect(
             builder, SpanwiseBalance(plant, added), "spanwise_balance", plant_state=state
         )
@@ -116,20 +121,8 @@ def add_rig_plant(
     support = add_and_connect(
         builder, SupportWrench(int(sensor.index())), "support", reaction_forces=reactions
     )
-    return RigPlant(plant, scene, tail_force, torques, support.get_output_port())
-
-
-def _add_torques(builder: DiagramBuilder, plant: MultibodyPlant, scenario: RigScenario) -> Adder:
-    """Friction and an open input for the motor, added into the actuation."""
-    law = scenario.joint_friction
-    friction = add_and_connect(
-        builder, JointFriction(law), "friction", joint_state=plant.get_state_output_port()
-    )
-    torques = Adder(2, 1)
-    builder.AddNamedSystem("torques", torques)
-    builder.Connect(friction.get_output_port(), torques.get_input_port(1))
-    builder.Connect(torques.get_output_port(), plant.get_actuation_input_port())
-    return torques
+    motor_torque = friction.GetInputPort("motor_torques")
+    return RigPlant(plant, scene, tail_force, motor_torque, support.get_output_port())
 
 
 def _add_air(
@@ -278,7 +271,7 @@ def current_constant(scenario: RigScenario) -> float:
 
 
 def _export_torque(builder: DiagramBuilder, rig: RigPlant) -> Diagram:
-    builder.ExportInput(rig.torques.get_input_port(0), "motor_torque")
+    builder.ExportInput(rig.motor_torque, "motor_torque")
     builder.ExportOutput(rig.wrench, "wrench")
     return builder.Build()
 
@@ -350,29 +343,3 @@ class SpanwiseBalance(LeafSystem):
         force.p_BoBq_B = np.zeros(3)
         force.F_Bq_W = SpatialForce(np.zeros(3), -self._mass * distance * state[1] ** 2 * axis)
         output.set_value([force])
-
-
-class JointFriction(LeafSystem):
-    """Friction torque of a joint, by `joint_friction`.
-
-    Input ports:
-        joint_state (2): angle rad, rate rad/s.
-    Output ports:
-        torque (1): N m, opposing the rate.
-    """
-
-    def __init__(self, law: FrictionParameters):
-        super().__init__()
-        self._law = law
-        self._state = self.DeclareVectorInputPort("joint_state", 2)
-        self.DeclareVectorOutputPort(
-            "torque",
-            1,
-            weak_callback(self._calc_torque),
-            prerequisites_of_calc={self._state.ticket()},
-        )
-
-    def _calc_torque(self, context: Context, output: BasicVector) -> None:
-        rate = float(vector_of(self._state, context)[1])
-        law = self._law
-        output[0] = joint_friction(rate, law.coulomb, law.viscous, law.tanh_gain)

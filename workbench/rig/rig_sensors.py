@@ -93,7 +93,7 @@ class RigSensor(SampledSensor):
         value (n): true one; of the force sensor the wrench of the support on the rig at W, W axes.
     Output ports:
         reading (n): of the force sensor force N, torque N m; of the current A.
-        sample_time (1), age (1): s, see `SampledSensor`.
+        sample_time (1): s, see `SampledSensor`.
 
     Args:
         name: of the system.

@@ -82,7 +82,7 @@ PAD_ACCELERATION = 4.0
 
 @dataclass
 class ManualInput:
-    """What the driver asks for now.
+    """Commands of the driver now.
 
     Attributes:
         steering: rad, positive to the left.
@@ -106,7 +106,7 @@ class ManualInput:
 
 @dataclass(frozen=True)
 class DisplayState:
-    """What the driver sees of the run.
+    """State of the run that the driver sees.
 
     Attributes:
         time: simulated since this attempt began, s.
@@ -122,7 +122,7 @@ class DisplayState:
 
 
 class Controls(Protocol):
-    """Where the driver's commands come from, and where the driver sees what became of them."""
+    """Source of the driver's commands, and display of what became of them."""
 
     def poll(self) -> ManualInput:
         """Reads what the driver asks for now."""

@@ -173,7 +173,7 @@ def _direction(vector: np.ndarray) -> str:
 
 @dataclass(frozen=True)
 class DiagramPicture:
-    """What Graphviz draws; a notebook shows it as a picture, or without Graphviz a line.
+    """Picture that Graphviz draws; a notebook shows it, or without Graphviz a line.
 
     Attributes:
         text: in Graphviz's language.

@@ -1,4 +1,4 @@
-"""What a notebook shows live: a replay or Meshcat inside the page, and sliders that call a function
+"""Live cells of a notebook: a replay or Meshcat inside the page, and sliders that call a function
 again.
 """
 

@@ -65,8 +65,8 @@ _PLANT_PANELS: tuple[_Panel, ...] = (
 
 @dataclass(frozen=True)
 class _Line:
-    """How a column is drawn: its name in the legend, colour and line, and the car's filter it is
-    shown after.
+    """Look of a column: its name in the legend, colour and line, and the car's filter it is shown
+    after.
     """
 
     label: str

@@ -26,7 +26,7 @@ from aerodima.workbench.car.verdict import is_beyond_flip, velocity_over_ground
 from aerodima.workbench.core.array_types import FloatArray, IntArray
 
 STEP = 0.002
-"""Length of a step, s."""
+"""Length of a step, s: that of the plant in `models/parameters/simulation.yaml`."""
 
 
 class Rollout:

@@ -40,7 +40,7 @@ EPS_SQRT = 1e-12
 
 
 class Commands(NamedTuple):
-    """What drives the cars.
+    """Inputs of the cars.
 
     Attributes:
         steering: angles of the front wheels, left and right (2, n), rad.

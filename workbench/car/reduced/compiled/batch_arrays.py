@@ -1,4 +1,4 @@
-"""Where the arrays of a batch are."""
+"""Places of the arrays of a batch."""
 
 from __future__ import annotations
 
