@@ -49,7 +49,7 @@ MIN_STICTION_TOLERANCE = 1e-4
 def stiction_tolerance(car: CarParameters, speed: float) -> float:
     """Slip (m/s) over which the friction of the tyres is spread, at the speed (m/s) of a run.
 
-    A tyre that slips at v feels friction x load x v / sqrt(v^2 + slip_speed^2), along and across
+    A tyre that slips at v feels friction x load x v / sqrt(v^2 + tolerance^2), along and across
     alike: at small slip angles its cornering stiffness is friction x load / `tyre_slip_angle`, the
     same for both axles.
     """

@@ -207,7 +207,7 @@ def _add_ground(plant: MultibodyPlant, friction: float) -> None:
 def _exclude_self_collisions(
     plant: MultibodyPlant, scene_graph: SceneGraph, instances: list[ModelInstanceIndex]
 ) -> None:
-    """Contact acts between car and ground only; the tail's range is a limit of its joints."""
+    """Excludes contacts between parts of the car; the tail's range is a limit of its joints."""
     geometries: list[GeometryId] = []
     for instance in instances:
         for body in plant.GetBodyIndices(instance):
@@ -218,5 +218,5 @@ def _exclude_self_collisions(
 
 
 def drop_half_space_warning(record: logging.LogRecord) -> bool:
-    """False for what Drake says about the ground of every car."""
+    """Returns False for what Drake says about the ground of every car."""
     return record.getMessage() != HALF_SPACE_WARNING

@@ -108,7 +108,7 @@ def _body_truth(place: Any, velocity: Any, motion: ChassisMotion, p_BoImu_B: Any
 
 
 class PlantTruth(_Kinematics):
-    """Motion of a plant, computed from its state. Evaluated only when somebody reads it, such as the run log.
+    """Motion of a plant. Evaluated only when somebody reads it, such as the run log.
 
     Everything comes from the plant's state through a context of its own.
 

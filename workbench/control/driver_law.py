@@ -30,8 +30,8 @@ SLOW = 0.5
 
 
 class Seen(NamedTuple):
-    """Signals that a driver sees at one tick; NaN where it is not known, as all of it is before the first
-    tick.
+    """Signals that a driver sees at one tick; NaN where they are not known, as all are before the
+    first tick.
 
     Attributes:
         time: s.
