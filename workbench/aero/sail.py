@@ -37,7 +37,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from aerodima.workbench.aero.section_laws import CrossedPlatesLaw, NormalForceLaw, SectionLaw
+from aerodima.workbench.aero.section_laws import (
+    CrossedPlatesLaw,
+    NormalForceLaw,
+    SectionLaw,
+    rotated,
+)
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.core.elementwise import rotation_rows
 from aerodima.workbench.scenario.tail_parameters import SHELL_DEPTH
@@ -137,7 +142,8 @@ def sail_motion(
         angles, rates: of pitch, roll and sail joint, rad and rad/s.
         p_BoSo_B: where the joint axes cross, in the chassis frame, m.
     """
-    (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = rotation_rows(quaternion)
+    rows = rotation_rows(quaternion)
+    (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = rows
     pitch, roll, turn = angles
     c = math.cos(pitch)
     s = math.sin(pitch)
@@ -164,10 +170,7 @@ def sail_motion(
         s = math.sin(turn)
         x_S = (hx * c + lx * s, hy * c + ly * s, hz * c + lz * s)
         y_S = (lx * c - hx * s, ly * c - hy * s, lz * c - hz * s)
-    px, py, pz = p_BoSo_B
-    dx = r00 * px + r01 * py + r02 * pz
-    dy = r10 * px + r11 * py + r12 * pz
-    dz = r20 * px + r21 * py + r22 * pz
+    dx, dy, dz = rotated(rows, p_BoSo_B)
     wx, wy, wz, vx, vy, vz = velocity
     p_rate, r_rate, t_rate = rates
     w_x = wx + p_rate * r01 + r_rate * hx + t_rate * ax
@@ -198,10 +201,7 @@ def generalised_force(
     fx, fy, fz = force
     mx, my, mz = moment
     dx, dy, dz = motion.p_BoSo_W
-    (px, py, pz), (rx, ry, rz), (sx, sy, sz) = motion.axes_W
-    pitch = px * mx + py * my + pz * mz
-    roll = rx * mx + ry * my + rz * mz
-    turn = sx * mx + sy * my + sz * mz
+    pitch, roll, turn = rotated(motion.axes_W, moment)
     about_x = mx + dy * fz - dz * fy
     about_y = my + dz * fx - dx * fz
     about_z = mz + dx * fy - dy * fx

@@ -70,6 +70,12 @@ def cross(a: Vector, b: Vector) -> tuple[Scalar, Scalar, Scalar]:
     return a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x
 
 
+def rotated(rows: Sequence[Vector], vector: Vector) -> tuple[Scalar, Scalar, Scalar]:
+    """Rotates a vector by a matrix, three rows of which the first three numbers count."""
+    x_row, y_row, z_row = rows
+    return dot(x_row, vector), dot(y_row, vector), dot(z_row, vector)
+
+
 class SectionLaw(ABC):
     """Force law of a section, as `TailForce` asks for it.
 
@@ -177,14 +183,12 @@ def plate_force(
         line, distances, areas, density: as there.
         along, against: C_N when the air blows along +n, and along -n.
     """
-    (ux, uy, uz), (kx, ky, kz), (ax, ay, az), (nx, ny, nz) = line
-    cx = ny * az - nz * ay  # chord direction n x a
-    cy = nz * ax - nx * az
-    cz = nx * ay - ny * ax
-    u_n = ux * nx + uy * ny + uz * nz
-    k_n = kx * nx + ky * ny + kz * nz
-    u_c = ux * cx + uy * cy + uz * cz
-    k_c = kx * cx + ky * cy + kz * cz
+    u, k, a, n = line
+    c = cross(n, a)  # direction of the chord
+    u_n = dot(u, n)
+    k_n = dot(k, n)
+    u_c = dot(u, c)
+    k_c = dot(k, c)
     scale = 0.5 * density
     even = along == against
     many = isinstance(u_n, np.ndarray)
@@ -208,7 +212,7 @@ def plate_force(
     total = scale * total
     # The moment s a x (f n) lies along a x n = -c.
     moment = -(scale * moment)
-    return total * nx, total * ny, total * nz, moment * cx, moment * cy, moment * cz
+    return total * n[0], total * n[1], total * n[2], moment * c[0], moment * c[1], moment * c[2]
 
 
 def require_increasing(name: str, values: Sequence[float], where: str) -> None:

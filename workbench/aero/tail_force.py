@@ -22,6 +22,7 @@ from aerodima.workbench.aero.section_laws import (
     SectionLaw,
     angle_of_attack,
     cross,
+    dot,
     float_of,
     length,
     wind_direction,
@@ -34,8 +35,12 @@ from aerodima.workbench.aero.section_watch import (
 )
 from aerodima.workbench.aero.sections import Air, Jet, SectionLayout
 from aerodima.workbench.core.errors import ModelError
-from aerodima.workbench.core.port_wiring import add_and_connect, declare_spatial_forces
-from aerodima.workbench.core.system_lifetime import SystemParts, scalar_template, weak_callback
+from aerodima.workbench.core.port_wiring import (
+    add_and_connect,
+    declare_output,
+    declare_spatial_forces,
+)
+from aerodima.workbench.core.system_lifetime import SystemParts, scalar_template
 
 ADDED_MASS_PREFIX = "added_mass_"
 """How the names of model instances and bodies of added mass begin."""
@@ -109,15 +114,14 @@ class TailForceParts(SystemParts):
         self._SpatialForce = SpatialForce_[T]
         self._state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
         self._wind = self.DeclareVectorInputPort("wind_velocity", 3)
-        inputs = {self._state.ticket(), self._wind.ticket()}
-        declare_spatial_forces(self, self._calc_forces, inputs, T)
+        declare_spatial_forces(self, self._calc_forces, T)
         for name, size, calc in (
             ("wrench", 9, self._calc_wrench),
             ("sections", 4 * layout.number, self._calc_sections),
             ("validity", layout.number, self._calc_validity),
             ("wind_direction", 1, self._calc_wind_direction),
         ):
-            self.DeclareVectorOutputPort(name, size, weak_callback(calc), inputs)
+            declare_output(self, name, size, calc)
 
     def arguments(self, T: Any) -> tuple[Any, ...]:
         """Arguments of the same system of scalar type T."""
@@ -240,9 +244,8 @@ TailForce = TailForce_[float]
 
 
 def point_in_world(X_WB: Any, p_BoQ_B: Any) -> tuple[Any, ...]:
-    """p_WQ of a body-fixed point Q from the rows of [R | p]."""
-    x, y, z = p_BoQ_B
-    return tuple(row[0] * x + row[1] * y + row[2] * z + row[3] for row in X_WB)
+    """Returns p_WQ of a body-fixed point Q from the rows of [R | p]."""
+    return tuple(dot(row, p_BoQ_B) + row[3] for row in X_WB)
 
 
 def resolve_body(plant: Any, body: Any, place: str = "tail force") -> Any:

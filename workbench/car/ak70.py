@@ -16,8 +16,7 @@ from aerodima.workbench.car.laws import (
 )
 from aerodima.workbench.car.tail_plant import arm_inertia
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.core.port_wiring import vector_of
-from aerodima.workbench.core.system_lifetime import weak_callback
+from aerodima.workbench.core.port_wiring import declare_output, vector_of
 from aerodima.workbench.scenario.signal_table import TAIL_COMMAND
 
 if TYPE_CHECKING:
@@ -64,8 +63,7 @@ class TailMotor(LeafSystem):
         self._rotor = motor.rotor_inertia * motor.gear_ratio**2
         self._motion = self.DeclareVectorInputPort("joint_motion", 6)
         self._command = self.DeclareVectorInputPort("tail_command", TAIL_COMMAND.size)
-        inputs = {self.all_input_ports_ticket()}
-        self.DeclareVectorOutputPort("torque", 1, weak_callback(self._calc), inputs)
+        declare_output(self, "torque", 1, self._calc)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         motion = vector_of(self._motion, context).tolist()
@@ -101,8 +99,7 @@ class JointFriction(LeafSystem):
         self._friction = law
         self._rates = self.DeclareVectorInputPort("rates", size)
         self._torques = self.DeclareVectorInputPort("motor_torques", size)
-        inputs = {self.all_input_ports_ticket()}
-        self.DeclareVectorOutputPort("joint_torques", size, weak_callback(self._calc), inputs)
+        declare_output(self, "joint_torques", size, self._calc)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         law = self._friction
@@ -176,9 +173,8 @@ class MitMotor(LeafSystem):
         self._line = torque_speed_limits(motor)
         self._state = self.DeclareVectorInputPort("joint_state", 2)
         self._command = self.DeclareVectorInputPort("tail_command", TAIL_COMMAND.size)
-        inputs = {self.all_input_ports_ticket()}
-        self.DeclareVectorOutputPort("torque", 1, weak_callback(self._calc_torque), inputs)
-        self.DeclareVectorOutputPort("current", 1, weak_callback(self._calc_current), inputs)
+        declare_output(self, "torque", 1, self._calc_torque)
+        declare_output(self, "current", 1, self._calc_current)
 
     def _torque(self, context: Context) -> float:
         angle, rate = vector_of(self._state, context).tolist()

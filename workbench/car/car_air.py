@@ -27,14 +27,19 @@ from aerodima.workbench.aero.section_laws import (
     SectionLaw,
     cross,
     facing_law,
+    rotated,
     wind_direction,
 )
 from aerodima.workbench.aero.sections import Air, SectionLayout
 from aerodima.workbench.car.tail_plant import tail_geometry
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
-from aerodima.workbench.core.port_wiring import add_and_connect, concatenate, vector_of
-from aerodima.workbench.core.system_lifetime import weak_callback
+from aerodima.workbench.core.port_wiring import (
+    add_and_connect,
+    concatenate,
+    declare_output,
+    vector_of,
+)
 from aerodima.workbench.scenario.tail_parameters import (
     CONSTANT,
     SAIL_LAWS,
@@ -187,11 +192,8 @@ class TailAerodynamics(LeafSystem):
         self._p_BoSo_B = p_BoSo_B.tolist()
         self._motion = self.DeclareVectorInputPort("tail_motion", 16)
         self._wind = self.DeclareVectorInputPort("wind_velocity", 3) if windy else None
-        inputs = {self.all_input_ports_ticket()}
-        self.DeclareVectorOutputPort("force", 9, weak_callback(self._calc_force), inputs)
-        self.DeclareVectorOutputPort(
-            "wind_direction", 1, weak_callback(self._calc_wind_direction), inputs
-        )
+        declare_output(self, "force", 9, self._calc_force)
+        declare_output(self, "wind_direction", 1, self._calc_wind_direction)
 
     @classmethod
     def add_to_builder(
@@ -228,8 +230,8 @@ class TailAerodynamics(LeafSystem):
             gx, gy, gz, kx, ky, kz = law.line_force(
                 line, layout.distances, layout.areas, self._density
             )
-            if layout.p_BoRo_B != (0.0, 0.0, 0.0):
-                dx, dy, dz = cross(layout.root_in(sail.R_WS), (gx, gy, gz))
+            if any(layout.p_BoRo_B):
+                dx, dy, dz = cross(rotated(sail.R_WS, layout.p_BoRo_B), (gx, gy, gz))
                 kx = kx + dx
                 ky = ky + dy
                 kz = kz + dz

@@ -35,19 +35,37 @@ PortSlice = OutputPort | tuple[OutputPort, Sequence[int]]
 """What a port is made of: another port, or elements of one."""
 
 
-def declare_spatial_forces(
-    system: Any, calc: Callable[[Any, Any], None], inputs: set[Any], T: Any = float
-) -> None:
+def declare_spatial_forces(system: Any, calc: Callable[[Any, Any], None], T: Any = float) -> None:
     """Declares the output port `spatial_forces`, a list[ExternallyAppliedSpatialForce].
+
+    It depends on the input ports alone.
 
     Args:
         system: whose method `calc` is.
         calc: called with a context and the value to be set.
-        inputs: tickets of what the value depends on.
         T: scalar type.
     """
     make = Value[list[ExternallyAppliedSpatialForce_[T]]]
-    system.DeclareAbstractOutputPort("spatial_forces", make, weak_callback(calc), inputs)
+    tickets = {system.all_input_ports_ticket()}
+    system.DeclareAbstractOutputPort("spatial_forces", make, weak_callback(calc), tickets)
+
+
+def declare_output(
+    system: Any, name: str, size: int, calc: Callable[[Any, Any], None], *, timed: bool = False
+) -> None:
+    """Declares a vector output port that depends on the input ports alone, or on the time too.
+
+    Args:
+        system: whose method `calc` is.
+        name: of the port.
+        size: of its vector.
+        calc: called with a context and the vector to be set.
+        timed: whether it depends on the time.
+    """
+    tickets = {system.all_input_ports_ticket()}
+    if timed:
+        tickets.add(system.time_ticket())
+    system.DeclareVectorOutputPort(name, size, weak_callback(calc), tickets)
 
 
 def vector_of(port: InputPort | OutputPort, context: Context) -> FloatArray:

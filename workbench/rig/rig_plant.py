@@ -40,10 +40,10 @@ from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_wiring import (
     add_and_connect,
     concatenate,
+    declare_output,
     declare_spatial_forces,
     vector_of,
 )
-from aerodima.workbench.core.system_lifetime import weak_callback
 from aerodima.workbench.rig.rig_layout import bar_layout, rig_jet, rig_law, tail_layout
 from aerodima.workbench.rig.rig_model import cheetah_rig_sdf, robot_rig_sdf
 from aerodima.workbench.scenario.rig_scenario import RigScenario
@@ -294,9 +294,7 @@ class SupportWrench(LeafSystem):
         self._reactions = self.DeclareAbstractInputPort(
             "reaction_forces", Value[list[SpatialForce]]()
         )
-        self.DeclareVectorOutputPort(
-            "wrench", 6, weak_callback(self._calc), {self._reactions.ticket()}
-        )
+        declare_output(self, "wrench", 6, self._calc)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         reactions: Any = self._reactions.Eval(context)
@@ -325,7 +323,7 @@ class SpanwiseBalance(LeafSystem):
         (self._body,) = plant.GetBodyIndices(added.instance)
         self._mass = plant.get_body(self._body).default_mass()
         self._state = self.DeclareVectorInputPort("plant_state", 2)
-        declare_spatial_forces(self, self._calc, {self._state.ticket()})
+        declare_spatial_forces(self, self._calc)
 
     def _calc(self, context: Context, output: Any) -> None:
         plant = self._plant
