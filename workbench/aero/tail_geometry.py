@@ -33,7 +33,6 @@ from pydrake.multibody.tree import SpatialInertia
 
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.aero.tail_mass import (
-    inertia_of_inertial,
     inertial_of_inertia,
     placed,
     plate_inertia,
@@ -353,7 +352,7 @@ class TailGeometry(TailPart):
     @property
     def inertia(self) -> SpatialInertia:
         """Inertia of the whole tail about the origin of T."""
-        return total_inertia(map(inertia_of_inertial, (self.arm_mass, self.sail_mass)))
+        return total_inertia((self.arm_mass.about_origin(), self.sail_mass.about_origin()))
 
     @property
     def inertial(self) -> Inertial:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from pydrake.math import RotationMatrix
-from pydrake.multibody.tree import RotationalInertia, SpatialInertia, UnitInertia
+from pydrake.multibody.tree import SpatialInertia, UnitInertia
 
 from aerodima.workbench.core.sdf_model import Inertial
 
@@ -103,13 +103,6 @@ def total_inertia(parts: Iterable[SpatialInertia]) -> SpatialInertia:
     for part in parts:
         total += part
     return total
-
-
-def inertia_of_inertial(inertial: Inertial) -> SpatialInertia:
-    """The inertia about the origin of a body that is known by mass, centre and central inertia."""
-    central = RotationalInertia(*inertial.moments, *inertial.products)
-    com = np.array(inertial.com)
-    return SpatialInertia.MakeFromCentralInertia(inertial.mass, com, central)
 
 
 def inertial_of_inertia(inertia: SpatialInertia) -> Inertial:

@@ -18,7 +18,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from aerodima.workbench.car.verdict import CALM, has_settled, is_busy, is_calm
-from aerodima.workbench.control.manoeuvre import angle_to_straighten, steering_time
+from aerodima.workbench.control.manoeuvre import turn_length
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import DRIVEN_BY, PLANT_RUN, RunLog
@@ -212,11 +212,10 @@ def turn_window(run_log: RunLog) -> tuple[float, float]:
         steered_until = float(steered[-1]) if steered.size else start
         return start, min(steered_until + steer_angle / rate, last)
     settings = run_log.scenario["manoeuvre"]
-    repeats = 1
-    gap = 0.0
+    several: dict[str, Any] = {}
     if kind == "turn":
-        repeats = int(settings.get("turns", 1))
-        gap = float(settings.get("turn_gap", 0.0))
+        several["repeats"] = int(settings.get("turns", 1))
+        several["gap"] = float(settings.get("turn_gap", 0.0))
     else:
         steered = _steered_times(run_log, 0.5 * steer_angle)
         if steered.size == 0:
@@ -227,8 +226,7 @@ def turn_window(run_log: RunLog) -> tuple[float, float]:
         run_log.number("manoeuvre", key) for key in ("first_angle", "first_hold") if key in settings
     ]
     hold = run_log.number("manoeuvre", "turn_hold")
-    straightening = angle_to_straighten(steer_angle, hold, rate, *first_level) / rate
-    return start, start + steering_time(hold, repeats, gap) + straightening
+    return start, start + turn_length(rate, steer_angle, hold, *first_level, **several)
 
 
 def _steered_times(run_log: RunLog, angle: float) -> FloatArray:

@@ -10,7 +10,7 @@ from pydrake.math import RollPitchYaw
 
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.aero.tail_geometry import Plate, TailArm, TailGeometry
-from aerodima.workbench.aero.tail_mass import inertia_of_inertial, inertial_of_inertia
+from aerodima.workbench.aero.tail_mass import inertial_of_inertia
 from aerodima.workbench.car.tail_file import read_tail, write_tail
 from aerodima.workbench.car.tail_plant import tail_geometry, tail_sdf
 from aerodima.workbench.core.errors import ModelError
@@ -256,7 +256,7 @@ def test_known_mass_and_inertia_replace_those_of_the_densities():
     assert total.mass == pytest.approx(0.2 + 0.06 * 0.7)
     assert total.com[1] == pytest.approx(0.2 * 0.01 / total.mass)
     np.testing.assert_allclose(
-        inertial_of_inertia(inertia_of_inertial(known)).matrix, known.matrix, **EXACT
+        inertial_of_inertia(known.about_origin()).matrix, known.matrix, **EXACT
     )
 
 

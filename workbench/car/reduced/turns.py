@@ -32,9 +32,9 @@ from aerodima.workbench.car.verdict import (
 )
 from aerodima.workbench.control.manoeuvre import (
     TICK_TOLERANCE,
-    angle_to_straighten,
     pulse_angle,
     ramp_speed,
+    turn_length,
     wheel_angle,
 )
 from aerodima.workbench.control.swing_law import (
@@ -116,11 +116,8 @@ class TurnRollout(Rollout):
         self._since, self._start_roll = np.zeros((2, n))
         self.trigger = np.full(n, np.nan)
         pulse = plans.pulse
-        rate = plans.servo_rate
-        angle = angle_to_straighten(
-            pulse.steer_angle, pulse.hold, rate, pulse.first_angle, pulse.first_hold
-        )
-        self._straight = pulse.hold + angle / rate
+        levels = (pulse.steer_angle, pulse.hold, pulse.first_angle, pulse.first_hold)
+        self._straight = turn_length(plans.servo_rate, *levels)
         self.begin_turn()
 
     def begin_turn(self) -> None:
