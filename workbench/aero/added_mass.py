@@ -51,6 +51,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from aerodima.workbench.aero.sections import SectionLayout, sampled_poses
 from aerodima.workbench.aero.slide_keeper import SlideKeeper
 from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX, connect_spatial_forces
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.port_wiring import add_and_connect
 from aerodima.workbench.core.quantity import check_range
@@ -168,7 +169,7 @@ def added_mass_matrix(
     body: RigidBody,
     layout: SectionLayout,
     mass_per_part: float,
-) -> np.ndarray:
+) -> FloatArray:
     """M_added = sum_i m J_i^T (1 - a a^T) J_i with the translational Jacobians of the part centres
     (nv x nv).
     """

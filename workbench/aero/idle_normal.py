@@ -9,6 +9,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable, RigidBody
 
 from aerodima.workbench.aero.sections import SectionLayout, joints_of, sampled_poses
+from aerodima.workbench.core.array_types import FloatArray
 
 _POSES = 9
 """Positions at which a plant is looked at: its default, and random ones in its limits."""
@@ -47,7 +48,7 @@ def idle_normal(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -
     return line
 
 
-def _section_motion(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -> np.ndarray:
+def _section_motion(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -> FloatArray:
     """Velocities of section centres in B per unit rate of each joint, in several poses (3, n)."""
     moving: list[int] = []
     for joint in joints_of(plant):
@@ -64,7 +65,7 @@ def _section_motion(plant: MultibodyPlant, body: RigidBody, layout: SectionLayou
     return np.hstack(found)
 
 
-def _words(vector: np.ndarray) -> str:
+def _words(vector: FloatArray) -> str:
     sign = -1.0 if vector[np.argmax(np.abs(vector))] < 0.0 else 1.0
     parts = ", ".join(f"{round(float(sign * part), 2) + 0.0:g}" for part in vector)
     return f"({parts})"

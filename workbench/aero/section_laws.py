@@ -20,6 +20,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from pydrake.math import arctan2
 
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.quantity import check_range
 
@@ -229,7 +230,7 @@ def require_increasing(name: str, values: Sequence[float], where: str) -> None:
             )
 
 
-def require_finite(name: str, values: np.ndarray, where: str) -> None:
+def require_finite(name: str, values: FloatArray, where: str) -> None:
     """Refuses holes and NaN, naming the first."""
     bad = np.argwhere(~np.isfinite(values))
     if bad.size:

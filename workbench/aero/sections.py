@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from aerodima.workbench.aero.section_laws import LineMotion, check_above_zero, cross, rotated
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
 
 Vector = tuple[float, float, float]
@@ -95,12 +96,12 @@ class SectionLayout:
         return len(self.distances)
 
     @property
-    def p_BoSi_B(self) -> np.ndarray:
+    def p_BoSi_B(self) -> FloatArray:
         """Section centres in the body frame (n, 3), m."""
         return np.asarray(self.p_BoRo_B) + np.outer(self.distances, self.axis_B)
 
     @property
-    def p_BoTip_B(self) -> np.ndarray:
+    def p_BoTip_B(self) -> FloatArray:
         """Tip of the sectioned length in the body frame (3), m."""
         return np.asarray(self.p_BoRo_B) + self.end * np.asarray(self.axis_B)
 

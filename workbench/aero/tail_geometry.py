@@ -49,6 +49,7 @@ from aerodima.workbench.aero.tail_pieces import (
     trapezoid_centre,
     unit_vector,
 )
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.key_errors import lines_of
 from aerodima.workbench.core.quantity import QuantityModel, quantity
@@ -107,7 +108,7 @@ class TailArm(TailPart):
         return self
 
     @property
-    def points(self) -> np.ndarray:
+    def points(self) -> FloatArray:
         """Ends of its pieces in T (n + 1, 3), m, from the origin on."""
         return np.cumsum([np.zeros(3), *_steps(self)], axis=0)
 
@@ -122,7 +123,7 @@ class TailArm(TailPart):
         return total_inertia(parts)
 
 
-def _steps(part: TailArm | Plate) -> list[np.ndarray]:
+def _steps(part: TailArm | Plate) -> list[FloatArray]:
     """Vectors from end to end of the straight pieces of a part (3 each), m."""
     axes = part.axes
     if len(axes) == 1:
@@ -202,7 +203,7 @@ class Plate(TailPart):
         return sum(piece.area for piece in self.pieces)
 
     @property
-    def centre_of_pressure(self) -> np.ndarray:
+    def centre_of_pressure(self) -> FloatArray:
         """Centroid of the planform in T (3), m."""
         moment = sum(piece.area * piece.centre for piece in self.pieces)
         return np.asarray(moment / self.area)
@@ -360,7 +361,7 @@ class TailGeometry(TailPart):
         return inertial_of_inertia(self.inertia)
 
     @property
-    def inertia_about_joints(self) -> np.ndarray:
+    def inertia_about_joints(self) -> FloatArray:
         """Inertia of the whole tail about the origin of T (3 x 3), kg m2."""
         return self.inertia.CalcRotationalInertia().CopyToFullMatrix3()
 
@@ -373,7 +374,7 @@ class TailGeometry(TailPart):
         """Planform seen along a direction, m2: each piece with the cosine of its normal."""
         return float(sum(facing * piece.area for facing, piece in self._facing(direction)))
 
-    def centre_of_pressure(self, direction: Sequence[float] | None = None) -> np.ndarray:
+    def centre_of_pressure(self, direction: Sequence[float] | None = None) -> FloatArray:
         """Centroid in T (3), m, of the planform seen along a direction, by default the first
         plate's normal.
 
@@ -399,7 +400,7 @@ class TailGeometry(TailPart):
         ]
 
     @property
-    def points(self) -> np.ndarray:
+    def points(self) -> FloatArray:
         """Ends of the arm and corners of all pieces in T (n, 3), m; a half shell with the crown of
         its round side.
         """

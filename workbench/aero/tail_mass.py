@@ -15,6 +15,7 @@ import numpy as np
 from pydrake.math import RotationMatrix
 from pydrake.multibody.tree import SpatialInertia, UnitInertia
 
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.sdf_model import Inertial
 
 _GAUSS = (0.5 - math.sqrt(1.0 / 12.0), 0.5 + math.sqrt(1.0 / 12.0))
@@ -90,7 +91,7 @@ def shell_inertia(
     return _inertia_of_slices(slices)
 
 
-def placed(inertia: SpatialInertia, frame: RotationMatrix, origin: np.ndarray) -> SpatialInertia:
+def placed(inertia: SpatialInertia, frame: RotationMatrix, origin: FloatArray) -> SpatialInertia:
     """The inertia of a part about the origin of T, in its axes; `frame` and `origin` (3, m) place
     the part there.
     """
@@ -135,7 +136,7 @@ def _inertia_of_slices(slices: Iterable[Slice]) -> SpatialInertia:
     return _inertia_of_moments(mass, first, second)
 
 
-def _inertia_of_moments(mass: float, first: np.ndarray, second: np.ndarray) -> SpatialInertia:
+def _inertia_of_moments(mass: float, first: FloatArray, second: FloatArray) -> SpatialInertia:
     """The inertia about the origin from mass (kg), first (3, kg m) and second moments (3 x 3)."""
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = (second / mass).tolist()
     unit = UnitInertia(yy + zz, xx + zz, xx + yy, -xy, -xz, -yz)

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.systems.framework import Context
 
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.elementwise import rotation_rows
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_wiring import vector_of
@@ -157,7 +158,7 @@ class Imu(SampledSensor):
         self._bias = self._noise.constant() * np.repeat([0.0, settings.gyro_bias, 0.0], 3)
         self._counts = 1.0 / STEPS
 
-    def measure(self, context: Context, index: int) -> np.ndarray:
+    def measure(self, context: Context, index: int) -> FloatArray:
         """One sample (9,) of the body's motion."""
         motion = chassis_motion(vector_of(self._motion, context), self._step)
         angles, omega, acceleration = motion_at_imu(motion, self._p_BoImu_B)
@@ -207,7 +208,7 @@ class GpsSpeed(SampledSensor):
         self._deviation = settings.noise
         self._noise = CounterNoise(seed, "gps", 1)
 
-    def measure(self, context: Context, index: int) -> np.ndarray:
+    def measure(self, context: Context, index: int) -> FloatArray:
         """One sample (1,): speed in m/s."""
         v_x, v_y = vector_of(self._motion, context)[10:12]
         speed = math.hypot(v_x, v_y) + self._deviation * self._noise.at(index)[0]
@@ -326,7 +327,7 @@ class MotorEncoder(SampledSensor):
         speed = (reply.speed_range, reply.speed_bits)
         self._words = (angle, angle, speed, speed)
 
-    def measure(self, context: Context, index: int) -> np.ndarray:
+    def measure(self, context: Context, index: int) -> FloatArray:
         """One sample (4,)."""
         values = vector_of(self._joints, context).tolist()
         return np.array(

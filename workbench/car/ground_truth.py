@@ -26,6 +26,7 @@ from aerodima.workbench.car.car_sensors import (
     motion_at_imu,
 )
 from aerodima.workbench.car.tail_plant import tail_geometry
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.port_fields import PortFields
 from aerodima.workbench.core.port_wiring import declare_output, vector_of
 from aerodima.workbench.scenario.scenario import Scenario
@@ -299,7 +300,7 @@ class CarTruth(_Kinematics):
 
 def ground_forces(
     results: ContactResults, slots: dict[int, str]
-) -> Iterator[tuple[str, np.ndarray, PointPairContactInfo]]:
+) -> Iterator[tuple[str, FloatArray, PointPairContactInfo]]:
     """Slot (`contact_slots`), ground's force (3) in W, N, Drake's account of each contact."""
     for index in range(results.num_point_pair_contacts()):
         info = results.point_pair_contact_info(index)

@@ -10,6 +10,7 @@ import yaml
 
 from aerodima.workbench.aero.tail_geometry import SCHEMA, Plate, TailGeometry
 from aerodima.workbench.aero.tail_pieces import Piece
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.sdf_model import SdfModel
@@ -117,7 +118,7 @@ def _draw(model: SdfModel, plate: Plate, piece: Piece, name: str) -> None:
             )
 
 
-def _corners(plate: Plate, margin: float) -> list[np.ndarray]:
+def _corners(plate: Plate, margin: float) -> list[FloatArray]:
     """Far corners of each piece in T, m, and near ones of a first piece that narrows; all lie
     inside the outline.
     """
@@ -137,7 +138,7 @@ def _corners(plate: Plate, margin: float) -> list[np.ndarray]:
     return found
 
 
-def _covers(piece: Piece, point: np.ndarray) -> bool:
+def _covers(piece: Piece, point: FloatArray) -> bool:
     """Returns whether a point in T lies on a piece, to a millimetre."""
     from_start = point - piece.start
     along = float(from_start @ piece.axis)
@@ -148,7 +149,7 @@ def _covers(piece: Piece, point: np.ndarray) -> bool:
     return -1e-3 < along < piece.length + 1e-3 and abs(across) < width / 2 and abs(off) < 1e-3
 
 
-def _pose(position: np.ndarray, frame: np.ndarray) -> list[float]:
+def _pose(position: FloatArray, frame: FloatArray) -> list[float]:
     from pydrake.math import RollPitchYaw, RotationMatrix
 
     return [*position.tolist(), *RollPitchYaw(RotationMatrix(frame)).vector().tolist()]

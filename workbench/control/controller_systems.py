@@ -22,6 +22,7 @@ from aerodima.workbench.control.driver_law import DriverLaw, ScheduledDriver, Se
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
 from aerodima.workbench.control.manoeuvre import DriverInput, Schedule
 from aerodima.workbench.control.tail_law import AGE_LIMIT, Observation, TailLaw, observe
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.event_order import (
     EventPriority,
@@ -175,7 +176,7 @@ class TailController(LeafSystem):
         self._roll_command.write(discrete_state, roll_command)
         self._state.write(discrete_state, [float(state)])
 
-    def _check_command(self, time: float, joint: str, command: np.ndarray) -> None:
+    def _check_command(self, time: float, joint: str, command: FloatArray) -> None:
         """Raises UserError for a command that is not five finite numbers."""
         if len(command) != TAIL_COMMAND.size or not math.isfinite(sum(command)):
             raise UserError(

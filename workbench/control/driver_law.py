@@ -63,10 +63,10 @@ class DriverLaw(Protocol):
         Each source costs time at every tick.
         """
 
-    def start(self) -> np.ndarray:
+    def start(self) -> FloatArray:
         """Returns the memory (n,) before the first tick."""
 
-    def step(self, memory: np.ndarray, seen: Seen) -> tuple[np.ndarray, DriverInput]:
+    def step(self, memory: FloatArray, seen: Seen) -> tuple[FloatArray, DriverInput]:
         """Returns new memory and what the driver gives at one tick; must not change its
         arguments.
         """
@@ -79,11 +79,11 @@ class ScheduledDriver:
     schedule: Schedule
     sources: tuple[Source, ...] = ()
 
-    def start(self) -> np.ndarray:
+    def start(self) -> FloatArray:
         """See `DriverLaw`; without memory."""
         return np.zeros(0)
 
-    def step(self, memory: np.ndarray, seen: Seen) -> tuple[np.ndarray, DriverInput]:
+    def step(self, memory: FloatArray, seen: Seen) -> tuple[FloatArray, DriverInput]:
         """See `DriverLaw`."""
         return memory, self.schedule.at(seen.time)
 
@@ -116,11 +116,11 @@ class FishhookDriver:
     servo_rate: float
     sources: tuple[Source, ...] = ("imu",)
 
-    def start(self) -> np.ndarray:
+    def start(self) -> FloatArray:
         """See `DriverLaw`: the time of the counter-steer (1), inf before."""
         return np.array([math.inf])
 
-    def step(self, memory: np.ndarray, seen: Seen) -> tuple[np.ndarray, DriverInput]:
+    def step(self, memory: FloatArray, seen: Seen) -> tuple[FloatArray, DriverInput]:
         """See `DriverLaw`."""
         memory, angle = self.steer(memory, seen)
         side = self.side if math.isinf(memory[0]) else -self.side
@@ -177,13 +177,13 @@ class PathDriver:
     rate: float
     sources: tuple[Source, ...] = ("imu", "pose")
 
-    def start(self) -> np.ndarray:
+    def start(self) -> FloatArray:
         """See `DriverLaw`: missing curvature, 1/m; the angle given last, then those to come in
         their order, rad.
         """
         return np.zeros(2 + round(self.delay * self.rate))
 
-    def step(self, memory: np.ndarray, seen: Seen) -> tuple[np.ndarray, DriverInput]:
+    def step(self, memory: FloatArray, seen: Seen) -> tuple[FloatArray, DriverInput]:
         """See `DriverLaw`."""
         if math.isfinite(seen.position[0]):
             memory, angle = self.steer(memory, seen)

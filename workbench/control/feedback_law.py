@@ -25,7 +25,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from aerodima.workbench.control.swing_law import SwingState
-from aerodima.workbench.control.tail_law import NO_COMMAND, Observation
+from aerodima.workbench.control.tail_law import NO_COMMAND, LawStep, Observation
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.scenario.law_parameters import ControllerParameters, FeedbackParameters
 from aerodima.workbench.scenario.signal_table import IMU
 
@@ -119,15 +120,13 @@ class FeedbackLaw:
         hold = (controller.hold_kp, controller.hold_kd)
         return cls(scenario.feedback, scenario.car.wheelbase, controller.rate, hold)
 
-    def start(self) -> np.ndarray:
+    def start(self) -> FloatArray:
         """Returns the memory (1): reference of the roll of the tail, rad; NaN before its angle was
         known.
         """
         return np.array([math.nan])
 
-    def step(
-        self, memory: np.ndarray, observation: Observation
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    def step(self, memory: FloatArray, observation: Observation) -> LawStep:
         """Ticks once, see `TailLaw`.
 
         Without speed or steering, roll and roll rate decide alone. A tail of unknown angle is not

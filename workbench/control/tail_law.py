@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.scenario.signal_table import IMU, STATUS, TAIL_STATE
 
 UNKNOWN_IMU = (math.nan,) * 9
@@ -64,6 +65,10 @@ class Observation:
     steering_angle: float = math.nan
 
 
+LawStep = tuple[FloatArray, FloatArray, FloatArray, int]
+"""Result of a tick of a law: memory, pitch command (5), roll command (5), number of the state."""
+
+
 class TailLaw(Protocol):
     """A control law for the tail."""
 
@@ -75,12 +80,10 @@ class TailLaw(Protocol):
     def memory_size(self) -> int:
         """Returns the number of floats that the law carries from tick to tick."""
 
-    def start(self) -> np.ndarray:
+    def start(self) -> FloatArray:
         """Returns the memory (memory_size,) before the first tick."""
 
-    def step(
-        self, memory: np.ndarray, observation: Observation
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    def step(self, memory: FloatArray, observation: Observation) -> LawStep:
         """Returns new memory, pitch command (5), roll command (5) and state number of one tick.
 
         Must not change its arguments.
@@ -97,11 +100,11 @@ def sign(value: float) -> float:
 
 def observe(
     time: float,
-    tail_state: np.ndarray,
-    imu: np.ndarray,
-    status: np.ndarray,
+    tail_state: FloatArray,
+    imu: FloatArray,
+    status: FloatArray,
     planned_turn: float,
-    speed: np.ndarray | None,
+    speed: FloatArray | None,
     age_limit: float = AGE_LIMIT,
     *,
     steering_angle: float = math.nan,

@@ -86,7 +86,7 @@ class DiscreteVector:
     """
 
     def __init__(
-        self, system: LeafSystem, initial: Sequence[float] | np.ndarray, output: str | None = None
+        self, system: LeafSystem, initial: Sequence[float] | FloatArray, output: str | None = None
     ) -> None:
         values: Any = np.array(initial, dtype=float)
         index = system.DeclareDiscreteState(values)
@@ -94,12 +94,12 @@ class DiscreteVector:
             system.DeclareStateOutputPort(output, index)
         self._index = int(index)
 
-    def read(self, context: Context) -> np.ndarray:
+    def read(self, context: Context) -> FloatArray:
         """Values (n,); a view that is not to be changed."""
         values: Any = context.get_discrete_state(self._index).value()
         return values
 
-    def write(self, discrete_state: DiscreteValues, values: Sequence[float] | np.ndarray) -> None:
+    def write(self, discrete_state: DiscreteValues, values: Sequence[float] | FloatArray) -> None:
         """Sets the values (n,) within a discrete update."""
         new: Any = values
         discrete_state.set_value(self._index, new)
@@ -120,7 +120,7 @@ def add_and_connect(
 
 
 def multiply(
-    builder: DiagramBuilder, name: str, source: OutputPort, matrix: np.ndarray
+    builder: DiagramBuilder, name: str, source: OutputPort, matrix: FloatArray
 ) -> OutputPort:
     """Adds one system of that name; returns its port (m): a matrix (m, n) times a port (n)."""
     return add_and_connect(builder, MatrixGain(matrix), name, u0=source).get_output_port()

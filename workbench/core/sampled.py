@@ -6,6 +6,7 @@ import math
 import numpy as np
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem, State
 
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.event_order import EventPriority, period_of
 from aerodima.workbench.core.port_wiring import DiscreteVector, vector_of
@@ -96,11 +97,11 @@ class SampledSensor(LeafSystem):
         """Time from taking a sample to its appearance, s."""
         return self._delay
 
-    def measure(self, context: Context, index: int) -> np.ndarray:
+    def measure(self, context: Context, index: int) -> FloatArray:
         """Take sample `index` (size,) of the inputs now, with noise and resolution."""
         raise NotImplementedError
 
-    def _row(self, context: Context) -> np.ndarray:
+    def _row(self, context: Context) -> FloatArray:
         """Make a row of the queue: the sample, then the time at which it was taken."""
         time = context.get_time()
         row = np.empty(self._row_size)
@@ -120,7 +121,7 @@ class SampledSensor(LeafSystem):
     def _sample(self, context: Context, state: State) -> None:
         self.take(context, state.get_mutable_discrete_state())
 
-    def take(self, context: Context, discrete_state: DiscreteValues) -> np.ndarray:
+    def take(self, context: Context, discrete_state: DiscreteValues) -> FloatArray:
         """Take a sample and return it as the new row of the queue."""
         row = self._row(context)
         queue = row
@@ -135,7 +136,7 @@ class SampledSensor(LeafSystem):
     def _show(self, context: Context, discrete_state: DiscreteValues) -> None:
         self._set_outputs(self._queue.read(context)[: self._row_size], discrete_state)
 
-    def _set_outputs(self, row: np.ndarray, discrete_state: DiscreteValues) -> None:
+    def _set_outputs(self, row: FloatArray, discrete_state: DiscreteValues) -> None:
         for group, columns in self._outputs:
             group.write(discrete_state, row[columns])
         self._sample_time.write(discrete_state, row[-1:])
@@ -185,7 +186,7 @@ class AngleEncoder(SampledSensor):
         """Read an angle (rad) as sample `index` of the encoder."""
         raise NotImplementedError
 
-    def measure(self, context: Context, index: int) -> np.ndarray:
+    def measure(self, context: Context, index: int) -> FloatArray:
         """Take one sample (2,): angle rad, rate rad/s."""
         angle = self.reading(float(vector_of(self._angle, context)[0]), index)
         earlier = self._past.read(context)[0]
@@ -194,7 +195,7 @@ class AngleEncoder(SampledSensor):
             rate = math.remainder(angle - earlier, TURN) / self._window
         return np.array([angle, rate])
 
-    def take(self, context: Context, discrete_state: DiscreteValues) -> np.ndarray:
+    def take(self, context: Context, discrete_state: DiscreteValues) -> FloatArray:
         """Take a sample; keeps the angle for the rate of later samples."""
         row = super().take(context, discrete_state)
         past = self._past.read(context)
@@ -222,7 +223,7 @@ class CounterNoise:
         self._block_index = -1
         self._block = np.empty((0, width))
 
-    def at(self, index: int) -> np.ndarray:
+    def at(self, index: int) -> FloatArray:
         """Draw the numbers (width,) of sample `index` >= 0."""
         block_index, row = divmod(index, BLOCK)
         if block_index != self._block_index:
@@ -230,7 +231,7 @@ class CounterNoise:
             self._block_index = block_index
         return self._block[row]
 
-    def first(self, count: int) -> np.ndarray:
+    def first(self, count: int) -> FloatArray:
         """Draw the numbers (count, width) of the first samples: `at` 0 ... count - 1."""
         blocks = [
             self._generator(1 + block).standard_normal((BLOCK, self._width))
@@ -238,7 +239,7 @@ class CounterNoise:
         ]
         return np.concatenate([np.empty((0, self._width)), *blocks])[:count]
 
-    def constant(self) -> np.ndarray:
+    def constant(self) -> FloatArray:
         """Draw numbers (width,) of the whole run, such as a bias; independent of all samples."""
         return self._generator(0).standard_normal(self._width)
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia, UnitInertia
 
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
 
 DRAKE_NAMESPACE = "http://drake.mit.edu"
@@ -36,7 +37,7 @@ class Inertial:
     products: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
-    def matrix(self) -> np.ndarray:
+    def matrix(self) -> FloatArray:
         """Build the inertia about the centre of mass (3 x 3), kg m2."""
         xy, xz, yz = self.products
         return np.diag(self.moments) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])

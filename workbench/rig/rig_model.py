@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from aerodima.workbench.car.tail_plant import ROD_RADIUS
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.sdf_model import Inertial, SdfModel
 from aerodima.workbench.rig.rig_layout import pivot_position
@@ -117,7 +118,7 @@ def _set_link(
     model: SdfModel,
     link: str,
     inertial: Inertial,
-    position: Sequence[float] | np.ndarray,
+    position: Sequence[float] | FloatArray,
     roll: float = 0.0,
 ) -> None:
     model.set_link_position(link, [*position], roll)

@@ -36,6 +36,7 @@ from aerodima.workbench.aero.wind import WindModel, add_wind
 from aerodima.workbench.car.ak70 import JointFriction
 from aerodima.workbench.car.car_plant import add_plant, parse_model
 from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_wiring import (
     add_and_connect,
@@ -80,7 +81,7 @@ class RigReaction:
     """
 
     acceleration: float
-    wrench: np.ndarray
+    wrench: FloatArray
 
 
 def add_rig_plant(

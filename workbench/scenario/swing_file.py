@@ -81,7 +81,7 @@ class Knots(_Strict):
                 raise ValueError(f"{name}: {len(samples)} values must be {count}, one per time_s")
         return self
 
-    def states(self, joint: Joint) -> tuple[np.ndarray, np.ndarray]:
+    def states(self, joint: Joint) -> tuple[FloatArray, FloatArray]:
         """Return positions (rad) and rates (rad/s) of one joint at the knots, shape (knots,)."""
         return (
             np.asarray(getattr(self, f"{joint}_position_rad")),

@@ -21,6 +21,7 @@ from matplotlib.patches import Patch
 from aerodima.workbench.aero.tail_geometry import TailGeometry
 from aerodima.workbench.aero.tail_pieces import unit_vector
 from aerodima.workbench.car.clearance import PARTS, RangeOfMotion
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.view.figure_style import (
     BLACK,
@@ -120,7 +121,7 @@ def plot_tail(geometry: TailGeometry) -> Figure:
     return figure
 
 
-def _view(axes: Axes, geometry: TailGeometry, sideways: np.ndarray, up: np.ndarray) -> None:
+def _view(axes: Axes, geometry: TailGeometry, sideways: FloatArray, up: FloatArray) -> None:
     """Draws arm, plates, sections and centres on a plane."""
     plane = np.column_stack([sideways, up])
     size = float(np.ptp(geometry.points, axis=0).max())
@@ -161,7 +162,7 @@ def _view(axes: Axes, geometry: TailGeometry, sideways: np.ndarray, up: np.ndarr
     axes.autoscale_view()
 
 
-def _direction(vector: np.ndarray) -> str:
+def _direction(vector: FloatArray) -> str:
     """Names an axis of T, or writes its numbers."""
     for name, unit in zip("xyz", np.eye(3), strict=True):
         if np.allclose(vector, unit):

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
@@ -18,6 +17,7 @@ from aerodima.workbench.aero.section_watch import SectionWatch
 from aerodima.workbench.car.car_diagram import plant_facts, truth_signals
 from aerodima.workbench.car.roll_estimator import RollEstimator
 from aerodima.workbench.control.controller_systems import TailController, TurnDriver
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.atomic_write import refuse_existing
 from aerodima.workbench.core.errors import LogError, UserError
 from aerodima.workbench.logs.recorder import (
@@ -73,7 +73,7 @@ class ObservedRun:
             )
         return self._sink.run_log()
 
-    def append(self, row: np.ndarray) -> None:
+    def append(self, row: FloatArray) -> None:
         """Takes a row of the recorder; UserError outside the `with` block."""
         if self._sink is None or self._over:
             raise UserError(
