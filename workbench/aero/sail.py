@@ -44,10 +44,9 @@ from aerodima.workbench.aero.section_laws import (
     rotated,
 )
 from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.core.array_types import Vector3
 from aerodima.workbench.core.elementwise import rotation_rows
 from aerodima.workbench.scenario.tail_parameters import SHELL_DEPTH
-
-Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -96,9 +95,7 @@ class FreeSail:
         """Distance of the board's middle behind the bearing, m: it begins where the shell ends."""
         return self.centre_of_pressure + self.shell_share * self.width / 2 + self.board_width / 2
 
-    def _strip(
-        self, width: float, behind: float, normal: tuple[float, float, float]
-    ) -> SectionLayout:
+    def _strip(self, width: float, behind: float, normal: Vector3) -> SectionLayout:
         return SectionLayout.strip(
             start=self.start,
             length=self.length,
@@ -120,11 +117,11 @@ class SailMotion(NamedTuple):
         axes_W: of pitch, roll and sail joint.
     """
 
-    R_WS: tuple[Vector, Vector, Vector]
-    w_WS: Vector
-    v_WSo: Vector
-    p_BoSo_W: Vector
-    axes_W: tuple[Vector, Vector, Vector]
+    R_WS: tuple[Vector3, Vector3, Vector3]
+    w_WS: Vector3
+    v_WSo: Vector3
+    p_BoSo_W: Vector3
+    axes_W: tuple[Vector3, Vector3, Vector3]
 
 
 def sail_motion(

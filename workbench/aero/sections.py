@@ -12,11 +12,9 @@ from typing import Any
 import numpy as np
 
 from aerodima.workbench.aero.section_laws import LineMotion, check_above_zero, cross, rotated
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Vector3
 from aerodima.workbench.core.errors import ModelError
 
-Vector = tuple[float, float, float]
-"""Components along three axes."""
 _STILL_AIR = (0.0, 0.0, 0.0)
 """Velocity of air that does not move, m/s."""
 _UNIT_ERROR = 1e-9
@@ -63,9 +61,9 @@ class SectionLayout:
             not perpendicular.
     """
 
-    p_BoRo_B: Vector
-    axis_B: Vector
-    normal_B: Vector
+    p_BoRo_B: Vector3
+    axis_B: Vector3
+    normal_B: Vector3
     distances: tuple[float, ...]
     areas: tuple[float, ...]
     chord: float
@@ -135,9 +133,9 @@ class SectionLayout:
         length: float,
         width: float,
         number: int = 5,
-        p_BoRo_B: Vector = (0.0, 0.0, 0.0),
-        axis_B: Vector = (0.0, 0.0, 1.0),
-        normal_B: Vector = (1.0, 0.0, 0.0),
+        p_BoRo_B: Vector3 = (0.0, 0.0, 0.0),
+        axis_B: Vector3 = (0.0, 0.0, 1.0),
+        normal_B: Vector3 = (1.0, 0.0, 0.0),
     ) -> SectionLayout:
         """A flat strip of equal sections: a cheetah tail, a bar, the robot's sail.
 
@@ -212,8 +210,8 @@ class Jet:
         slope: rise of the edge per metre downstream.
     """
 
-    p_WE: Vector
-    downstream_W: Vector = (0.0, -1.0, 0.0)
+    p_WE: Vector3
+    downstream_W: Vector3 = (0.0, -1.0, 0.0)
     slope: float = 100.0 / 1800.0
 
     def __post_init__(self) -> None:

@@ -42,14 +42,13 @@ from aerodima.workbench.aero.tail_mass import (
 )
 from aerodima.workbench.aero.tail_pieces import (
     Piece,
-    Vector,
     as_tuple,
     gap,
     overlap,
     trapezoid_centre,
     unit_vector,
 )
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Vector3
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.key_errors import lines_of
 from aerodima.workbench.core.quantity import QuantityModel, quantity
@@ -61,13 +60,13 @@ SAME_PLANE = 1e-3
 """m; plates nearer than this, measured along their normal, count as lying in one plane."""
 _ALONG = 1e-3
 """Sine of an angle below which a normal counts as running along its axis."""
-UP: Vector = (0.0, 0.0, 1.0)
+UP: Vector3 = (0.0, 0.0, 1.0)
 """z of the frame T: along a straight tail, from root to tip."""
-_Vector = Annotated[Vector, Field(strict=False)]
+_Vector = Annotated[Vector3, Field(strict=False)]
 _Sizes = Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(strict=False, min_length=1)]
 
 
-def _with_length(vector: Vector) -> Vector:
+def _with_length(vector: Vector3) -> Vector3:
     if np.linalg.norm(vector) < 1e-9:
         raise ValueError(f"direction {vector} has no length; allowed: any but zero")
     return vector

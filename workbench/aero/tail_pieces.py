@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Vector3
 
-Vector = tuple[float, float, float]
 _SHORT_EDGE = 1e-9
 """An edge of an outline shorter than this is a corner, m."""
 _TOUCH = 1e-6
@@ -94,7 +93,7 @@ def unit_vector(vector: Sequence[float] | FloatArray) -> FloatArray:
     return np.asarray(values / np.linalg.norm(values))
 
 
-def as_tuple(values: FloatArray) -> Vector:
+def as_tuple(values: FloatArray) -> Vector3:
     """Three floats."""
     x, y, z = values.tolist()
     return x, y, z

@@ -12,11 +12,11 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from aerodima.workbench.aero.section_laws import check_above_zero, check_from_zero, float_of
 from aerodima.workbench.aero.sections import Jet
+from aerodima.workbench.core.array_types import Vector3
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.event_order import EventPriority, period_of
 from aerodima.workbench.core.system_lifetime import SystemParts, scalar_template, weak_callback
 
-Vector3 = tuple[float, float, float]
 _CALM: Vector3 = (0.0, 0.0, 0.0)
 """No wind, m/s."""
 

@@ -16,7 +16,7 @@ from aerodima.workbench.car.turn_course import ground_velocity
 from aerodima.workbench.car.turn_signals import turn_signals
 from aerodima.workbench.car.verdict import LAST, is_loaded, side_lift, touches_ground
 from aerodima.workbench.control.paths import off_path, path_of
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import GROUND_CONTACTS, WHEELS
@@ -96,7 +96,7 @@ def tip_up(run_log: RunLog, windows: Windows | None = None) -> TipUp:
     )
 
 
-def _touched(contact: FloatArray, steered: np.ndarray) -> list[str]:
+def _touched(contact: FloatArray, steered: BoolArray) -> list[str]:
     """Returns which of `GROUND_CONTACTS` counts as touched, from their forces (n, 3), N."""
     touched = []
     for part, force in zip(GROUND_CONTACTS, contact.T, strict=True):

@@ -15,11 +15,10 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from aerodima.workbench.car.verdict import CALM, has_settled, is_busy, is_calm
 from aerodima.workbench.control.manoeuvre import turn_length
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import DRIVEN_BY, PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import check_signals, check_time
@@ -110,14 +109,14 @@ class TurnSignals:
         return replace(self, **sampled)
 
     @property
-    def in_window(self) -> NDArray[np.bool_]:
+    def in_window(self) -> BoolArray:
         """Returns which samples lie in the window, both ends included."""
         return (self.time >= self.window[0] - _TIME_MARGIN) & (
             self.time <= self.window[1] + _TIME_MARGIN
         )
 
     @property
-    def from_start(self) -> NDArray[np.bool_]:
+    def from_start(self) -> BoolArray:
         """Returns which samples lie at or after the start of the turn."""
         return self.time >= self.window[0] - _TIME_MARGIN
 

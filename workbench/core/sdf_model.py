@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia, UnitInertia
 
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Vector3
 from aerodima.workbench.core.errors import ModelError
 
 DRAKE_NAMESPACE = "http://drake.mit.edu"
@@ -32,9 +32,9 @@ class Inertial:
     """
 
     mass: float
-    com: tuple[float, float, float]
-    moments: tuple[float, float, float]
-    products: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    com: Vector3
+    moments: Vector3
+    products: Vector3 = (0.0, 0.0, 0.0)
 
     @property
     def matrix(self) -> FloatArray:
@@ -43,9 +43,7 @@ class Inertial:
         return np.diag(self.moments) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
 
     @classmethod
-    def solid(
-        cls, mass: float, shape: UnitInertia, com: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    ) -> "Inertial":
+    def solid(cls, mass: float, shape: UnitInertia, com: Vector3 = (0.0, 0.0, 0.0)) -> "Inertial":
         """Returns the inertia of a solid (kg) of a shape, such as `UnitInertia.SolidBox`, with its
         middle at `com`, m.
         """

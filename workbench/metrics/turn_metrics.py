@@ -20,7 +20,7 @@ from scipy.integrate import cumulative_trapezoid, trapezoid
 from aerodima.workbench.car.tail_impulses import tail_effort
 from aerodima.workbench.car.turn_signals import TurnSignals, settled_row, turn_signals
 from aerodima.workbench.car.verdict import FLIP_TILT, has_flipped, is_loaded
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, check_time, low_pass
 from aerodima.workbench.metrics.published_values import (
@@ -313,6 +313,6 @@ def _wheels_loaded(loads: FloatArray) -> NDArray[np.int64]:
     return np.count_nonzero(is_loaded(loads), axis=1)
 
 
-def _time_while(time: FloatArray, condition: NDArray[np.bool_]) -> float:
+def _time_while(time: FloatArray, condition: BoolArray) -> float:
     """Returns the total time of the steps that begin with the condition true, s."""
     return float(np.sum(np.diff(time)[condition[:-1]]))

@@ -19,7 +19,7 @@ from aerodima.workbench.aero.section_laws import LineMotion, SectionLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.car.laws import joint_friction
 from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Vector3
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.core.sdf_model import Inertial
 from aerodima.workbench.rig.rig_layout import (
@@ -117,7 +117,7 @@ class PendulumModel:
     jet: Jet
     wind_speed: float
     density: float
-    pivot: tuple[float, float, float]
+    pivot: Vector3
 
     @classmethod
     def from_scenario(

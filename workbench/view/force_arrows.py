@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.scenario.signal_table import WHEELS
 from aerodima.workbench.view.viewer import WORLD
@@ -51,7 +50,7 @@ class ForceArrow:
     lengths: FloatArray
 
     @property
-    def shown(self) -> NDArray[np.bool_]:
+    def shown(self) -> BoolArray:
         """Says whether the arrow is long enough to be drawn, shape (n,)."""
         return np.linalg.norm(self.lengths, axis=1) > SHOWN_LENGTH
 

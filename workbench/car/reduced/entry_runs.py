@@ -38,7 +38,7 @@ from aerodima.workbench.control.driver_law import Seen as SeenByDriver
 from aerodima.workbench.control.feedback_law import Seen, respond
 from aerodima.workbench.control.manoeuvre import run_time
 from aerodima.workbench.control.paths import beyond_lane
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.scenario.scenario import Scenario
 
 STRAIGHT = 0.01
@@ -64,7 +64,7 @@ class EntryResult:
         progress: share of a path that lay behind the car at its first failure.
     """
 
-    completed: np.ndarray
+    completed: BoolArray
     lateral_acceleration: FloatArray
     progress: FloatArray
 

@@ -23,7 +23,7 @@ from aerodima.workbench.car.reduced.states import (
 )
 from aerodima.workbench.car.tail_plant import SAIL_TIP_MARGIN
 from aerodima.workbench.car.verdict import is_beyond_flip, velocity_over_ground
-from aerodima.workbench.core.array_types import FloatArray, IntArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray, IntArray
 
 STEP = 0.002
 """Length of a step, s: that of the plant in `models/parameters/simulation.yaml`."""
@@ -82,7 +82,7 @@ class Rollout:
         self.gone = self.gone | is_beyond_flip(up_in_body(self.state)[2])
 
 
-def tick_flags(index: IntArray, rate: float, length: float) -> np.ndarray:
+def tick_flags(index: IntArray, rate: float, length: float) -> BoolArray:
     """Returns which steps of a length (s) begin with a tick of a controller of this rate, Hz."""
     return index % round(1.0 / (length * rate)) == 0
 

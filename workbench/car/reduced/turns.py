@@ -46,7 +46,7 @@ from aerodima.workbench.control.swing_law import (
     roll_command,
 )
 from aerodima.workbench.control.tail_law import EPSILON
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray
 
 WITHIN = (np.arange(8.0)[:, None] + 0.5) / 8.0
 """Instants of a step, in its length: the wheels' angle in a step is the mean over them, so that it
@@ -76,8 +76,8 @@ class Turns:
             wheels in them (steps, 4, n), N.
     """
 
-    survived: np.ndarray
-    clean: np.ndarray
+    survived: BoolArray
+    clean: BoolArray
     heading: FloatArray
     peak_roll: FloatArray
     trigger: FloatArray
