@@ -73,6 +73,9 @@ class TailForceParts(SystemParts):
         wind_direction (1): see the function of that name, rad; a sail that faces the wind has
             turned so far.
 
+    Attributes:
+        plant, layout, law: see below.
+
     Args:
         plant: finalised plant, of double scalar; read for its kinematics only.
         body: the body that carries the sections, or its name.
@@ -99,10 +102,10 @@ class TailForceParts(SystemParts):
         """Declares ports for a scalar type; arguments as above."""
         if isinstance(law, int | float):
             law = NormalForceLaw(law)
-        self._plant = plant
+        self.plant = plant
         self._body = resolve_body(plant, body).index()  # not the object: design section 13
-        self._layout = layout
-        self._law = law
+        self.layout = layout
+        self.law = law
         self._air = air or Air()
         self._jet = jet
         self._quasi_steady_limit = quasi_steady_limit
@@ -125,42 +128,27 @@ class TailForceParts(SystemParts):
 
     def arguments(self, T: Any) -> tuple[Any, ...]:
         """Arguments of the same system of scalar type T."""
-        plant = self._plant.ToScalarType[T]()
+        plant = self.plant.ToScalarType[T]()
         return plant, plant.get_body(self._body), *self._settings
 
     @property
     def _settings(self) -> tuple[Any, ...]:
-        return self._layout, self._law, self._air, self._jet, self._quasi_steady_limit
+        return self.layout, self.law, self._air, self._jet, self._quasi_steady_limit
 
     def reporter(self) -> Any:
         """The same system again, to be watched beside a diagram that hides its ports."""
         make: Any = type(self)
-        return make(self._plant, self.body, *self._settings)
-
-    @property
-    def law(self) -> SectionLaw:
-        """Force of a section."""
-        return self._law
-
-    @property
-    def plant(self) -> Any:
-        """The plant that was given."""
-        return self._plant
-
-    @property
-    def layout(self) -> SectionLayout:
-        """Sections in the body frame."""
-        return self._layout
+        return make(self.plant, self.body, *self._settings)
 
     @property
     def body(self) -> Any:
         """The body that carries the sections."""
-        return self._plant.get_body(self._body)
+        return self.plant.get_body(self._body)
 
     def _motion(self, context: Any) -> tuple[Any, LineMotion]:
         """Pose of the body (three rows of [R | p]), motion of its sections against the air."""
         kinematics = self._kinematics
-        plant = self._plant
+        plant = self.plant
         body = self.body
         plant.SetPositionsAndVelocities(kinematics, self._state.Eval(context))
         X_WB = plant.EvalBodyPoseInWorld(kinematics, body).GetAsMatrix34().tolist()
@@ -169,20 +157,20 @@ class TailForceParts(SystemParts):
         wind = None
         if self._wind.HasValue(context):
             wind = self._wind.Eval(context).tolist()
-        return X_WB, self._layout.motion(X_WB, (w_x, w_y, w_z), (v_x, v_y, v_z), wind)
+        return X_WB, self.layout.motion(X_WB, (w_x, w_y, w_z), (v_x, v_y, v_z), wind)
 
     def _exposed(self, X_WB: Any, a: Any) -> tuple[Any, Any]:
         """Distances and areas of the sections; with a jet those of the exposed part, areas 0
         without exposure.
         """
         if self._jet is None:
-            return self._layout.distances, self._layout.areas
-        return self._jet.exposed_sections(self._layout, point_in_world(X_WB, self._p_BoRo_B), a)
+            return self.layout.distances, self.layout.areas
+        return self._jet.exposed_sections(self.layout, point_in_world(X_WB, self._p_BoRo_B), a)
 
     def _line_force(self, context: Any) -> tuple[Any, Any]:
         X_WB, line = self._motion(context)
         distances, areas = self._exposed(X_WB, line.a)
-        return X_WB, self._law.line_force(line, distances, areas, self._air.density)
+        return X_WB, self.law.line_force(line, distances, areas, self._air.density)
 
     def _calc_forces(self, context: Any, output: Any) -> None:
         _, (f_x, f_y, f_z, m_x, m_y, m_z) = self._line_force(context)
@@ -209,10 +197,10 @@ class TailForceParts(SystemParts):
         return rows
 
     def _calc_sections(self, context: Any, output: Any) -> None:
-        chord_by_viscosity = self._layout.chord * self._air.density / self._air.viscosity
+        chord_by_viscosity = self.layout.chord * self._air.density / self._air.viscosity
         values: list[Any] = []
         for v, area, speed, angle, a, n in self._section_rows(context):
-            force = length(self._law.section_force(v, a, n, area, self._air.density))
+            force = length(self.law.section_force(v, a, n, area, self._air.density))
             values += [speed, angle, chord_by_viscosity * speed, force]
         output.SetFromVector(values)
 
@@ -230,7 +218,7 @@ class TailForceParts(SystemParts):
     def _validity(self, area: float, speed: float, angle: float) -> float:
         if area <= 0.0:
             return NOT_EXPOSED
-        if not self._law.covers(speed, angle):
+        if not self.law.covers(speed, angle):
             return EXTRAPOLATED
         limit = self._quasi_steady_limit
         return BEYOND_QUASI_STEADY if limit is not None and speed > limit else MEASURED

@@ -14,7 +14,7 @@ from aerodima.workbench.car.laws import (
     mit_torque,
     torque_speed_limits,
 )
-from aerodima.workbench.car.tail_plant import arm_inertia
+from aerodima.workbench.car.tail_plant import arm_inertia, inertia_about_joints
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_wiring import declare_output, vector_of
 from aerodima.workbench.scenario.signal_table import TAIL_COMMAND
@@ -60,7 +60,7 @@ class TailMotor(LeafSystem):
         self._friction = scenario.friction
         self._step = scenario.simulation.step
         self._line = torque_speed_limits(motor)
-        self._rotor = motor.rotor_inertia * motor.gear_ratio**2
+        self._rotor = motor.reflected_inertia
         self._motion = self.DeclareVectorInputPort("joint_motion", 6)
         self._command = self.DeclareVectorInputPort("tail_command", TAIL_COMMAND.size)
         declare_output(self, "torque", 1, self._calc)
@@ -69,7 +69,7 @@ class TailMotor(LeafSystem):
         motion = vector_of(self._motion, context).tolist()
         angle, rate, stepped, last_rate, last_torque, roll = motion
         command = vector_of(self._command, context).tolist()
-        inertia = self._arm.about_joints(roll)[self._axis] + self._rotor
+        inertia = inertia_about_joints(self._arm, roll)[self._axis] + self._rotor
         acceleration = stepped * (rate - last_rate) / self._step
         law = self._friction
         friction = joint_friction(rate, law.coulomb, law.viscous, law.tanh_gain)

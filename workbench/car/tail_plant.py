@@ -24,8 +24,6 @@ from aerodima.workbench.scenario.tail_parameters import (
 )
 
 if TYPE_CHECKING:
-    from aerodima.workbench.aero.sections import SectionLayout
-    from aerodima.workbench.aero.tail_geometry import TailGeometry
     from aerodima.workbench.scenario.car_parameters import CarParameters
     from aerodima.workbench.scenario.tail_parameters import TailMotorParameters, TailParameters
 
@@ -65,15 +63,12 @@ class ArmInertia(NamedTuple):
     pitch_sideways: float
     pitch_product: float = 0.0
 
-    def about_joints(self, roll_angle: float) -> tuple[float, float]:
-        """Returns the inertia about pitch and roll axis at a roll angle (rad): the diagonal of the
-        arm's mass matrix.
-        """
-        return inertia_about_joints(self, roll_angle)
-
 
 def inertia_about_joints(arm: ArmInertia, roll_angle: float) -> tuple[float, float]:
-    """See `ArmInertia.about_joints`."""
+    """Returns the inertia (kg m2) about pitch and roll axis at a roll angle, rad.
+
+    It is the diagonal of the arm's mass matrix.
+    """
     sideways = math.sin(roll_angle) ** 2
     pitch = arm.pitch_upright + sideways * (arm.pitch_sideways - arm.pitch_upright)
     return pitch - arm.pitch_product * math.sin(2.0 * roll_angle), arm.roll
@@ -117,8 +112,6 @@ def tail_geometry(tail: TailParameters) -> TailGeometry:
     Raises:
         ModelError: the tail file is missing or wrong.
     """
-    from aerodima.workbench.aero.tail_geometry import TailGeometry
-
     if tail.has_own_geometry:
         from aerodima.workbench.car.tail_file import read_tail
 

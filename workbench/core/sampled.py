@@ -39,6 +39,9 @@ class SampledSensor(LeafSystem):
         samples.
         sample_time (1): when it was taken, s.
 
+    Attributes:
+        rate: Hz.
+
     Args:
         name: of the system, e.g. "imu"; settings are named by it in messages.
         outputs: name and size of the output ports, in the order of the numbers of a sample.
@@ -66,7 +69,7 @@ class SampledSensor(LeafSystem):
         if not (math.isfinite(delay) and delay >= 0.0):
             raise UserError(f"{name}.delay: {delay:g} s must be >= 0 s")
         self.set_name(name)
-        self._rate = rate
+        self.rate = rate
         self._delay = delay
         whole = math.floor(delay * rate + RATE_TOLERANCE)
         lag = max(0.0, delay - whole / rate)
@@ -87,16 +90,6 @@ class SampledSensor(LeafSystem):
         if not self._shows_at_once:
             self.DeclarePeriodicDiscreteUpdateEvent(period, lag * rate * period, self._show)
 
-    @property
-    def rate(self) -> float:
-        """Samples per second, Hz."""
-        return self._rate
-
-    @property
-    def delay(self) -> float:
-        """Time from taking a sample to its appearance, s."""
-        return self._delay
-
     def measure(self, context: Context, index: int) -> FloatArray:
         """Take sample `index` (size,) of the inputs now, with noise and resolution."""
         raise NotImplementedError
@@ -105,7 +98,7 @@ class SampledSensor(LeafSystem):
         """Make a row of the queue: the sample, then the time at which it was taken."""
         time = context.get_time()
         row = np.empty(self._row_size)
-        row[:-1] = self.measure(context, max(0, round(time * self._rate)))
+        row[:-1] = self.measure(context, max(0, round(time * self.rate)))
         row[-1] = time
         return row
 
@@ -113,7 +106,7 @@ class SampledSensor(LeafSystem):
         discrete_state = state.get_mutable_discrete_state()
         row = self._row(context)
         rows = np.tile(row, (self._queue_length, 1))
-        rows[:, -1] -= np.arange(self._queue_length, 0, -1) / self._rate
+        rows[:, -1] -= np.arange(self._queue_length, 0, -1) / self.rate
         self._queue.write(discrete_state, rows.ravel())
         row[-1] -= self._delay
         self._set_outputs(row, discrete_state)

@@ -132,10 +132,9 @@ class PendulumModel:
         """
         bodies = _bodies(scenario)
         strips = _strips(scenario, law, sections)
-        motor = scenario.robot_motor
         rotor = scenario.maxon.reflected_inertia
         if scenario.is_robot:
-            rotor = motor.rotor_inertia * motor.gear_ratio**2
+            rotor = scenario.robot_motor.reflected_inertia
         inertia = along = across = 0.0
         for body in bodies:
             inertia += body.inertia + body.mass * (body.along**2 + body.across**2)

@@ -164,6 +164,10 @@ def _added_mass(plant: MultibodyPlant, scenario: RigScenario) -> AddedMass | Non
 class Rig:
     """A rig as a diagram that is built once and evaluated many times.
 
+    Attributes:
+        scenario: of the rig.
+        plant: of the diagram.
+
     Args:
         scenario: which rig, tail, wind and coefficients.
 
@@ -175,17 +179,13 @@ class Rig:
         self.scenario = scenario
         builder = DiagramBuilder()
         self._rig = add_rig_plant(builder, scenario)
+        self.plant = self._rig.plant
         self._diagram: Diagram = _export_torque(builder, self._rig)
         self._context = self._diagram.CreateDefaultContext()
-        self._plant_context = self._rig.plant.GetMyMutableContextFromRoot(self._context)
+        self._plant_context = self.plant.GetMyMutableContextFromRoot(self._context)
         self._torque = self._diagram.GetInputPort("motor_torque")
         self._wrench = self._diagram.GetOutputPort("wrench")
-        self._acceleration = self._rig.plant.get_generalized_acceleration_output_port()
-
-    @property
-    def plant(self) -> MultibodyPlant:
-        """The plant, to look at."""
-        return self._rig.plant
+        self._acceleration = self.plant.get_generalized_acceleration_output_port()
 
     def reaction(self, angle: float, rate: float, torque: float) -> RigReaction:
         """Acceleration and wrench at a state and a motor torque; friction and air as in the
@@ -232,7 +232,7 @@ class Rig:
             UserError: it is beyond the limit of the motor, or the angle outside its range.
         """
         free = self.reaction(angle, 0.0, 0.0).acceleration
-        torque = -free * float(self._rig.plant.CalcMassMatrix(self._plant_context)[0, 0])
+        torque = -free * float(self.plant.CalcMassMatrix(self._plant_context)[0, 0])
         current = -torque / current_constant(self.scenario)
         try:
             self.torque_of(current)
@@ -262,7 +262,7 @@ class Rig:
             )
         if not (math.isfinite(rate) and math.isfinite(torque)):
             raise UserError(f"rate {rate:g} rad/s, torque {torque:g} N m; allowed: finite numbers")
-        self._rig.plant.SetPositionsAndVelocities(self._plant_context, np.array([angle, rate]))
+        self.plant.SetPositionsAndVelocities(self._plant_context, np.array([angle, rate]))
         self._torque.FixValue(self._context, np.array([torque]))
 
 

@@ -182,7 +182,7 @@ def test_inertia_that_the_motors_count_with_is_that_of_the_plant_and_its_added_m
     felt = np.linalg.inv(inverse[np.ix_(joints, joints)])
     rotor = motor.rotor_inertia * motor.gear_ratio**2
     np.testing.assert_allclose(
-        np.diag(np.array(arm.about_joints(roll)) + rotor), felt, rtol=1e-6, atol=1e-9
+        np.diag(np.array(inertia_about_joints(arm, roll)) + rotor), felt, rtol=1e-6, atol=1e-9
     )
 
 
