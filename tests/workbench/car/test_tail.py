@@ -18,6 +18,7 @@ from aerodima.workbench.car.tail_plant import (
     added_mass_layout,
     arm_inertia,
     ground_partner_friction,
+    inertia_about_joints,
     tail_sdf,
 )
 from aerodima.workbench.scenario.scenario import scenario_from_dict
