@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -71,15 +72,14 @@ def set_tail_shapes(model: SdfModel, geometry: TailGeometry, margin: float) -> l
         across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
         across /= np.linalg.norm(across)
         pose = _pose((near + far) / 2, np.column_stack([across, np.cross(axis, across), axis]))
-        radius = f"{geometry.arm.radius:.9g}"
         model.add_shape(
             "tail_rod",
             f"rod_{number}",
             pose,
             "cylinder",
             colour=_ARM_COLOUR,
-            radius=radius,
-            length=f"{length:.9g}",
+            radius=geometry.arm.radius,
+            length=length,
         )
     for plate in geometry.plates:
         for number, piece in enumerate(plate.pieces):
@@ -90,9 +90,7 @@ def set_tail_shapes(model: SdfModel, geometry: TailGeometry, margin: float) -> l
         corners.append(points[-1])
     names = [f"tail_corner_{number}" for number in range(len(corners))]
     for name, corner in zip(names, corners, strict=True):
-        model.add_shape(
-            "tail_sail", name, [*corner, 0.0, 0.0, 0.0], "sphere", radius=f"{margin:.9g}"
-        )
+        model.add_shape("tail_sail", name, [*corner, 0.0, 0.0, 0.0], "sphere", radius=margin)
     return names
 
 
@@ -107,12 +105,12 @@ def _draw(model: SdfModel, plate: Plate, piece: Piece, name: str) -> None:
         width = piece.chords[0] + share * (piece.chords[1] - piece.chords[0])
         pose = _pose(piece.start + share * piece.length * piece.axis, frame)
         if plate.kind == "half_shell":
-            size = {"uri": _HALF_CYLINDER, "scale": f"{width:.9g} {width:.9g} {part:.9g}"}
+            size: dict[str, Any] = {"uri": _HALF_CYLINDER, "scale": (width, width, part)}
             model.add_shape(
                 "tail_sail", f"{name}_{number}", pose, "mesh", colour=_PLATE_COLOUR, **size
             )
         else:
-            box = f"{width:.9g} {max(plate.depth, _THIN):.9g} {part:.9g}"
+            box = (width, max(plate.depth, _THIN), part)
             model.add_shape(
                 "tail_sail", f"{name}_{number}", pose, "box", colour=_PLATE_COLOUR, size=box
             )

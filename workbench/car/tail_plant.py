@@ -192,16 +192,16 @@ def _set_sail_shapes(model: SdfModel, tail: TailParameters) -> list[str]:
     """The drawn shell opens to +y at its place before the bearing, with the board behind it; names
     of the corners.
     """
-    model.set_shape("tail_rod", "rod", (0, 0, tail.length / 2), length=f"{tail.length:.9g}")
+    model.set_shape("tail_rod", "rod", (0, 0, tail.length / 2), length=tail.length)
     width = tail.sail_width
     middle = tail.length - tail.sail_length / 2
     deep = max(tail.shell_share / SHELL_DEPTH * width, BOARD_THICKNESS)
-    scale = f"{width:.9g} {deep:.9g} {tail.sail_length:.9g}"
+    scale = (width, deep, tail.sail_length)
     model.set_shape("tail_sail", "sail", (0, tail.sail_front, middle), scale=scale)
     board = tail.board_share * width
     if board:
         behind = tail.sail_front - tail.shell_share * width - board / 2
-        size = f"{BOARD_THICKNESS:.9g} {board:.9g} {tail.sail_length:.9g}"
+        size = (BOARD_THICKNESS, board, tail.sail_length)
         model.set_shape("tail_sail", "backing_board", (0, behind, middle), size=size)
     else:
         model.remove_shapes("tail_sail", "backing_board")
