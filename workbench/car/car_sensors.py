@@ -7,7 +7,6 @@ a Python object.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +19,7 @@ from aerodima.workbench.core.port_wiring import vector_of
 from aerodima.workbench.core.quantity import STANDARD_GRAVITY
 from aerodima.workbench.core.sampled import TURN, AngleEncoder, CounterNoise, SampledSensor
 from aerodima.workbench.scenario.signal_table import IMU
+from aerodima.workbench.scenario.tail_parameters import TailMotorParameters
 
 CHASSIS_MOTION_SIZE = 20
 """Quaternion w, x, y, z; position, m; angular velocity, rad/s, and velocity, m/s, in W; angular
@@ -30,6 +30,10 @@ GYRO_RANGE = math.radians(2000.0)
 """Where each gyroscope axis saturates, rad/s; BNO055 in fusion mode (Bosch BST-BNO055-DS000)."""
 FORCE_RANGE = 4.0 * STANDARD_GRAVITY
 """Where each axis of its accelerometer saturates, m/s2, gravity included."""
+POSITION_BITS = 16
+"""Word of a position in the AK70-10's reply in MIT mode (design section 14)."""
+SPEED_BITS = 12
+"""Word of a speed in that reply."""
 STEPS = np.repeat([1.0 / 900.0, 1.0 / 900.0, 0.01], 3)
 """Resolution of the BNO055: rad of the attitude, rad/s and m/s2 per count."""
 
@@ -256,23 +260,6 @@ class SailEncoder(AngleEncoder):
         return noisy / TURN * self._steps // 1.0 % self._steps * (TURN / self._steps)
 
 
-@dataclass(frozen=True)
-class MotorReply:
-    """Words of the AK70-10's reply in MIT mode (design section 14).
-
-    Args:
-        position_range: rad, to either side.
-        speed_range: rad/s, to either side.
-        position_bits: word length.
-        speed_bits: word length.
-    """
-
-    position_range: float = 12.5
-    speed_range: float = 50.0
-    position_bits: int = 16
-    speed_bits: int = 12
-
-
 def quantise_symmetric(value: float, limit: float, bits: int) -> float:
     """Value after a trip through an unsigned word of `bits` that spans [-limit, limit].
 
@@ -297,7 +284,7 @@ class MotorEncoder(SampledSensor):
 
     Args:
         rate: Hz, one reply per command.
-        reply: ranges and word lengths.
+        motor: ranges of its reply.
         step: of the plant, s.
         discrete: whether the plant is discrete, see `SampledSensor`.
 
@@ -308,7 +295,7 @@ class MotorEncoder(SampledSensor):
     def __init__(
         self,
         rate: float,
-        reply: MotorReply,
+        motor: TailMotorParameters,
         *,
         step: float | None = None,
         discrete: bool = False,
@@ -323,8 +310,8 @@ class MotorEncoder(SampledSensor):
             discrete=discrete,
         )
         self._joints = self.DeclareVectorInputPort("joints", 4)
-        angle = (reply.position_range, reply.position_bits)
-        speed = (reply.speed_range, reply.speed_bits)
+        angle = (motor.position_range, POSITION_BITS)
+        speed = (motor.speed_range, SPEED_BITS)
         self._words = (angle, angle, speed, speed)
 
     def measure(self, context: Context, index: int) -> FloatArray:

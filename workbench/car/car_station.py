@@ -27,7 +27,6 @@ from aerodima.workbench.car.car_sensors import (
     GpsSpeed,
     Imu,
     MotorEncoder,
-    MotorReply,
     SailEncoder,
 )
 from aerodima.workbench.car.chassis_actuators import DriveTrain, SteeringServo
@@ -280,10 +279,9 @@ def _add_encoders(
     builder: DiagramBuilder, scenario: Scenario, ports: PlantPorts, air: TailAerodynamics
 ) -> tuple[OutputPort, dict[str, System]]:
     """Adds the encoders of the tail; returns the port `tail_state`, and who reports by age."""
-    motor = scenario.tail_motor
     step = scenario.simulation.step
-    reply = MotorReply(motor.position_range, motor.speed_range)
-    encoders = MotorEncoder(scenario.controller.rate, reply, step=step, discrete=True)
+    rate = scenario.controller.rate
+    encoders = MotorEncoder(rate, scenario.tail_motor, step=step, discrete=True)
     add_and_connect(builder, encoders, joints=ports.motion("tail_joints"))
     ages: dict[str, System] = {f"{part}_age": encoders for part in TAIL_PARTS}
     angle = rate = ports.zero

@@ -17,7 +17,7 @@ from pydrake.systems.framework import (
 )
 
 from aerodima.workbench.car.ak70 import MitMotor
-from aerodima.workbench.car.car_sensors import MotorEncoder, MotorReply
+from aerodima.workbench.car.car_sensors import MotorEncoder
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_contract import add_status, export_interface, export_outputs
 from aerodima.workbench.core.port_wiring import PortSlice, add_and_connect, concatenate
@@ -143,8 +143,7 @@ def _add_ak70(builder: DiagramBuilder, scenario: RigScenario, state: OutputPort)
     motor = MitMotor(settings, scenario.robot.torque_constant)
     add_and_connect(builder, motor, "ak70", joint_state=state)
     builder.ExportInput(motor.GetInputPort("tail_command"), "tail_command")
-    reply = MotorReply(settings.position_range, settings.speed_range)
-    replies = MotorEncoder(scenario.robot.command_rate, reply, step=scenario.simulation.step)
+    replies = MotorEncoder(scenario.robot.command_rate, settings, step=scenario.simulation.step)
     both_joints = concatenate(builder, "joint_twice", [(state, [0, 0, 1, 1])])
     add_and_connect(builder, replies, joints=both_joints)
     parts: list[PortSlice] = [(replies.GetOutputPort(name), [0]) for name in ("angles", "rates")]
