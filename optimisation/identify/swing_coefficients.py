@@ -21,7 +21,7 @@ from aerodima.optimisation.identify.fit_result import FitResult
 from aerodima.optimisation.identify.least_squares import Parameter
 from aerodima.optimisation.identify.swing_fit import SwingModel, TorqueLaw, Values
 from aerodima.optimisation.identify.swing_log import SwingData, swing_data
-from aerodima.workbench.aero.section_laws import NormalForceLaw, SpeedLine, SpeedTable
+from aerodima.workbench.aero.section_laws import NormalForceLaw, SpeedTable, speed_line
 from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS, MIN_INERTIA_FRACTION
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.core.resources import published_table
@@ -275,7 +275,7 @@ def normal_force_law(shape: Shape, values: Values, speeds: tuple[float, float]) 
     if shape == "constant":
         return NormalForceLaw(values["cn"])
     if shape == "line":
-        return NormalForceLaw(SpeedLine(values["cn_slope"], values["cn_intercept"], speeds))
+        return NormalForceLaw(speed_line(values["cn_slope"], values["cn_intercept"], speeds))
     names = [name for name in values if name.startswith(_NODE)]
     speeds_of_nodes = tuple(float(name.removeprefix(_NODE)) for name in names)
     return NormalForceLaw(SpeedTable(speeds_of_nodes, tuple(values[name] for name in names)))

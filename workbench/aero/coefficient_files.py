@@ -16,9 +16,9 @@ from aerodima.workbench.aero.polar_law import MIN_DRAG, PolarLaw, RegularTable, 
 from aerodima.workbench.aero.section_laws import (
     NormalForceLaw,
     SectionLaw,
-    SpeedLine,
     SpeedTable,
     TwoSidedLaw,
+    speed_line,
 )
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.yaml_files import (
@@ -147,11 +147,13 @@ class _NormalLine(CoefficientSet):
     cn_intercept: Number
 
     def law(self) -> SectionLaw:
-        return NormalForceLaw(SpeedLine(self.cn_slope_s_per_m, self.cn_intercept, self.speed_range))
+        return NormalForceLaw(
+            speed_line(self.cn_slope_s_per_m, self.cn_intercept, self.speed_range)
+        )
 
     @model_validator(mode="after")
     def _adds_no_energy(self) -> "_NormalLine":
-        # Not in `SpeedLine`: a fit may pass through negative lines on its way.
+        # Not in `speed_line`: a fit may pass through negative lines on its way.
         for speed in self.speed_range:
             value = self.cn_intercept + self.cn_slope_s_per_m * speed
             if value < 0.0:

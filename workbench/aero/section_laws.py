@@ -281,37 +281,18 @@ class SpeedTable:
         return self.speeds[0] <= speed <= self.speeds[-1]
 
 
-@dataclass(frozen=True)
-class SpeedLine:
-    """A coefficient that is a line over |v_rel| inside a range, and constant beyond it (ERRATA
-    E26).
+def speed_line(slope: float, intercept: float, speed_range: tuple[float, float]) -> SpeedTable:
+    """Makes a coefficient that is a line over |v_rel| inside a range (ERRATA E26).
 
-    Attributes:
+    Args:
         slope: per m/s.
         intercept: at 0 m/s.
         speed_range: lowest and highest speed, m/s.
     """
-
-    slope: float
-    intercept: float
-    speed_range: tuple[float, float]
-
-    def __post_init__(self) -> None:
-        require_increasing("speed_range", self.speed_range, "speed line")
-        require_finite("slope and intercept", np.array([self.slope, self.intercept]), "speed line")
-
-    def __call__(self, speed: Scalar) -> Scalar:
-        """The coefficient at a speed."""
-        low, high = self.speed_range
-        if speed < low:
-            speed = low
-        elif speed > high:
-            speed = high
-        return self.intercept + self.slope * speed
-
-    def covers(self, speed: float) -> bool:
-        """Tells whether the speed lies inside the range."""
-        return self.speed_range[0] <= speed <= self.speed_range[1]
+    low, high = speed_range
+    return SpeedTable(
+        speed_range, (intercept + slope * low, intercept + slope * high), "speed line"
+    )
 
 
 @dataclass(frozen=True)

@@ -58,10 +58,10 @@ class WindModel:
         check_from_zero("wind: seed", self.seed, unit="1")
 
     @classmethod
-    def in_jet(cls, jet: Jet, speed: float, **gusts: Any) -> WindModel:
+    def in_jet(cls, jet: Jet, speed: float) -> WindModel:
         """The tunnel's wind: `speed` (m/s) in the downstream direction of the jet."""
         x, y, z = (speed * part for part in jet.downstream_W)
-        return cls(mean=(x, y, z), **gusts)
+        return cls(mean=(x, y, z))
 
     def turbulence_step(self, step: int, previous: Any) -> list[Any]:
         """Filtered noise after one more update; `step` 0 draws from the stationary distribution."""

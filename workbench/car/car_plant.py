@@ -168,6 +168,14 @@ def _added_mass(plant: MultibodyPlant, scenario: Scenario) -> AddedMass | None:
     )
 
 
+def strict_parser(plant: MultibodyPlant) -> Parser:
+    """Makes a parser that finds the meshes of `models/` and takes a warning as an error."""
+    parser = Parser(plant)
+    parser.package_map().Add(MODELS_PACKAGE, str(models_dir()))
+    parser.SetStrictParsing()
+    return parser
+
+
 def parse_model(plant: MultibodyPlant, model: SdfModel, drawn: bool = True) -> ModelInstanceIndex:
     """Parses a model strictly, with its visuals if `drawn`: a warning of Drake's parser is an error
     naming the file.
@@ -175,11 +183,8 @@ def parse_model(plant: MultibodyPlant, model: SdfModel, drawn: bool = True) -> M
     if not drawn:
         for link in model.model.findall("link"):
             model.remove_shapes(str(link.get("name")), kind="visual")
-    parser = Parser(plant)
-    parser.package_map().Add(MODELS_PACKAGE, str(models_dir()))
-    parser.SetStrictParsing()
     try:
-        (instance,) = parser.AddModelsFromString(model.text(), "sdf")
+        (instance,) = strict_parser(plant).AddModelsFromString(model.text(), "sdf")
     except RuntimeError as error:
         raise ModelError(f"{model.path}: does not load in Drake: {error}") from None
     return instance

@@ -195,15 +195,6 @@ def ackermann(steering_angle: float, wheelbase: float, track: float) -> tuple[fl
     return math.atan2(tangent, 1.0 - half), math.atan2(tangent, 1.0 + half)
 
 
-def knuckle_angles(
-    steering_angle: float, servo: ServoParameters, car: CarParameters
-) -> tuple[float, float]:
-    """Returns the angles (rad) of the left and right front wheel for a steering angle."""
-    if servo.linkage == "parallel":
-        return steering_angle, steering_angle
-    return ackermann(steering_angle, car.wheelbase, car.track)
-
-
 def steering_motion(frame: Sequence[float], time: float, rate: float) -> tuple[float, float]:
     """Returns the bicycle steering angle, rad, and its rate, rad/s, at `time` s.
 
@@ -251,9 +242,9 @@ def knuckle_motion(
     """Returns angles (rad) and rates (rad/s) of left and right front wheel, for those of the
     bicycle.
     """
-    left, right = knuckle_angles(angle, servo, car)
     if servo.linkage == "parallel":
-        return left, right, rate, rate
+        return angle, angle, rate, rate
+    left, right = ackermann(angle, car.wheelbase, car.track)
     tangent = math.tan(angle)
     half = 0.5 * car.track / car.wheelbase
     turning = rate * (1.0 + tangent**2)

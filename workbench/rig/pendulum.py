@@ -272,16 +272,11 @@ def air_torque(scenario: RigScenario, law: SectionLaw | None = None) -> Torque |
     strips = pendulum.strips
     if not strips:
         return None
-    density = pendulum.density
 
     def torque(angle: float, rate: float) -> float:
-        # `strip_load` without what a swing does not feel, since a fit evaluates it most.
         total = 0.0
         for strip in strips:
-            (y, z), line, distances, areas = section_airflow(pendulum, strip, angle, rate)
-            if areas[0] != 0.0:
-                _, f_y, f_z, m_x, _, _ = strip.law.line_force(line, distances, areas, density)
-                total = total + m_x + y * f_z - z * f_y
+            total += strip_load(pendulum, strip, angle, rate)[3]
         return -total
 
     return torque

@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from aerodima.workbench.car.car_diagram import assemble
 from aerodima.workbench.car.car_station import make_car_station, simulated_car
 from aerodima.workbench.car.ground_truth import BODY_TRUTH, TAIL_TRUTH
-from aerodima.workbench.car.laws import knuckle_angles
+from aerodima.workbench.car.laws import knuckle_motion
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_contract import add_status
 from aerodima.workbench.scenario.scenario import load_scenario, scenario_from_dict
@@ -169,7 +169,7 @@ def test_each_knuckle_gets_its_own_angle_of_the_linkage():
     # The servo gives way by 200 N m/rad: a few milliradians, where the linkage parts the wheels
     # by 100.
     np.testing.assert_allclose(
-        angles, knuckle_angles(0.3, car.scenario.servo, car.scenario.car), atol=0.01
+        angles, knuckle_motion(0.3, 0.0, car.scenario.servo, car.scenario.car)[:2], atol=0.01
     )
 
 
