@@ -5,7 +5,6 @@ the robot on the rig.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
 
@@ -17,14 +16,12 @@ from aerodima.workbench.car.laws import (
 from aerodima.workbench.car.tail_plant import arm_inertia, inertia_about_joints
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_wiring import declare_output, vector_of
+from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import TAIL_COMMAND
-
-if TYPE_CHECKING:
-    from aerodima.workbench.scenario.scenario import Scenario
-    from aerodima.workbench.scenario.tail_parameters import (
-        FrictionParameters,
-        TailMotorParameters,
-    )
+from aerodima.workbench.scenario.tail_parameters import (
+    FrictionParameters,
+    TailMotorParameters,
+)
 
 TAIL_JOINTS = ("tail_pitch", "tail_roll")
 """Joints that a motor drives, in the order of all vectors of two."""

@@ -7,7 +7,7 @@ The air acts on the sail only; the chassis feels none.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
@@ -31,6 +31,8 @@ from aerodima.workbench.aero.section_laws import (
     wind_direction,
 )
 from aerodima.workbench.aero.sections import Air, SectionLayout
+from aerodima.workbench.aero.tail_force import add_tail_force
+from aerodima.workbench.aero.wind import WindModel, WindSource
 from aerodima.workbench.car.tail_plant import tail_geometry
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
@@ -40,16 +42,13 @@ from aerodima.workbench.core.port_wiring import (
     declare_output,
     vector_of,
 )
+from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.tail_parameters import (
     CONSTANT,
     SAIL_LAWS,
     SAIL_SHAPES,
     TailParameters,
 )
-
-if TYPE_CHECKING:
-    from aerodima.workbench.aero.wind import WindModel
-    from aerodima.workbench.scenario.scenario import Scenario
 
 
 def wind_model(scenario: Scenario) -> WindModel | None:
@@ -59,8 +58,6 @@ def wind_model(scenario: Scenario) -> WindModel | None:
     wind = scenario.wind
     if wind.is_still or scenario.tail.mode == "none":
         return None
-    from aerodima.workbench.aero.wind import WindModel
-
     gust = wind.gust_amplitude
     return WindModel(
         mean=(wind.mean_x, wind.mean_y, wind.mean_z),
@@ -77,8 +74,6 @@ def add_wind_source(builder: DiagramBuilder, scenario: Scenario) -> System | Non
     model = wind_model(scenario)
     if model is None:
         return None
-    from aerodima.workbench.aero.wind import WindSource
-
     return builder.AddNamedSystem("wind", WindSource(model))
 
 
@@ -260,8 +255,6 @@ def add_sail_report(
         The ports `sections` and `validity` of `TailForce`: of the sail's opening, or of all lines
         of a tail of its own geometry.
     """
-    from aerodima.workbench.aero.tail_force import add_tail_force
-
     tail = scenario.tail
     _, limit = sail_law(tail)
     air = Air(scenario.environment.air_density, scenario.environment.air_viscosity)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.multibody.tree import UnitInertia
@@ -19,12 +18,10 @@ from aerodima.workbench.car.tail_plant import ground_partner_friction
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.sdf_model import Inertial, SdfModel
+from aerodima.workbench.scenario.car_parameters import CarParameters, DriveParameters
+from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import AXLES, SIDES
-
-if TYPE_CHECKING:
-    from aerodima.workbench.scenario.car_parameters import CarParameters, DriveParameters
-    from aerodima.workbench.scenario.scenario import Scenario
-    from aerodima.workbench.scenario.tail_parameters import TailParameters
+from aerodima.workbench.scenario.tail_parameters import TailParameters
 
 CAR_SDF = "car/car.sdf"
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from pydrake.geometry import (
@@ -32,15 +32,13 @@ from pydrake.multibody.plant import (
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
+from aerodima.workbench.aero.added_mass import AddedMass, add_added_mass
 from aerodima.workbench.car.car_model import car_sdf, stiction_tolerance
 from aerodima.workbench.car.tail_plant import MIN_INERTIA_FRACTION, added_mass_layout, tail_sdf
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.resources import models_dir
 from aerodima.workbench.core.sdf_model import SdfModel
-
-if TYPE_CHECKING:
-    from aerodima.workbench.aero.added_mass import AddedMass
-    from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.scenario import Scenario
 
 GROUND_STIFFNESS = 1.0e10
 """Contact stiffness (N/m) of the ground: rigid against any tyre, so that the pair has the tyre's
@@ -161,8 +159,6 @@ def _added_mass(plant: MultibodyPlant, scenario: Scenario) -> AddedMass | None:
     tail = scenario.tail
     if tail.added_mass == 0.0:
         return None
-    from aerodima.workbench.aero.added_mass import add_added_mass
-
     return add_added_mass(
         plant, plant.GetBodyByName("tail_rod"), added_mass_layout(tail), tail.added_mass
     )

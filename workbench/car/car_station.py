@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, System
@@ -22,6 +22,7 @@ from aerodima.workbench.car.ak70 import (
     TailMotorFactory,
     add_tail_motor,
 )
+from aerodima.workbench.car.car_air import TailAerodynamics, add_sail_report, add_wind_source
 from aerodima.workbench.car.car_plant import CarPlant, add_car_plant
 from aerodima.workbench.car.car_sensors import (
     GpsSpeed,
@@ -30,6 +31,7 @@ from aerodima.workbench.car.car_sensors import (
     SailEncoder,
 )
 from aerodima.workbench.car.chassis_actuators import DriveTrain, SteeringServo
+from aerodima.workbench.car.ground_truth import CarTruth
 from aerodima.workbench.car.plant_ports import PlantPorts
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_contract import (
@@ -39,16 +41,13 @@ from aerodima.workbench.core.port_contract import (
     require_ports,
 )
 from aerodima.workbench.core.port_wiring import add_and_connect, concatenate
+from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import (
     STATION_INPUTS,
     STATION_OUTPUTS,
     STATUS,
     TAIL_COMMAND,
 )
-
-if TYPE_CHECKING:
-    from aerodima.workbench.car.car_air import TailAerodynamics
-    from aerodima.workbench.scenario.scenario import Scenario
 
 NOT_FITTED = 1.0
 """Fault code on `status` of a part that this car does not have, such as the motors of a car without
@@ -126,8 +125,6 @@ def _add_simulated_car(
     # The plant, and the wind that pushes its added mass.
     wind = None
     if scenario.tail.mode != "none":  # the air acts on a tail only
-        from aerodima.workbench.car.car_air import add_wind_source
-
         wind = add_wind_source(builder, scenario)
     drawn = with_truth or meshcat is not None
     gust = None
@@ -211,8 +208,6 @@ class TailDrives:
         tail_motor: TailMotorFactory,
     ) -> TailDrives:
         """Adds two motors, the friction of their joints, and the air on the sail."""
-        from aerodima.workbench.car.car_air import TailAerodynamics
-
         commands = {}
         torques = []
         for joint in TAIL_JOINTS:
@@ -324,8 +319,6 @@ def _add_truth(
     wind: OutputPort | None,
 ) -> dict[str, OutputPort]:
     """Adds what only a simulation knows; returns the ports to export."""
-    from aerodima.workbench.car.ground_truth import CarTruth
-
     plant = car.plant
     contacts = plant.get_contact_results_output_port()
     sources = {
@@ -340,8 +333,6 @@ def _add_truth(
     }
     names = ["body_truth", "contact_truth"]
     if tail is not None:
-        from aerodima.workbench.car.car_air import add_sail_report
-
         report = add_sail_report(builder, plant, scenario, wind)
         force = tail.air.GetOutputPort("force")
         sources["tail_torque"] = tail.motor_torques

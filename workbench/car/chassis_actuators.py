@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
 
@@ -17,10 +15,8 @@ from aerodima.workbench.car.laws import (
     steering_motion,
 )
 from aerodima.workbench.core.port_wiring import add_and_connect, declare_output, vector_of
+from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import WHEELS
-
-if TYPE_CHECKING:
-    from aerodima.workbench.scenario.scenario import Scenario
 
 
 class DriveTrain(LeafSystem):

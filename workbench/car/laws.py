@@ -9,17 +9,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from aerodima.workbench.core.elementwise import clip, maximum, minimum, tanh
-
-if TYPE_CHECKING:
-    from aerodima.workbench.scenario.car_parameters import (
-        CarParameters,
-        DriveParameters,
-        ServoParameters,
-    )
-    from aerodima.workbench.scenario.tail_parameters import TailMotorParameters
+from aerodima.workbench.scenario.car_parameters import (
+    CarParameters,
+    DriveParameters,
+    ServoParameters,
+)
+from aerodima.workbench.scenario.tail_parameters import TailMotorParameters
 
 ROLLING_RATE = 1.0
 """Rate (rad/s) of a wheel over which its rolling resistance is rounded off."""

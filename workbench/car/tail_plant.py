@@ -10,22 +10,22 @@ instant (`TailForce`, port `wind_direction`).
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from pydrake.multibody.tree import UnitInertia
 
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.aero.tail_geometry import Plate, TailArm, TailGeometry
+from aerodima.workbench.car.tail_file import read_tail, set_tail_shapes
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.sdf_model import Inertial, SdfModel
+from aerodima.workbench.scenario.car_parameters import CarParameters
 from aerodima.workbench.scenario.tail_parameters import (
     SHELL_DEPTH,
+    TailMotorParameters,
+    TailParameters,
 )
-
-if TYPE_CHECKING:
-    from aerodima.workbench.scenario.car_parameters import CarParameters
-    from aerodima.workbench.scenario.tail_parameters import TailMotorParameters, TailParameters
 
 TAIL_SDF = "tail/tail.sdf"
 ROD_RADIUS = 0.006
@@ -113,8 +113,6 @@ def tail_geometry(tail: TailParameters) -> TailGeometry:
         ModelError: the tail file is missing or wrong.
     """
     if tail.has_own_geometry:
-        from aerodima.workbench.car.tail_file import read_tail
-
         try:
             return read_tail(tail.geometry)
         except ModelError as error:
@@ -163,8 +161,6 @@ def tail_sdf(
     model.set_inertial("tail_rod", geometry.arm_mass)
     model.set_inertial("tail_sail", geometry.sail_mass)
     if tail.has_own_geometry:
-        from aerodima.workbench.car.tail_file import set_tail_shapes
-
         corners = set_tail_shapes(model, geometry, SAIL_TIP_MARGIN)
     else:
         corners = _set_sail_shapes(model, tail)
