@@ -6,18 +6,9 @@ section 4.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
-from pydrake.math import RotationMatrix
 
-from aerodima.workbench.aero.tail_mass import (
-    inertial_of_inertia,
-    placed,
-    plate_inertia,
-    rod_inertia,
-    total_inertia,
-)
 from aerodima.workbench.car.tail_plant import ROD_RADIUS
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.resources import model_path
@@ -65,13 +56,18 @@ def robot_tail_properties(tail: TailParameters) -> Inertial:
     """The robot's rod and sail as one body, from the motor axis; the same rod and plate as on the
     car, hanging.
     """
-    sail_mass = tail.mass * tail.sail_mass_fraction
-    rod = rod_inertia((tail.mass - sail_mass) / tail.length, tail.length, ROD_RADIUS)
-    density = sail_mass / (tail.sail_length * tail.sail_width)
-    sail = plate_inertia(density, tail.sail_length, (tail.sail_width, tail.sail_width), 0.0)
-    start = np.array([0.0, 0.0, tail.length - tail.sail_length])
-    upright = inertial_of_inertia(total_inertia((rod, placed(sail, RotationMatrix(), start))))
-    return replace(upright, com=(0.0, 0.0, -upright.com[2]))
+    sail = tail.mass * tail.sail_mass_fraction
+    rod = tail.mass - sail
+    rod_centre = tail.length / 2
+    sail_centre = tail.length - tail.sail_length / 2
+    centre = (rod * rod_centre + sail * sail_centre) / tail.mass
+    rod_across = rod * (tail.length**2 / 12 + (rod_centre - centre) ** 2)
+    spread = rod_across + sail * (sail_centre - centre) ** 2
+    along = sail * tail.sail_length**2 / 12
+    across = sail * tail.sail_width**2 / 12
+    rod_along = 0.5 * rod * ROD_RADIUS**2
+    moments = (spread + along, spread + along + across, rod_along + across)
+    return Inertial(tail.mass, (0.0, 0.0, -centre), moments)
 
 
 def cheetah_rig_sdf(scenario: RigScenario) -> SdfModel:
