@@ -113,7 +113,7 @@ def _flips_in_drake(scenario: Scenario, step: float) -> bool:
     builder = DiagramBuilder()
     car = add_car_plant(builder, scenario, sampled_outputs=False)
     plant = car.plant
-    joints = car.actuated_joints
+    joints = plant.GetActuatorNames(car.car)
     knuckles, rates = commanded(scenario, step)
 
     def played(rows: FloatArray) -> OutputPort:

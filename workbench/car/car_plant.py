@@ -74,12 +74,6 @@ class CarPlant:
             return [self.car]
         return [self.car, self.tail]
 
-    @property
-    def actuated_joints(self) -> list[str]:
-        """Joints of the car alone, in the order of its actuation."""
-        indices = self.plant.GetJointActuatorIndices(self.car)
-        return [self.plant.get_joint_actuator(index).joint().name() for index in indices]
-
 
 def add_car_plant(
     builder: DiagramBuilder,

@@ -174,7 +174,7 @@ class PlantPorts:
         """
         car = self._car
         plant = car.plant
-        names = car.actuated_joints
+        names = plant.GetActuatorNames(car.car)
         steered = [names.index(f"front_{side}_steering") for side in ("left", "right")]
         knuckles = [*steered, *(len(names) + index for index in steered)]
         actuation = {_actuation_start(plant, "drive_shaft_spin"): (torques, [0])}
@@ -226,8 +226,5 @@ def _tail_joints(plant: MultibodyPlant) -> list[tuple[int, int]]:
 
 
 def _actuation_start(plant: MultibodyPlant, joint: str) -> int:
-    """Place of a joint's actuation among that of all actuators."""
-    actuators = (plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices())
-    return next(
-        int(actuator.input_start()) for actuator in actuators if actuator.joint().name() == joint
-    )
+    """Returns the place of a joint's actuation among that of all actuators."""
+    return int(plant.GetJointActuatorByName(joint).input_start())
