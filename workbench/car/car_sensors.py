@@ -14,9 +14,8 @@ from pydrake.systems.framework import Context
 
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.elementwise import rotation_rows
-from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_wiring import vector_of
-from aerodima.workbench.core.quantity import STANDARD_GRAVITY
+from aerodima.workbench.core.quantity import NO_UNIT, STANDARD_GRAVITY, check_range
 from aerodima.workbench.core.sampled import TURN, AngleEncoder, CounterNoise, SampledSensor
 from aerodima.workbench.scenario.signal_table import IMU
 from aerodima.workbench.scenario.tail_parameters import TailMotorParameters
@@ -248,8 +247,7 @@ class SailEncoder(AngleEncoder):
         window: float = 0.02,
     ) -> None:
         super().__init__("sail_encoder", settings.rate, settings.delay, window, step, discrete)
-        if not 4 <= settings.bits <= 20:
-            raise UserError(f"sail_encoder.bits: {settings.bits}; allowed: 4 to 20")
+        check_range("sail_encoder.bits", settings.bits, 4, 20, NO_UNIT)
         self._steps = 2**settings.bits
         self._noise = CounterNoise(seed, "sail_encoder", 1)
         self._deviation = settings.noise

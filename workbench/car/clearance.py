@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.quantity import NO_UNIT, check_range
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.tail_parameters import TailParameters
 
@@ -80,8 +80,7 @@ def make_range_of_motion(
         ModelError: the car does not load.
     """
     for name, count in (("pitch", pitch_count), ("roll", roll_count)):
-        if not 3 <= count <= 1001:
-            raise UserError(f"{name} nodes: {count}; allowed: 3 to 1001")
+        check_range(f"{name} nodes", count, 3, 1001, NO_UNIT)
     query = TailQuery(scenario.varied(tail={"mode": "swing"}))
     tail = scenario.tail
     pitch = np.linspace(-tail.pitch_limit, tail.pitch_limit, pitch_count)

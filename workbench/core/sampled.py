@@ -7,10 +7,9 @@ import numpy as np
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem, State
 
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.event_order import EventPriority, period_of
 from aerodima.workbench.core.port_wiring import DiscreteVector, vector_of
-from aerodima.workbench.core.quantity import RATE_TOLERANCE, check_rate
+from aerodima.workbench.core.quantity import RATE_TOLERANCE, check_range, check_rate
 
 TURN = 2.0 * math.pi
 """One revolution, rad."""
@@ -66,8 +65,7 @@ class SampledSensor(LeafSystem):
     ) -> None:
         super().__init__()
         check_rate(rate, step, f"{name}.rate")
-        if not (math.isfinite(delay) and delay >= 0.0):
-            raise UserError(f"{name}.delay: {delay:g} s must be >= 0 s")
+        check_range(f"{name}.delay", delay, 0.0, math.inf, "s")
         self.set_name(name)
         self.rate = rate
         self._delay = delay

@@ -45,6 +45,7 @@ from aerodima.workbench.core.port_wiring import (
     declare_spatial_forces,
     vector_of,
 )
+from aerodima.workbench.core.quantity import check_range
 from aerodima.workbench.rig.rig_layout import bar_layout, rig_jet, rig_law, tail_layout
 from aerodima.workbench.rig.rig_model import cheetah_rig_sdf, robot_rig_sdf
 from aerodima.workbench.scenario.rig_scenario import RigScenario
@@ -221,8 +222,7 @@ class Rig:
             limit = scenario.robot_motor.torque_limit / scenario.robot.torque_constant
         else:
             limit = scenario.maxon.current_limit
-        if not abs(current) <= limit:
-            raise UserError(f"current: {current:g} A; allowed: within +-{limit:g} A")
+        check_range("current", current, -limit, limit, "A")
         return -current * current_constant(scenario)
 
     def holding_current(self, angle: float) -> float:
@@ -255,13 +255,10 @@ class Rig:
 
     def set_state(self, angle: float, rate: float, torque: float) -> None:
         """Puts the rig into a state; see `reaction`."""
-        limit = self.scenario.mount.angle_limit
-        if not abs(angle) <= limit + 1e-9:
-            raise UserError(
-                f"angle: {angle:g} rad; allowed: within mount.angle_limit, +-{limit:g} rad"
-            )
-        if not (math.isfinite(rate) and math.isfinite(torque)):
-            raise UserError(f"rate {rate:g} rad/s, torque {torque:g} N m; allowed: finite numbers")
+        limit = self.scenario.mount.angle_limit + 1e-9
+        check_range("angle", angle, -limit, limit, "rad")
+        check_range("rate", rate, -math.inf, math.inf, "rad/s")
+        check_range("torque", torque, -math.inf, math.inf, "N m")
         self.plant.SetPositionsAndVelocities(self._plant_context, np.array([angle, rate]))
         self._torque.FixValue(self._context, np.array([torque]))
 

@@ -4,6 +4,7 @@ diagram.
 
 from __future__ import annotations
 
+import math
 import re
 import shutil
 import subprocess
@@ -23,6 +24,7 @@ from aerodima.workbench.aero.tail_pieces import unit_vector
 from aerodima.workbench.car.clearance import PARTS, RangeOfMotion
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.quantity import NO_UNIT, check_range
 from aerodima.workbench.view.figure_style import (
     BLACK,
     BLUE,
@@ -225,6 +227,5 @@ def draw_diagram(diagram: System, depth: int = 1) -> DiagramPicture:
     Raises:
         UserError: depth below 1.
     """
-    if depth < 1:
-        raise UserError(f"draw_diagram: depth is {depth}; must be at least 1")
+    check_range("draw_diagram: depth", depth, 1, math.inf, NO_UNIT)
     return DiagramPicture(diagram.GetGraphvizString(max_depth=depth))

@@ -20,6 +20,7 @@ from aerodima.workbench.control.controller_systems import TailController, TurnDr
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.atomic_write import refuse_existing
 from aerodima.workbench.core.errors import LogError, UserError
+from aerodima.workbench.core.quantity import NO_UNIT, check_range
 from aerodima.workbench.logs.recorder import (
     LogSink,
     RunRecorder,
@@ -174,8 +175,7 @@ def observe(
             0, an existing log.
     """
     for what, value in (("rate", rate), ("air_scale", air_scale)):
-        if not (math.isfinite(value) and value > 0.0):
-            raise UserError(f"observe: {what} is {value:g}, but it must be a finite number above 0")
+        check_range(f"observe: {what}", value, 0.0, math.inf, NO_UNIT, above_low=True)
     run = ObservedRun(None if log is None else Path(log), force)
     watched = WatchedPlant.find(builder, plant, base)
     truth = watched.add_truth(builder)
