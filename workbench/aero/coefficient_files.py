@@ -326,8 +326,8 @@ def coefficients_from_dict(content: Any, where: str) -> CoefficientSet:
         allowed = ", ".join("/".join(pair) for pair in _KINDS)
         raise ModelError(f"{where}: law/kind is {law}/{kind} (allowed: {allowed})")
     model = _KINDS.get((law, kind), _TwoSided)  # of another schema no model is asked
-    found = checked(model, content, where, ModelError, schema=SCHEMA)
-    found._where = where
-    largest = max([*(found.angle_range or ()), *found.nodes.get("angle_rad", ())], default=0.0)
+    result = checked(model, content, where, ModelError, schema=SCHEMA)
+    result._where = where
+    largest = max([*(result.angle_range or ()), *result.nodes.get("angle_rad", ())], default=0.0)
     require_spanwise(largest, where)
-    return found
+    return result

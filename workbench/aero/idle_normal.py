@@ -56,13 +56,13 @@ def _section_motion(plant: MultibodyPlant, body: RigidBody, layout: SectionLayou
         moving += range(start, start + joint.num_velocities())
     frame = body.body_frame()
     centres = layout.p_BoSi_B.T
-    found = [np.zeros((3, 0))]
+    motions = [np.zeros((3, 0))]
     for context in sampled_poses(plant, _POSES if moving else 0):
         J: Any = plant.CalcJacobianTranslationalVelocity(
             context, JacobianWrtVariable.kV, frame, centres, plant.world_frame(), frame
         )
-        found += np.split(np.asarray(J)[:, moving], layout.number)
-    return np.hstack(found)
+        motions += np.split(np.asarray(J)[:, moving], layout.number)
+    return np.hstack(motions)
 
 
 def _words(vector: FloatArray) -> str:

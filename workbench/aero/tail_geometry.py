@@ -382,13 +382,13 @@ class TailGeometry(TailPart):
         """
         if direction is None:
             direction = self.plates[0].normal
-        seen = self.facing_area(direction)
-        if seen < 1e-12:
+        area = self.facing_area(direction)
+        if area < 1e-12:
             raise ModelError(f"tail {self.name!r}: no plate faces the direction {tuple(direction)}")
         moment = sum(
             facing * piece.area * piece.centre for facing, piece in self._facing(direction)
         )
-        return np.asarray(moment / seen)
+        return np.asarray(moment / area)
 
     def _facing(self, direction: Sequence[float]) -> list[tuple[float, Piece]]:
         along = unit_vector(direction)

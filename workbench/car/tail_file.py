@@ -120,7 +120,7 @@ def _corners(plate: Plate, margin: float) -> list[FloatArray]:
     """Far corners of each piece in T, m, and near ones of a first piece that narrows; all lie
     inside the outline.
     """
-    found = []
+    corners = []
     for number, piece in enumerate(plate.pieces):
         near, far = piece.chords
         inset = min(margin, piece.length / 2)
@@ -129,11 +129,11 @@ def _corners(plate: Plate, margin: float) -> list[FloatArray]:
             ends.append((near, inset))
         for chord, along in ends:
             side = max(chord / 2 - margin, 0.0)
-            found += [
+            corners += [
                 piece.start + along * piece.axis + sign * side * piece.across
                 for sign in (-1.0, 1.0)
             ]
-    return found
+    return corners
 
 
 def _covers(piece: Piece, point: FloatArray) -> bool:

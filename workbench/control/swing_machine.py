@@ -126,8 +126,8 @@ class SwingMachine:
         known = math.isfinite(observation.time + observation.roll_angle + observation.planned_turn)
         if known and self.settings.mode != "none":
             pitch = self._pitch_angle(memory, observation)
-            seen = replace(memory, roll_angle=observation.roll_angle, pitch_angle=pitch)
-            memory = self._advance(seen, observation)
+            updated = replace(memory, roll_angle=observation.roll_angle, pitch_angle=pitch)
+            memory = self._advance(updated, observation)
         if memory.state == SwingState.OFF:
             return memory, NO_COMMAND, NO_COMMAND
         if not known and memory.state == SwingState.SWING:
@@ -171,8 +171,10 @@ class SwingMachine:
             if memory.state == SwingState.DELAY:
                 return enter(SwingState.HOLD, memory, time)
             return memory
-        found = sign(memory.roll_angle * self._wait.roll) or 1.0
-        memory = replace(memory, mirror=plan * self.direction if plan != 0.0 else found)
+        side = sign(memory.roll_angle * self._wait.roll) or 1.0
+        if plan != 0.0:
+            side = plan * self.direction
+        memory = replace(memory, mirror=side)
         ready = (
             self._away(memory, memory.roll_angle, memory.pitch_angle) <= self.settings.ready_angle
         )

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.control.driver_law import (
+    DriverView,
     FishhookDriver,
     PathDriver,
     ScheduledDriver,
-    Seen,
     make_driver,
     refuse_simulated_only,
 )
@@ -29,7 +29,9 @@ def driven(law, roll_rate, side=1.0, length=3.0):
     inputs = []
     for tick in range(round(100 * length)):
         before = memory.copy()
-        after, given = law.step(memory, Seen(0.01 * tick, roll_rate=side * roll_rate(0.01 * tick)))
+        after, given = law.step(
+            memory, DriverView(0.01 * tick, roll_rate=side * roll_rate(0.01 * tick))
+        )
         np.testing.assert_array_equal(memory, before, err_msg="a law must not change its arguments")
         memory = after
         inputs.append((given.steering_angle, given.planned_turn))
@@ -92,7 +94,7 @@ def test_a_schedule_is_a_driver_that_looks_at_nothing():
     assert isinstance(law, ScheduledDriver)
     assert law.sources == ()
     for time in (0.0, 0.35, 1.0, 1.9, 4.0):
-        memory, given = law.step(law.start(), Seen(time))
+        memory, given = law.step(law.start(), DriverView(time))
         assert memory.size == 0
         assert given == schedule.at(time)
 
@@ -104,7 +106,7 @@ def test_a_schedule_is_a_driver_that_looks_at_nothing():
 def test_a_driver_names_what_it_looks_at_and_starts_without_seeing_it(name, sources):
     law = make_driver(load_scenario(name))
     assert law.sources == sources
-    memory, given = law.step(law.start(), Seen(0.0))
+    memory, given = law.step(law.start(), DriverView(0.0))
     assert given.steering_angle == 0.0
     assert given.planned_turn == 1.0
     assert memory.shape == law.start().shape
@@ -120,7 +122,7 @@ def bicycle(scenario, law):
     memory = law.start()
     for tick in range(round(scenario.manoeuvre.duration / step)):
         if tick % 5 == 0:
-            seen = Seen(tick * step, (x, y), heading, heading, speed, yaw_rate)
+            seen = DriverView(tick * step, (x, y), heading, heading, speed, yaw_rate)
             memory, given = law.step(memory, seen)
         most = scenario.servo.rate * step
         angle += min(max(given.steering_angle - angle, -most), most)
@@ -169,7 +171,7 @@ def test_path_driver_reacts_late_and_turns_the_wheel_no_faster_than_hands_do():
     memory = law.start()
     angles = []
     for tick in range(40):
-        memory, given = law.step(memory, Seen(0.01 * tick, (0.0, 0.3), 0.0, 0.0, 2.0, 0.0))
+        memory, given = law.step(memory, DriverView(0.01 * tick, (0.0, 0.3), 0.0, 0.0, 2.0, 0.0))
         angles.append(given.steering_angle)
     assert angles[:6] == [0.0] * 6
     assert angles[6] < 0.0, "to the right, back to the path"
@@ -181,14 +183,14 @@ def test_path_driver_steers_no_further_than_the_angle_of_the_manoeuvre():
     memory = law.start()
     given = []
     for tick in range(50):
-        memory, inputs = law.step(memory, Seen(0.01 * tick, (0.0, 0.3), 0.5, 0.5, 2.0, 0.0))
+        memory, inputs = law.step(memory, DriverView(0.01 * tick, (0.0, 0.3), 0.5, 0.5, 2.0, 0.0))
         given.append(inputs.steering_angle)
     assert min(given) == given[-1] == -0.2
 
 
 def test_path_driver_without_yaw_rate_takes_it_for_none():
     law = make_driver(load_scenario("entry_corner", ["manoeuvre.driver_delay=0"]))
-    seen = Seen(0.0, (1.0, 0.05), 0.1, 0.1, 2.0, 0.0)
+    seen = DriverView(0.0, (1.0, 0.05), 0.1, 0.1, 2.0, 0.0)
     assert (
         law.step(law.start(), seen._replace(yaw_rate=math.nan))[1] == law.step(law.start(), seen)[1]
     )
@@ -205,7 +207,7 @@ def test_path_driver_steers_more_when_the_car_lacks_curvature():
     for share in (1.0, 0.5):
         memory = law.start()
         for tick in range(100):
-            seen = Seen(
+            seen = DriverView(
                 0.01 * tick,
                 (float(x), float(y)),
                 heading,
@@ -247,7 +249,7 @@ def test_path_driver_wants_the_curvature_of_where_the_car_is_after_his_delay(ahe
         turned = bent * along
         x = law.path.bend + math.sin(turned) / bent
         y = 0.05 + (1.0 - math.cos(turned)) / bent
-        return Seen(0.0, (x, y), turned, turned, speed, bent * speed)
+        return DriverView(0.0, (x, y), turned, turned, speed, bent * speed)
 
     there = prompt.wanted_curvature(seen(ahead + speed * delayed.delay), bent)
     found = delayed.wanted_curvature(seen(ahead), bent)
@@ -276,4 +278,4 @@ def test_a_real_car_drives_by_time_and_imu_and_starts_at_rest(name):
 def test_a_real_car_follows_a_path_only_by_a_driver_of_ones_own():
     lane_change = load_scenario("entry_lane_change", AT_REST)
     assert_refused(lambda: refuse_simulated_only(lane_change), UserError, "manoeuvre.kind", "path")
-    refuse_simulated_only(lane_change, own_driver=True)
+    refuse_simulated_only(lane_change, user_driver=True)

@@ -33,9 +33,13 @@ from aerodima.workbench.car.verdict import (
     stays_upright,
     touches_ground,
 )
-from aerodima.workbench.control.driver_law import PathDriver, ScheduledDriver, make_driver
-from aerodima.workbench.control.driver_law import Seen as SeenByDriver
-from aerodima.workbench.control.feedback_law import Seen, respond
+from aerodima.workbench.control.driver_law import (
+    DriverView,
+    PathDriver,
+    ScheduledDriver,
+    make_driver,
+)
+from aerodima.workbench.control.feedback_law import FeedbackSignals, respond
 from aerodima.workbench.control.manoeuvre import run_time
 from aerodima.workbench.control.paths import beyond_lane
 from aerodima.workbench.core.array_types import BoolArray, FloatArray
@@ -200,8 +204,9 @@ class EntryRollout(Rollout):
         state = self.state
         gains = self._gains
         roll, roll_rate, yaw_rate = self._measure()
-        seen = Seen(roll, roll_rate, yaw_rate, state[RATES][V][0], self._steering_command, True)
-        response = respond(gains, self._wheelbase, self._rate, self._reference, seen)
+        speed = state[RATES][V][0]
+        signals = FeedbackSignals(roll, roll_rate, yaw_rate, speed, self._steering_command, True)
+        response = respond(gains, self._wheelbase, self._rate, self._reference, signals)
         self._reference = self._steers_tail * response.reference
         swung = np.stack([self._reference, 0.0 * self._reference, gains.kp, gains.kd])
         pitch = self._pitch
@@ -215,9 +220,9 @@ class EntryRollout(Rollout):
         else:
             x, y, _, yaw = state[:4]
             course, speed = over_ground(state, 0.0 * x)
-            seen_by_driver: Any = (time, (x, y), yaw, course, speed, yaw_rate, roll_rate)
+            view: Any = (time, (x, y), yaw, course, speed, yaw_rate, roll_rate)
             self._memory, self._steering_command = self._driver.steer(
-                self._memory, SeenByDriver(*seen_by_driver)
+                self._memory, DriverView(*view)
             )
 
     def step(self, time: Any, planned: Any, counts: Any, share: Any) -> None:
