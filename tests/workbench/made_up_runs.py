@@ -3,15 +3,12 @@ otherwise.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
+from aerodima.workbench.logs.schema import run_log_from_metadata, run_metadata
 from aerodima.workbench.scenario.signal_table import (
-    Column,
     plant_position_columns,
     sensor_columns,
     truth_columns,
@@ -26,18 +23,16 @@ COM_X = 0.12
 """Centre of mass of the car without tail arm ahead of the rear axle, m."""
 
 
-def car_run_columns(position_names: Sequence[str] = ()) -> list[Column]:
+def car_run_columns(position_names=()):
     """The whole table of a simulated run with a tail."""
     return [*sensor_columns(), *truth_columns(), *plant_position_columns(position_names)]
 
 
-def times() -> np.ndarray:
+def times():
     return np.arange(round(DURATION / STEP) + 1) * STEP
 
 
-def made_up_scenario(
-    direction: str = "left", tail_mode: str = "swing", **manoeuvre: Any
-) -> dict[str, Any]:
+def made_up_scenario(direction="left", tail_mode="swing", **manoeuvre):
     return {
         "name": "made up",
         "manoeuvre": {
@@ -57,12 +52,12 @@ def made_up_scenario(
 
 
 def made_up_run(
-    signals: Mapping[str, Any] | None = None,
-    direction: str = "left",
-    truth: bool = True,
-    tail_mode: str = "swing",
-    **manoeuvre: Any,
-) -> RunLog:
+    signals=None,
+    direction="left",
+    truth=True,
+    tail_mode="swing",
+    **manoeuvre,
+):
     """A run of 4 s at 500 Hz, four loaded wheels, with these columns set."""
     columns = car_run_columns(("x", "y")) if truth else sensor_columns()
     table = pd.DataFrame({column.name: np.zeros(times().size) for column in columns})
@@ -81,7 +76,7 @@ def made_up_run(
     )
 
 
-def signals_equal(a: RunLog, b: RunLog) -> bool:
+def signals_equal(a, b):
     """Whether two runs have the same columns in the same order with the same bits (NaN equals
     itself, 0 is not -0).
     """
