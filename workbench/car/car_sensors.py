@@ -144,11 +144,13 @@ class Imu(SampledSensor):
         discrete: bool = False,
         gravity: float = 9.81,
     ) -> None:
-        outputs = {"imu": IMU.size}
-        rate = settings.rate
-        delay = settings.delay
         super().__init__(
-            name="imu", outputs=outputs, rate=rate, delay=delay, step=step, discrete=discrete
+            name="imu",
+            outputs={"imu": IMU.size},
+            rate=settings.rate,
+            delay=settings.delay,
+            step=step,
+            discrete=discrete,
         )
         self._step = step
         self._p_BoImu_B = list(p_BoImu_B)
@@ -201,11 +203,13 @@ class GpsSpeed(SampledSensor):
     """
 
     def __init__(self, settings: Any, *, seed: int, step: float, discrete: bool = False) -> None:
-        outputs = {"speed": 1}
-        rate = settings.rate
-        delay = settings.delay
         super().__init__(
-            name="gps", outputs=outputs, rate=rate, delay=delay, step=step, discrete=discrete
+            name="gps",
+            outputs={"speed": 1},
+            rate=settings.rate,
+            delay=settings.delay,
+            step=step,
+            discrete=discrete,
         )
         self._motion = self.DeclareVectorInputPort("chassis_motion", CHASSIS_MOTION_SIZE)
         self._deviation = settings.noise
@@ -298,10 +302,9 @@ class MotorEncoder(SampledSensor):
         step: float | None = None,
         discrete: bool = False,
     ) -> None:
-        outputs = {"angles": 2, "rates": 2}
         super().__init__(
             name="tail_encoders",
-            outputs=outputs,
+            outputs={"angles": 2, "rates": 2},
             rate=rate,
             delay=0.0,
             step=step,

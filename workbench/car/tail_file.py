@@ -104,16 +104,12 @@ def _draw(model: SdfModel, plate: Plate, piece: Piece, name: str) -> None:
         share = (number + 0.5) / plate.sections
         width = piece.chords[0] + share * (piece.chords[1] - piece.chords[0])
         pose = _pose(piece.start + share * piece.length * piece.axis, frame)
+        shape = "box"
+        size: dict[str, Any] = {"size": (width, max(plate.depth, _THIN), part)}
         if plate.kind == "half_shell":
-            size: dict[str, Any] = {"uri": _HALF_CYLINDER, "scale": (width, width, part)}
-            model.add_shape(
-                "tail_sail", f"{name}_{number}", pose, "mesh", colour=_PLATE_COLOUR, **size
-            )
-        else:
-            box = (width, max(plate.depth, _THIN), part)
-            model.add_shape(
-                "tail_sail", f"{name}_{number}", pose, "box", colour=_PLATE_COLOUR, size=box
-            )
+            shape = "mesh"
+            size = {"uri": _HALF_CYLINDER, "scale": (width, width, part)}
+        model.add_shape("tail_sail", f"{name}_{number}", pose, shape, colour=_PLATE_COLOUR, **size)
 
 
 def _corners(plate: Plate, margin: float) -> list[FloatArray]:

@@ -164,9 +164,13 @@ class AngleEncoder(SampledSensor):
         step: float | None,
         discrete: bool = False,
     ) -> None:
-        outputs = {"angle": 1, "rate": 1}
         super().__init__(
-            name=name, outputs=outputs, rate=rate, delay=delay, step=step, discrete=discrete
+            name=name,
+            outputs={"angle": 1, "rate": 1},
+            rate=rate,
+            delay=delay,
+            step=step,
+            discrete=discrete,
         )
         self._angle = self.DeclareVectorInputPort("joint_angle", 1)
         samples = max(1, round(window * rate))
