@@ -13,7 +13,7 @@ from typing import Any
 
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, System
-from pydrake.systems.primitives import Multiplexer, PassThrough
+from pydrake.systems.primitives import PassThrough
 
 from aerodima.workbench.car.ak70 import (
     TAIL_JOINTS,
@@ -146,7 +146,8 @@ def _add_simulated_car(
     if car.tail is None:
         tail = None
         ports.drive(torques, steering)
-        inputs |= _ignored_commands(builder)
+        for joint in TAIL_JOINTS:
+            inputs[f"{joint}_command"] = _ignored(builder, f"{joint}_command")
         motor_torques = ports.motion("tail_torque")
     else:
         tail = TailDrives.add_to_builder(builder, scenario, car, ports, air, tail_motor)
@@ -172,13 +173,10 @@ def _add_simulated_car(
         MeshcatVisualizer.AddToBuilder(builder, car.scene_graph, meshcat)
 
 
-def _ignored_commands(builder: DiagramBuilder) -> dict[str, InputPort]:
-    """Adds a system that takes the commands of a tail that is not there; returns its ports."""
-    ignored = Multiplexer([TAIL_COMMAND.size] * len(TAIL_JOINTS))
-    builder.AddNamedSystem("ignored_commands", ignored)
-    return {
-        f"{joint}_command": ignored.get_input_port(index) for index, joint in enumerate(TAIL_JOINTS)
-    }
+def _ignored(builder: DiagramBuilder, command: str) -> InputPort:
+    """Adds a system that takes a command to a tail motor that needs none; returns its port."""
+    ignored = PassThrough(TAIL_COMMAND.size)
+    return builder.AddNamedSystem(f"ignored_{command}", ignored).get_input_port()
 
 
 @dataclass(frozen=True)
@@ -223,9 +221,7 @@ class TailDrives:
             if motor.HasInputPort("tail_command"):
                 commands[f"{joint}_command"] = motor.GetInputPort("tail_command")
             else:
-                ignored = PassThrough(TAIL_COMMAND.size)
-                builder.AddNamedSystem(f"ignored_{joint}_command", ignored)
-                commands[f"{joint}_command"] = ignored.get_input_port()
+                commands[f"{joint}_command"] = _ignored(builder, f"{joint}_command")
         motor_torques = concatenate(builder, "motor_torques", torques)
         friction = add_and_connect(
             builder,

@@ -22,7 +22,6 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import (
     ConstantVectorSource,
-    MatrixGain,
     Selector,
     SelectorParams,
 )
@@ -117,13 +116,6 @@ def add_and_connect(
     for port, source in inputs.items():
         builder.Connect(source, system.GetInputPort(port))
     return system
-
-
-def multiply(
-    builder: DiagramBuilder, name: str, source: OutputPort, matrix: FloatArray
-) -> OutputPort:
-    """Adds one system of that name; returns its port (m): a matrix (m, n) times a port (n)."""
-    return add_and_connect(builder, MatrixGain(matrix), name, u0=source).get_output_port()
 
 
 def add_selector(
