@@ -48,8 +48,7 @@ def play(
     check_range("--pace", pace, 0.1, 1.0, NO_UNIT)
     if not length > 0.0:
         raise UserError(f"--length: {length:g} s must be > 0")
-    if out is not None:
-        refuse_existing(out, force, LogError)
+    refuse_existing(out, force, LogError)
 
     car = workbench.load_scenario(scenario, settings or ())
     from aerodima.workbench.cli.run_commands import live_view
@@ -107,8 +106,7 @@ def replay(
             "of them"
         )
     for path in (html, strip, video):
-        if path is not None:
-            refuse_existing(path, force, UserError)
+        refuse_existing(path, force, UserError)
     if video is not None:
         _write_video(runs, video, start, rate, force)
     if others or video is None:

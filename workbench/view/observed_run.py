@@ -55,8 +55,7 @@ class ObservedRun:
     """
 
     def __init__(self, path: Path | None, force: bool) -> None:
-        if path is not None:
-            refuse_existing(path, force, LogError)
+        refuse_existing(path, force, LogError)
         self._path = path
         self._force = force
         self._columns: list[str] = []

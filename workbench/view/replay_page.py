@@ -13,7 +13,7 @@ from typing import Any
 from aerodima.workbench.core.atomic_write import refuse_existing
 from aerodima.workbench.core.errors import LogError, UserError
 from aerodima.workbench.core.quantity import NO_UNIT, check_range
-from aerodima.workbench.core.text_table import shown_value
+from aerodima.workbench.core.text_table import value_rows
 from aerodima.workbench.logs.schema import PLANT_RUN, TAIL_LAW, Facts, Json, RunLog
 from aerodima.workbench.metrics.run_summary import metrics_of_runs, of_plants
 from aerodima.workbench.view.captions import readings, run_caption
@@ -208,8 +208,7 @@ def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> Page:
 
 def _value_table(what: str, names: Sequence[str], rows: Mapping[str, Sequence[Any]]) -> Table:
     """Makes a table with a column per run."""
-    cells = [[key, *map(shown_value, values)] for key, values in rows.items()]
-    return Table([what, *names], cells)
+    return Table([what, *names], value_rows(rows.items()))
 
 
 def replays_in_step(
