@@ -8,8 +8,6 @@ unless it is steered there, and it turns enough: its mean lateral acceleration w
 is at least `MIN_LATERAL_SHARE` of that of the car without tail.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Literal
 

@@ -1,7 +1,5 @@
 """Summary of the entry speeds of many cars: medians, gains over others, their intervals."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

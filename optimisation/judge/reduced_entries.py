@@ -1,7 +1,5 @@
 """Entry speeds of reduced cars: cars of a suite with their tails, swept over many speeds."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any

@@ -3,8 +3,6 @@
 Candidates are never mixed with another tail's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

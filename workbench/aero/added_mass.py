@@ -26,8 +26,6 @@ in their own model instance, without gravity: leave that instance out of sums ov
 mass.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -224,10 +224,6 @@ class PolarTable(CoefficientSet):
         """The polar law with bilinear tables over speed and angle."""
         return PolarLaw(self.table("cd"), self.table("cl"))
 
-    def measured_nodes(self) -> pd.DataFrame:
-        """The nodes that were measured, not only guessed as a start of a fit."""
-        return self.nodes[self.nodes.status == "measured"]
-
     def table(self, coefficient: str) -> RegularTable:
         """Bilinear table of `cd` or `cl` over the grid of the measured nodes; the seeds of fits
         take no part.
@@ -235,7 +231,7 @@ class PolarTable(CoefficientSet):
         A node of that grid that was not measured takes the value of the nearest measured speed at
         its angle and is not covered.
         """
-        nodes = self.measured_nodes()
+        nodes = self.nodes[self.nodes.status == "measured"]
         known = nodes.pivot(index="speed_m_per_s", columns="angle_rad", values=coefficient)
         speeds = known.index.to_numpy()
         angles = known.columns.to_numpy()

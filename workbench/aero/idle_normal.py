@@ -1,7 +1,5 @@
 """A warning where no joint moves a flat tail along its normal, so that a swing feels no air."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

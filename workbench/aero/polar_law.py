@@ -2,8 +2,6 @@
 (design section 5).
 """
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence

@@ -30,8 +30,6 @@ rate. Valid as far as plates are: how drag changes with delta is known from Fig.
 a real centre of pressure moves with delta, and the shell does not shade the board here.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

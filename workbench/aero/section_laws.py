@@ -6,8 +6,6 @@ is perpendicular to a, and the spanwise part v_i . a is the same for all section
 sequences of three scalars in the world frame.
 """
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from bisect import bisect_right

@@ -1,7 +1,5 @@
 """The air's hold on the sliding bodies of added mass, as a Drake system."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

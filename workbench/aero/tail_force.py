@@ -1,7 +1,5 @@
 """The aerodynamic wrench on a tail as a Drake system, and what wires it to a plant."""
 
-from __future__ import annotations
-
 import warnings
 from typing import Any
 

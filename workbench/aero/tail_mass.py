@@ -5,8 +5,6 @@ shells are summed from slices across z at the two points of Gauss and Legendre, 
 integrand is of more than third order.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Straight pieces of plates: their outline, and whether two of them lie on one another."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

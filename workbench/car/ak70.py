@@ -2,8 +2,6 @@
 the robot on the rig.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort

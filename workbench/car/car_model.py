@@ -6,8 +6,6 @@ load of the car without its tail arm, and the wheel centres sit one static tyre 
 unloaded radius.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ Discrete plant with point contact, `kLagged` approximation and tyres that stand 
 at nominal ride height.
 """
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass
 from typing import Any

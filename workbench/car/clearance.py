@@ -7,8 +7,6 @@ ground. The gearbox that carries the joints is left out, as the rod ends on it a
 not published. Only rod and sail are asked, not the hub.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

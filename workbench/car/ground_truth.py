@@ -2,8 +2,6 @@
 logs and metrics.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any

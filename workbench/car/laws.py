@@ -5,8 +5,6 @@ hardware call it. Those whose arguments are `Any` take floats or arrays that bro
 positive along the axis of their joint.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

@@ -5,8 +5,6 @@ The plant's own vectors have their parts where Drake puts them. Two `Selector`s 
 forces together. A third system holds what the drives need of the last step.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Tails with a geometry of their own: their files, and their shapes in the SDF."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 from typing import Any

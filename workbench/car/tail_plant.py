@@ -7,8 +7,6 @@ towards +y; one that faces the wind is welded there, since its angle follows fro
 instant (`TailForce`, port `wind_direction`).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

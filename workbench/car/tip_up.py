@@ -7,7 +7,7 @@ counts from the start of the steering on.
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import trapezoid
@@ -54,24 +54,18 @@ class TipUp:
     lateral_acceleration_m_per_s2: float | None
     last_yaw_rate_rad_per_s: float | None
 
-    def as_row(self) -> dict[str, float | str | None]:
-        """Returns one flat row for a table."""
-        return asdict(self)
 
-
-def tip_up(run_log: RunLog, windows: Windows | None = None) -> TipUp:
+def tip_up(run_log: RunLog, windows: Windows) -> TipUp:
     """Measures a run; LogError as for `turn_signals`, or where there is no ground truth.
 
     Args:
         run_log: of the car.
-        windows: in which it is steered; None takes the window of its turn.
+        windows: in which it is steered.
     """
     signals = turn_signals(run_log, "truth")
     contact = signals.ground_contact
     steered = signals.from_start
     lifts = [run_log.signal(name)[steered] for name in LIFT_COLUMNS if name in run_log.table]
-    if windows is None:
-        windows = [(*signals.window, signals.sign)]
     last = signals.time[-1] - LAST
     time = run_log.time
     turning = np.zeros(time.shape, bool)

@@ -10,7 +10,7 @@ that the turn is positive. Definitions: design section 10.
 """
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -39,10 +39,6 @@ class TurnCourse:
     exit_heading_change_rad: float | None
     exit_sideslip_rad: float | None
     exit_speed_m_per_s: float | None
-
-    def as_row(self) -> dict[str, float | None]:
-        """Returns one flat row for a table."""
-        return asdict(self)
 
 
 def turn_course(run_log: RunLog) -> TurnCourse:

@@ -7,8 +7,6 @@ Typer is imported inside the command, so that `aerodima --help` answers at once.
 Exit statuses are those of `options.Status`.
 """
 
-from __future__ import annotations
-
 import errno
 import sys
 import traceback

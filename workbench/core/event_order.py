@@ -1,7 +1,5 @@
 """Order of Drake's events: which part acts first at one instant."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from enum import IntEnum

@@ -1,7 +1,5 @@
 """Ports that a station must have."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from typing import Any
 

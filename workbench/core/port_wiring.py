@@ -2,8 +2,6 @@
 AutoDiffXd.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 

@@ -1,7 +1,5 @@
 """A user's diagram, watched: following camera, arrows of the air, and a run log of its plant."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Mapping

@@ -5,8 +5,6 @@ The law sees the IMU late, as on the full car, but without noise and bias, and t
 delay.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -3,8 +3,6 @@
 `compiled.steps.run` steps a rollout: its `tick` asks the laws, its `step` drives and judges.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """States of the reduced car by index, what drives it, and vectors of many cars at once."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

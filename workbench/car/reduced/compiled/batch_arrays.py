@@ -1,7 +1,5 @@
 """Places of the arrays of a batch."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

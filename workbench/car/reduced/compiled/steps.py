@@ -1,7 +1,5 @@
 """Steps of a batch, tick by tick where it has ticks, compiled where `llvmlite` is installed."""
 
-from __future__ import annotations
-
 import sys
 from functools import cache
 from typing import Any
