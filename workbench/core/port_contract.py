@@ -1,15 +1,18 @@
 """Ports that a station must have."""
 
 from collections.abc import Collection, Mapping
-from typing import Any
 
-from pydrake.symbolic import MakeVectorVariable, Variable
+import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
-from pydrake.systems.primitives import SymbolicVectorSystem
+from pydrake.systems.primitives import AffineSystem, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
 
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_fields import PortFields
 from aerodima.workbench.core.port_wiring import add_and_connect, concatenate
+
+LAST_TIME = 1e9
+"""Until when a station tells the time, s."""
 
 
 def add_status(
@@ -21,7 +24,7 @@ def add_status(
 ) -> OutputPort:
     """Adds the port `status` of a simulated station: armed, ages, fault codes, and 0 elsewhere.
 
-    Both systems, `status_samples` and `status`, work in C++.
+    Its three systems, `clock`, `status_times` and `status`, work in C++.
 
     Args:
         builder: of the station.
@@ -41,16 +44,20 @@ def add_status(
         raise ValueError(
             f"status: {', '.join(sorted(wrong))}; needed once each: {', '.join(fields.fields)}"
         )
-    time = Variable("time")
-    instants = MakeVectorVariable(len(samples), "sampled")
-    values: dict[str, Any] = dict.fromkeys(healthy, 0.0) | constants
-    for name, instant in zip(samples, instants, strict=True):
-        values[name] = time - instant
-    status = SymbolicVectorSystem(
-        time=time, input=instants, output=[values[name] for name in fields.fields]
+    clock = TrajectorySource(
+        PiecewisePolynomial.FirstOrderHold([0.0, LAST_TIME], [[0.0, LAST_TIME]])
     )
-    sampled = concatenate(builder, "status_samples", list(samples.values()))
-    return add_and_connect(builder, status, "status", u0=sampled).get_output_port()
+    times = [builder.AddNamedSystem("clock", clock).get_output_port(), *samples.values()]
+    gains = np.zeros((len(fields.fields), len(times)))
+    for column, name in enumerate(samples, 1):
+        gains[fields.fields.index(name), [0, column]] = 1.0, -1.0
+    values = [constants.get(name, 0.0) for name in fields.fields]
+    return add_and_connect(
+        builder,
+        AffineSystem(D=gains, y0=values),
+        "status",
+        u0=concatenate(builder, "status_times", times),
+    ).get_output_port()
 
 
 def export_outputs(builder: DiagramBuilder, ports: Mapping[str, OutputPort]) -> None:

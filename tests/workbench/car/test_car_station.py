@@ -5,7 +5,9 @@ outside.
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import Integrator
 
 from aerodima.workbench.car.car_diagram import assemble
 from aerodima.workbench.car.car_station import make_car_station, simulated_car
@@ -13,6 +15,7 @@ from aerodima.workbench.car.ground_truth import BODY_TRUTH, TAIL_TRUTH
 from aerodima.workbench.car.laws import knuckle_motion
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_contract import add_status
+from aerodima.workbench.core.port_wiring import constant
 from aerodima.workbench.scenario.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.scenario.signal_table import (
     IMU,
@@ -120,6 +123,20 @@ def test_status_needs_every_field_once():
     assert_refused(
         lambda: add_status(DiagramBuilder(), RIG_STATUS, {}, healthy), ValueError, "force_fault"
     )
+
+
+def test_status_tells_ages_beside_a_continuous_state():
+    builder = DiagramBuilder()
+    sampled = {"motor_age": constant(builder, "motor", [0.25])}
+    healthy = [name for name in RIG_STATUS.fields if name not in ("armed", *sampled)]
+    port = builder.ExportOutput(add_status(builder, RIG_STATUS, sampled, healthy), "status")
+    way = builder.AddSystem(Integrator(1))
+    builder.Connect(constant(builder, "speed", [1.0]), way.get_input_port())
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(1.5)
+    status = simulator.get_system().get_output_port(port).Eval(simulator.get_context())
+    ages = {"armed": 1.0, "motor_age": 1.25}
+    assert list(status) == [ages.get(name, 0.0) for name in RIG_STATUS.fields]
 
 
 def test_tail_state_names_pitch_and_roll_with_their_signs():
