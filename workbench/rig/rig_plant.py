@@ -256,7 +256,7 @@ class Rig:
     def set_state(self, angle: float, rate: float, torque: float) -> None:
         """Puts the rig into a state; see `reaction`."""
         limit = self.scenario.mount.angle_limit + 1e-9
-        check_range("angle", angle, -limit, limit, "rad")
+        check_range("angle, see mount.angle_limit", angle, -limit, limit, "rad")
         check_range("rate", rate, -math.inf, math.inf, "rad/s")
         check_range("torque", torque, -math.inf, math.inf, "N m")
         self.plant.SetPositionsAndVelocities(self._plant_context, np.array([angle, rate]))
