@@ -40,7 +40,7 @@ from aerodima.workbench.core.port_contract import (
     export_outputs,
     require_ports,
 )
-from aerodima.workbench.core.port_wiring import add_and_connect, concatenate
+from aerodima.workbench.core.port_wiring import PortSlice, add_and_connect, concatenate
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import (
     STATION_INPUTS,
@@ -271,11 +271,11 @@ def _add_encoders(
 ) -> tuple[OutputPort, dict[str, System]]:
     """Adds the encoders of the tail; returns the port `tail_state`, and who reports by age."""
     step = scenario.simulation.step
-    rate = scenario.controller.rate
-    encoders = MotorEncoder(rate, scenario.tail_motor, step=step, discrete=True)
+    encoders = MotorEncoder(scenario.controller.rate, scenario.tail_motor, step=step, discrete=True)
     add_and_connect(builder, encoders, joints=ports.motion("tail_joints"))
     ages: dict[str, System] = {f"{part}_age": encoders for part in TAIL_PARTS}
-    angle = rate = ports.zero
+    angle: PortSlice = ports.zero
+    rate: PortSlice = ports.zero
     if scenario.tail.sail != "locked":
         sail = SailEncoder(scenario.sail_encoder, seed=scenario.seed, step=step, discrete=True)
         if scenario.tail.sail == "free":

@@ -221,11 +221,11 @@ def turn_window(run_log: RunLog) -> tuple[float, float]:
             raise LogError(f"{run_log.name}: no steering command in the run, so no turn to measure")
         start = float(steered[0])
     # An old log has one level and one step of steering and does not name others.
-    first_level = [
-        run_log.number("manoeuvre", key) for key in ("first_angle", "first_hold") if key in settings
-    ]
+    for key in ("first_angle", "first_hold"):
+        if key in settings:
+            several[key] = run_log.number("manoeuvre", key)
     hold = run_log.number("manoeuvre", "turn_hold")
-    return start, start + turn_length(rate, steer_angle, hold, *first_level, **several)
+    return start, start + turn_length(rate, steer_angle, hold, **several)
 
 
 def _steered_times(run_log: RunLog, angle: float) -> FloatArray:

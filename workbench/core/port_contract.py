@@ -51,7 +51,7 @@ def add_status(
     gains = np.zeros((len(fields.fields), len(times)))
     for column, name in enumerate(samples, 1):
         gains[fields.fields.index(name), [0, column]] = 1.0, -1.0
-    values = [constants.get(name, 0.0) for name in fields.fields]
+    values = np.array([constants.get(name, 0.0) for name in fields.fields])
     return add_and_connect(
         builder,
         AffineSystem(D=gains, y0=values),

@@ -209,7 +209,7 @@ class TurnRollout(Rollout):
         settles = np.isnan(self._settled_yaw) & has_settled(time, self._restless)
         self._settled_yaw = np.where(settles, state[3], self._settled_yaw)
 
-    def results(self) -> dict[str, FloatArray]:
+    def results(self) -> dict[str, Any]:
         """Returns the fields of `Turns` but for the histories."""
         state = self.state
         tilt = np.arccos(np.clip(up_in_body(state)[2], -1.0, 1.0))

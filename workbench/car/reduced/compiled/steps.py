@@ -13,7 +13,7 @@ _COMPILED: dict[tuple[Any, ...], Any] = {}
 """Code by class, shapes and constants of a batch."""
 
 
-def run(batch: Any, ticks: BoolArray, *given: FloatArray, keep: bool = False) -> list[FloatArray]:
+def run(batch: Any, ticks: BoolArray, *given: np.ndarray, keep: bool = False) -> list[FloatArray]:
     """Steps the cars of a batch.
 
     Args:
