@@ -90,7 +90,7 @@ class DiagramPilot(Pilot):
     ) -> None:
         self._interface = CarInterface()
         car = assemble(
-            scenario, interface=lambda _: self._interface, tail_law=law, lean=True, build=build
+            scenario, interface=lambda _: self._interface, tail_law=law, minimal=True, build=build
         )
         self.columns = [name for _, names in car.user_signals for name in names]
         named: dict[str, Any] = {names[0]: port for port, names in car.signals}

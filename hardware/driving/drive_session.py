@@ -213,7 +213,7 @@ class DriveSession:
                 be opened, the diagram cannot be built.
         """
         scenario = self._scenario
-        refuse_simulated_only(scenario, own_driver=self._build is not None)
+        refuse_simulated_only(scenario, user_driver=self._build is not None)
         report(preflight_checks(scenario, Path(self._options.log).parent, self._safety), self._say)
         if not self._options.dry_run:
             self._car.authorise()

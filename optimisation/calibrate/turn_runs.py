@@ -25,6 +25,7 @@ from aerodima.optimisation.calibrate.calibration_plan import (
 from aerodima.optimisation.studies.limit_search import Bracket
 from aerodima.workbench.batch.row_store import Row, content_key
 from aerodima.workbench.car.reduced.parameters import VehicleParams
+from aerodima.workbench.car.reduced.rollout import STEP
 from aerodima.workbench.car.reduced.states import RATES, V, W
 from aerodima.workbench.car.reduced.turn_plans import TurnPlans
 from aerodima.workbench.car.reduced.turns import Turns, drive_turns
@@ -43,8 +44,6 @@ BEFORE = 0.4
 """Time before the start of the steering that figures are made of, s."""
 AFTER = 1.6
 """Time after the start of the steering that figures are made of, s."""
-STEP = 0.002
-"""Step of the reduced cars, s."""
 LEFT = [index for index, wheel in enumerate(WHEELS) if wheel.endswith("left")]
 
 

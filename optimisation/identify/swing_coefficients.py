@@ -21,8 +21,8 @@ from aerodima.optimisation.identify.fit_result import FitResult
 from aerodima.optimisation.identify.least_squares import Parameter
 from aerodima.optimisation.identify.swing_fit import SwingModel, TorqueLaw, Values
 from aerodima.optimisation.identify.swing_log import SwingData, swing_data
-from aerodima.workbench.aero.section_laws import NormalForceLaw, SpeedLine, SpeedTable
-from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS, LEAST_INERTIA_LEFT
+from aerodima.workbench.aero.section_laws import NormalForceLaw, SpeedTable, speed_line
+from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS, MIN_INERTIA_FRACTION
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.core.resources import published_table
 from aerodima.workbench.logs.schema import read_run_log
@@ -169,7 +169,7 @@ def still_tail_law(data: SwingData) -> TorqueLaw:
 
 def added_mass_parameter(data: SwingData) -> Parameter:
     """Make it from 0, up to 1 kg per part; at least 3 % of the inertia must be left."""
-    least = (1.0 - LEAST_INERTIA_LEFT) * PendulumModel.from_scenario(data.scenario).min_added_mass
+    least = (1.0 - MIN_INERTIA_FRACTION) * PendulumModel.from_scenario(data.scenario).min_added_mass
     return Parameter("added_mass", "kg", 0.0, least, _MAX_ADDED_MASS, scale=0.02)
 
 
@@ -279,7 +279,7 @@ def normal_force_law(shape: Shape, values: Values, speeds: tuple[float, float]) 
     if shape == "constant":
         return NormalForceLaw(values["cn"])
     if shape == "line":
-        return NormalForceLaw(SpeedLine(values["cn_slope"], values["cn_intercept"], speeds))
+        return NormalForceLaw(speed_line(values["cn_slope"], values["cn_intercept"], speeds))
     names = [name for name in values if name.startswith(_NODE)]
     speeds_of_nodes = tuple(float(name.removeprefix(_NODE)) for name in names)
     return NormalForceLaw(SpeedTable(speeds_of_nodes, tuple(values[name] for name in names)))

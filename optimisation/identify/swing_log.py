@@ -16,7 +16,7 @@ from aerodima.optimisation.identify.least_squares import Parameter
 from aerodima.optimisation.identify.log_rig import CURRENT, checked_angle, is_ours, rig_of
 from aerodima.optimisation.identify.rig_constants import constant_parameters
 from aerodima.optimisation.identify.static_log import CURRENT_MARGIN
-from aerodima.workbench.car.car_sensors import MotorReply
+from aerodima.workbench.car.car_sensors import POSITION_BITS
 from aerodima.workbench.core.array_types import FloatArray, IntArray
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.logs.schema import RunLog
@@ -250,7 +250,7 @@ def reading_step(scenario: RigScenario) -> float:
     AK70-10.
     """
     if scenario.is_robot:
-        return 2.0 * scenario.robot_motor.position_range / (2**MotorReply.position_bits - 1)
+        return 2.0 * scenario.robot_motor.position_range / (2**POSITION_BITS - 1)
     return scenario.count_angle
 
 

@@ -1,1 +1,1 @@
-"""How much a candidate gains: the measure, the search of a limit, candidates and suites."""
+"""Gain of a candidate: the measure, the search of a limit, candidates and suites."""

@@ -5,8 +5,6 @@ A list (schema `aerodima/candidates/1`) names settings as `aerodima run --set` t
 and controller alone: a candidate may not bring another car, floor or driver.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Page, picture and terminal table of entry speeds."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""When a run completes its manoeuvre, as a function of the row of the run.
+"""Rule by which a run completes its manoeuvre, as a function of the row of the run.
 
 No two wheels of one side are more than `TWO_WHEELS` above the ground at a time, nothing but wheels
 touches it from the start of the steering on (the anti-ramp board: while the car is steered; it
@@ -7,8 +7,6 @@ end. Elsewhere the car goes straight again: it yaws at most `EXIT_YAW_RATE` at t
 unless it is steered there, and it turns enough: its mean lateral acceleration while it is steered
 is at least `MIN_LATERAL_SHARE` of that of the car without tail.
 """
-
-from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any, Literal

@@ -5,8 +5,6 @@ a value is therefore a failure only above a speed at which the manoeuvre was com
 the climb passes it, as neither completed nor failed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

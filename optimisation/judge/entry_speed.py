@@ -34,11 +34,10 @@ from aerodima.optimisation.studies.runs import (
 )
 from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.car.laws import steady_speed
+from aerodima.workbench.car.reduced.rollout import STEP
 from aerodima.workbench.scenario.ensemble import Member
 from aerodima.workbench.scenario.scenario import load_scenario
 
-STEP = 0.002
-"""Step of the plant in a climb, s."""
 NOT_CONFIRMED = "not proved"
 """Begins `ended_by` of a climb whose speed the fine step confirmed nowhere in `MAX_STEP_BACKS`
 tries."""

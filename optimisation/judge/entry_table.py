@@ -1,7 +1,5 @@
 """Summary of the entry speeds of many cars: medians, gains over others, their intervals."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 
@@ -101,7 +99,7 @@ def summarise_entries(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
 
 
 def has_gain(summary: pd.DataFrame) -> bool:
-    """Whether a tail enters faster than the car without one; True when none was judged."""
+    """Returns whether a tail enters faster than the car without one; True when none was judged."""
     without = summary["candidate"].isin([NO_TAIL.name, LOW_BALLAST.name])
     with_tail = summary[~without]
     if with_tail.empty:

@@ -1,7 +1,5 @@
 """Entry speeds of reduced cars: cars of a suite with their tails, swept over many speeds."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any
@@ -12,7 +10,7 @@ from aerodima.optimisation.judge.candidate import Candidate
 from aerodima.optimisation.judge.entry_speed import Manoeuvre
 from aerodima.workbench.car.reduced.entry_runs import at_speeds, simulate_entries
 from aerodima.workbench.car.reduced.parameters import VehicleParams
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 
 BUILD_SPEED = 4.0
@@ -34,7 +32,7 @@ def sweep_speeds(
     drivers: Sequence[Scenario],
     gains: Any,
     steers_tail: FloatArray,
-) -> tuple[np.ndarray, FloatArray]:
+) -> tuple[BoolArray, FloatArray]:
     """Drives reduced cars through a manoeuvre at many speeds.
 
     The entry speed of a car is the last one of an unbroken row of completed speeds from below

@@ -3,8 +3,6 @@
 Candidates are never mixed with another tail's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -24,6 +22,7 @@ from aerodima.optimisation.judge.candidate import (
 from aerodima.optimisation.judge.entry_speed import Case, Manoeuvre, Surface
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.core.key_errors import nearest
+from aerodima.workbench.core.quantity import check_range
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
 from aerodima.workbench.scenario.ensemble import Member
@@ -110,13 +109,9 @@ def make_surfaces(cars: Sequence[Member], friction_scales: Sequence[float]) -> l
         SweepError: a friction scale out of range, or one that is named twice.
     """
     require_unique([f"{scale:g}" for scale in friction_scales], "floor")
-    low, high = FRICTION_SCALES
     cases = []
     for scale in friction_scales:
-        if not low <= scale <= high:
-            raise SweepError(
-                f"floor {scale:g}: must be {low:g} to {high:g} times the friction of the car"
-            )
+        check_range("floor", scale, *FRICTION_SCALES, "of the car's friction", error=SweepError)
         for car in cars:
             own = load_scenario("turn_none", car.settings_on("turn_none")).car.tyre_friction
             setting = f"car.tyre_friction={scale * own:.6g}"

@@ -22,7 +22,7 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.core.quantity import NO_UNIT, check_range
 
@@ -71,7 +71,7 @@ class Bracket:
         return np.where(has_held & has_lost, 0.5 * (held + lost), outside)
 
 
-def unbroken(holds: FloatArray, axis: int = 0) -> FloatArray:
+def unbroken(holds: BoolArray | FloatArray, axis: int = 0) -> FloatArray:
     """Returns which verdicts hold with all those before them on an axis, as 1 and 0."""
     return np.cumprod(holds, axis=axis)
 

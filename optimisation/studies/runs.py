@@ -11,7 +11,7 @@ import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -189,8 +189,8 @@ def measured_row(task: RunTask, scenario: Scenario | RigScenario, run: RunLog) -
     row = {
         "run": task.name,
         **summary.as_row(),
-        **turn_course(run).as_row(),
-        **tip_up(run, steered_windows(run)).as_row(),
+        **asdict(turn_course(run)),
+        **asdict(tip_up(run, steered_windows(run))),
         **path_row(run, scenario),
         "stopped_at_flip_s": run.extra.get(STOPPED),
     }

@@ -10,14 +10,14 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, OutputPort
-from pydrake.systems.primitives import Adder, Saturation, TrajectorySource
+from pydrake.systems.primitives import Adder, MatrixGain, Saturation, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from aerodima.workbench.car.car_plant import add_car_plant
 from aerodima.workbench.car.laws import shaft_gain
 from aerodima.workbench.car.termination import quaternion_flipped
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.port_wiring import multiply
+from aerodima.workbench.core.port_wiring import add_and_connect
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 from tests.benchmarks.mujoco_car import commanded, flips_in_mujoco, load_model
 from tests.benchmarks.rows import BenchRow
@@ -113,7 +113,7 @@ def _flips_in_drake(scenario: Scenario, step: float) -> bool:
     builder = DiagramBuilder()
     car = add_car_plant(builder, scenario, sampled_outputs=False)
     plant = car.plant
-    joints = car.actuated_joints
+    joints = plant.GetActuatorNames(car.car)
     knuckles, rates = commanded(scenario, step)
 
     def played(rows: FloatArray) -> OutputPort:
@@ -135,12 +135,12 @@ def _flips_in_drake(scenario: Scenario, step: float) -> bool:
     torque[joints.index("drive_shaft_spin"), 0] = 1.0
     total = builder.AddSystem(Adder(2, 1))
     limited = builder.AddSystem(Saturation(-limit, limit))
-    slowed = multiply(builder, "braking", plant.get_state_output_port(), braking)
-    for index, port in enumerate((played(gain * rates[:, None]), slowed)):
+    slowed = add_and_connect(builder, MatrixGain(braking), u0=plant.get_state_output_port())
+    for index, port in enumerate((played(gain * rates[:, None]), slowed.get_output_port())):
         builder.Connect(port, total.get_input_port(index))
     builder.Connect(total.get_output_port(), limited.get_input_port())
-    driven = multiply(builder, "actuation", limited.get_output_port(), torque)
-    builder.Connect(driven, plant.get_actuation_input_port(car.car))
+    driven = add_and_connect(builder, MatrixGain(torque), u0=limited.get_output_port())
+    builder.Connect(driven.get_output_port(), plant.get_actuation_input_port(car.car))
     simulator = Simulator(builder.Build())
     context = plant.GetMyContextFromRoot(simulator.get_context())
     quaternion = plant.GetBodyByName("chassis").floating_positions_start()

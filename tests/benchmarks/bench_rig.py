@@ -42,7 +42,7 @@ def _diagram_swing(scenario: RigScenario, step: float) -> Callable[[], np.ndarra
     """
     builder = DiagramBuilder()
     rig = add_rig_plant(builder, scenario)
-    builder.ExportInput(rig.torques.get_input_port(0), "motor_torque")
+    builder.ExportInput(rig.motor_torque, "motor_torque")
     diagram = builder.Build()
 
     def run() -> np.ndarray:

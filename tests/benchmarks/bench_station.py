@@ -47,7 +47,9 @@ def bench_step() -> list[BenchRow]:
             taken = {
                 "idle": _timed(_bare_plant(scenario, {}), scenario),
                 "driven": _timed(_bare_plant(scenario, inputs), scenario),
-                "lean": _timed(Simulator(assemble(scenario, lean=True).builder.Build()), scenario),
+                "lean": _timed(
+                    Simulator(assemble(scenario, minimal=True).builder.Build()), scenario
+                ),
                 "whole": _timed(Simulator(assemble(scenario).builder.Build()), scenario),
                 "recorded": _recorded_step_seconds(scenario, Path(folder) / f"{repeat}.parquet"),
             }

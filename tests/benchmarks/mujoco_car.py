@@ -21,7 +21,7 @@ from aerodima.workbench.car.car_model import (
     unsprung_mass,
     wheel_rates,
 )
-from aerodima.workbench.car.laws import knuckle_angles, shaft_gain
+from aerodima.workbench.car.laws import knuckle_motion, shaft_gain
 from aerodima.workbench.car.verdict import FLIP_TILT
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.scenario.scenario import Scenario
@@ -163,7 +163,7 @@ def commanded(scenario: Scenario, step: float) -> tuple[FloatArray, FloatArray]:
     for turning in (begin <= times + 1e-9) & (times + 1e-9 < begin + manoeuvre.turn_hold):
         target = manoeuvre.steer_angle if turning else 0.0
         angle += min(max(target - angle, -travel), travel)
-        angles.append(knuckle_angles(angle, servo, scenario.car))
+        angles.append(knuckle_motion(angle, 0.0, servo, scenario.car)[:2])
     return np.array(angles), manoeuvre.speed * np.minimum(
         1.0, times / manoeuvre.speed_ramp
     ) / radius

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.view.offscreen import check_renderer
 
@@ -17,11 +14,11 @@ SHORT = {"speed": 1.0, "turn_start": 0.6, "speed_ramp": 0.4, "turn_hold": 0.1, "
 
 
 @pytest.fixture(scope="session")
-def short_runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunLog]:
+def short_runs(tmp_path_factory):
     """Tail mode `none` and `swing` -> log; the tail does not swing yet, the car turns too
     slowly.
     """
-    folder: Path = tmp_path_factory.mktemp("short_runs")
+    folder = tmp_path_factory.mktemp("short_runs")
     settings = [f"manoeuvre.{key}={value}" for key, value in SHORT.items()]
     return {
         mode: simulate(load_scenario(f"turn_{mode}", settings), folder / f"{mode}.parquet")
@@ -30,17 +27,17 @@ def short_runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunLog]:
 
 
 @pytest.fixture
-def tailed(short_runs: dict[str, RunLog]) -> RunLog:
+def tailed(short_runs):
     return short_runs["swing"]
 
 
 @pytest.fixture
-def tailless(short_runs: dict[str, RunLog]) -> RunLog:
+def tailless(short_runs):
     return short_runs["none"]
 
 
 @pytest.fixture(scope="session")
-def renderer() -> None:
+def renderer():
     """Skips where Drake's VTK finds no OpenGL through EGL; `.ci/run` installs it."""
     try:
         check_renderer()

@@ -3,17 +3,14 @@ otherwise.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
+from aerodima.workbench.logs.schema import run_log_from_metadata, run_metadata
 from aerodima.workbench.scenario.signal_table import (
-    Column,
     plant_position_columns,
     sensor_columns,
     truth_columns,
@@ -32,18 +29,16 @@ both_sides = pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("ri
 """Runs a test with a turn to the left and to the right; `side` is the sign of its yaw rate."""
 
 
-def car_run_columns(position_names: Sequence[str] = ()) -> list[Column]:
+def car_run_columns(position_names=()):
     """The whole table of a simulated run with a tail."""
     return [*sensor_columns(), *truth_columns(), *plant_position_columns(position_names)]
 
 
-def times() -> np.ndarray:
+def times():
     return np.arange(round(DURATION / STEP) + 1) * STEP
 
 
-def made_up_scenario(
-    direction: str = "left", tail_mode: str = "swing", **manoeuvre: Any
-) -> dict[str, Any]:
+def made_up_scenario(direction="left", tail_mode="swing", **manoeuvre):
     return {
         "name": "made up",
         "manoeuvre": {
@@ -62,23 +57,23 @@ def made_up_scenario(
     }
 
 
-def changed(log: RunLog, **columns: Any) -> RunLog:
+def changed(log, **columns):
     """The log with other values in these columns."""
     return replace(log, table=log.table.assign(**columns))
 
 
-def stating(**facts: Any) -> Callable[[RunLog], RunLog]:
+def stating(**facts):
     """What gives a log with other values of these facts."""
     return lambda log: replace(log, extra={**log.extra, **facts})
 
 
 def made_up_run(
-    signals: Mapping[str, Any] | None = None,
-    direction: str = "left",
-    truth: bool = True,
-    tail_mode: str = "swing",
-    **manoeuvre: Any,
-) -> RunLog:
+    signals=None,
+    direction="left",
+    truth=True,
+    tail_mode="swing",
+    **manoeuvre,
+):
     """A run of 4 s at 500 Hz, four loaded wheels, with these columns set."""
     columns = car_run_columns(("x", "y")) if truth else sensor_columns()
     table = pd.DataFrame({column.name: np.zeros(times().size) for column in columns})
@@ -97,7 +92,7 @@ def made_up_run(
     )
 
 
-def signals_equal(a: RunLog, b: RunLog) -> bool:
+def signals_equal(a, b):
     """Whether two runs have the same columns in the same order with the same bits (NaN equals
     itself, 0 is not -0).
     """

@@ -26,8 +26,6 @@ in their own model instance, without gravity: leave that instance out of sums ov
 mass.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -51,6 +49,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from aerodima.workbench.aero.sections import SectionLayout, sampled_poses
 from aerodima.workbench.aero.slide_keeper import SlideKeeper
 from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX, connect_spatial_forces
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.port_wiring import add_and_connect
 from aerodima.workbench.core.quantity import check_range
@@ -91,7 +90,7 @@ class AddedMass:
         *,
         wind_acceleration: OutputPort | None = None,
         rate: float | None = None,
-        least_left: float = 0.0,
+        min_inertia_fraction: float = 0.0,
     ) -> System | None:
         """Checks that M + M_added is positive definite and adds the `SlideKeeper`, if there is
         anything for it to do.
@@ -100,7 +99,7 @@ class AddedMass:
             builder: that owns the finalised plant.
             wind_acceleration: of the air in W (3), m/s2; steady wind without it.
             rate: of the keeper, rad/s; default 0.2 / time step, or 100 in a continuous plant.
-            least_left: share of every inertia that a negative mass must leave, see
+            min_inertia_fraction: share of every inertia that a negative mass must leave, see
                 `require_positive_definite`.
 
         Raises:
@@ -109,7 +108,7 @@ class AddedMass:
         """
         if not self.plant.is_finalized():
             raise ModelError("added mass: the plant is not finalised; call plant.Finalize() first")
-        self.require_positive_definite(least_left)
+        self.require_positive_definite(min_inertia_fraction)
         if not self.slides and wind_acceleration is None:
             return None
         step = self.plant.time_step()
@@ -124,13 +123,13 @@ class AddedMass:
         connect_spatial_forces(builder, self.plant, keeper.GetOutputPort("spatial_forces"))
         return keeper
 
-    def require_positive_definite(self, least_left: float = 0.0) -> None:
+    def require_positive_definite(self, min_inertia_fraction: float = 0.0) -> None:
         """Refuses a negative added mass that takes more inertia away than there is, at any of 64
         sampled positions.
 
         Args:
-            least_left: share of every inertia that must be left; 0 asks for no more than a positive
-                definite matrix.
+            min_inertia_fraction: share of every inertia that must be left; 0 asks for no more than
+                a positive definite matrix.
 
         Raises:
             ModelError: names the body, the value and the least value that is allowed there.
@@ -148,9 +147,9 @@ class AddedMass:
                 plant.get_body(index).SetSpatialInertiaInBodyFrame(context, SpatialInertia.Zero())
             unit = added_mass_matrix(plant, context, self.body, self.layout, 1.0)
             largest = eigh(unit[keep], plant.CalcMassMatrix(context)[keep], eigvals_only=True)[-1]
-            if self.mass_per_part * largest <= least_left - 1.0 + 1e-9:
+            if self.mass_per_part * largest <= min_inertia_fraction - 1.0 + 1e-9:
                 if self.mass_per_part * largest > -1.0:
-                    too_much = f"leaves less than {least_left:.0%} of an inertia"
+                    too_much = f"leaves less than {min_inertia_fraction:.0%} of an inertia"
                 else:
                     too_much = (
                         "takes more inertia away than there is (M + M_added is not positive "
@@ -158,7 +157,7 @@ class AddedMass:
                     )
                 raise ModelError(
                     f"added mass: {self.mass_per_part} kg per part on body '{self.body.name()}' "
-                    f"{too_much}; it must be above {(least_left - 1.0) / largest:.4g} kg"
+                    f"{too_much}; it must be above {(min_inertia_fraction - 1.0) / largest:.4g} kg"
                 )
 
 
@@ -168,7 +167,7 @@ def added_mass_matrix(
     body: RigidBody,
     layout: SectionLayout,
     mass_per_part: float,
-) -> np.ndarray:
+) -> FloatArray:
     """M_added = sum_i m J_i^T (1 - a a^T) J_i with the translational Jacobians of the part centres
     (nv x nv).
     """

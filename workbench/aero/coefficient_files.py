@@ -16,9 +16,9 @@ from aerodima.workbench.aero.polar_law import MIN_DRAG, PolarLaw, RegularTable, 
 from aerodima.workbench.aero.section_laws import (
     NormalForceLaw,
     SectionLaw,
-    SpeedLine,
     SpeedTable,
     TwoSidedLaw,
+    speed_line,
 )
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.yaml_files import (
@@ -147,11 +147,13 @@ class _NormalLine(CoefficientSet):
     cn_intercept: Number
 
     def law(self) -> SectionLaw:
-        return NormalForceLaw(SpeedLine(self.cn_slope_s_per_m, self.cn_intercept, self.speed_range))
+        return NormalForceLaw(
+            speed_line(self.cn_slope_s_per_m, self.cn_intercept, self.speed_range)
+        )
 
     @model_validator(mode="after")
     def _adds_no_energy(self) -> "_NormalLine":
-        # Not in `SpeedLine`: a fit may pass through negative lines on its way.
+        # Not in `speed_line`: a fit may pass through negative lines on its way.
         for speed in self.speed_range:
             value = self.cn_intercept + self.cn_slope_s_per_m * speed
             if value < 0.0:
@@ -222,10 +224,6 @@ class PolarTable(CoefficientSet):
         """The polar law with bilinear tables over speed and angle."""
         return PolarLaw(self.table("cd"), self.table("cl"))
 
-    def measured_nodes(self) -> pd.DataFrame:
-        """The nodes that were measured, not only guessed as a start of a fit."""
-        return self.nodes[self.nodes.status == "measured"]
-
     def table(self, coefficient: str) -> RegularTable:
         """Bilinear table of `cd` or `cl` over the grid of the measured nodes; the seeds of fits
         take no part.
@@ -233,7 +231,7 @@ class PolarTable(CoefficientSet):
         A node of that grid that was not measured takes the value of the nearest measured speed at
         its angle and is not covered.
         """
-        nodes = self.measured_nodes()
+        nodes = self.nodes[self.nodes.status == "measured"]
         known = nodes.pivot(index="speed_m_per_s", columns="angle_rad", values=coefficient)
         speeds = known.index.to_numpy()
         angles = known.columns.to_numpy()
@@ -324,8 +322,8 @@ def coefficients_from_dict(content: Any, where: str) -> CoefficientSet:
         allowed = ", ".join("/".join(pair) for pair in _KINDS)
         raise ModelError(f"{where}: law/kind is {law}/{kind} (allowed: {allowed})")
     model = _KINDS.get((law, kind), _TwoSided)  # of another schema no model is asked
-    found = checked(model, content, where, ModelError, schema=SCHEMA)
-    found._where = where
-    largest = max([*(found.angle_range or ()), *found.nodes.get("angle_rad", ())], default=0.0)
+    result = checked(model, content, where, ModelError, schema=SCHEMA)
+    result._where = where
+    largest = max([*(result.angle_range or ()), *result.nodes.get("angle_rad", ())], default=0.0)
     require_spanwise(largest, where)
-    return found
+    return result

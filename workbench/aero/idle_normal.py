@@ -1,7 +1,5 @@
 """A warning where no joint moves a flat tail along its normal, so that a swing feels no air."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -9,6 +7,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable, RigidBody
 
 from aerodima.workbench.aero.sections import SectionLayout, joints_of, sampled_poses
+from aerodima.workbench.core.array_types import FloatArray
 
 _POSES = 9
 """Positions at which a plant is looked at: its default, and random ones in its limits."""
@@ -47,7 +46,7 @@ def idle_normal(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -
     return line
 
 
-def _section_motion(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -> np.ndarray:
+def _section_motion(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -> FloatArray:
     """Velocities of section centres in B per unit rate of each joint, in several poses (3, n)."""
     moving: list[int] = []
     for joint in joints_of(plant):
@@ -55,16 +54,16 @@ def _section_motion(plant: MultibodyPlant, body: RigidBody, layout: SectionLayou
         moving += range(start, start + joint.num_velocities())
     frame = body.body_frame()
     centres = layout.p_BoSi_B.T
-    found = [np.zeros((3, 0))]
+    motions = [np.zeros((3, 0))]
     for context in sampled_poses(plant, _POSES if moving else 0):
         J: Any = plant.CalcJacobianTranslationalVelocity(
             context, JacobianWrtVariable.kV, frame, centres, plant.world_frame(), frame
         )
-        found += np.split(np.asarray(J)[:, moving], layout.number)
-    return np.hstack(found)
+        motions += np.split(np.asarray(J)[:, moving], layout.number)
+    return np.hstack(motions)
 
 
-def _words(vector: np.ndarray) -> str:
+def _words(vector: FloatArray) -> str:
     sign = -1.0 if vector[np.argmax(np.abs(vector))] < 0.0 else 1.0
     parts = ", ".join(f"{round(float(sign * part), 2) + 0.0:g}" for part in vector)
     return f"({parts})"

@@ -2,8 +2,6 @@
 (design section 5).
 """
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
@@ -20,6 +18,8 @@ from aerodima.workbench.aero.section_laws import (
     Scalar,
     SectionLaw,
     check_from_zero,
+    cross,
+    dot,
     float_of,
     require_finite,
     require_increasing,
@@ -231,8 +231,11 @@ class PolarLaw(SectionLaw):
         self, line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
     ) -> tuple[Scalar, ...]:
         """See `SectionLaw.line_force`."""
-        (u_x, u_y, u_z), (k_x, k_y, k_z), (a_x, a_y, a_z), _ = line
-        spanwise = u_x * a_x + u_y * a_y + u_z * a_z
+        u, k, a, _ = line
+        u_x, u_y, u_z = u
+        k_x, k_y, k_z = k
+        a_x, a_y, a_z = a
+        spanwise = dot(u, a)
         across_x = u_x - spanwise * a_x
         across_y = u_y - spanwise * a_y
         across_z = u_z - spanwise * a_z
@@ -253,10 +256,7 @@ class PolarLaw(SectionLaw):
         m_x = as_sum * u_x + ass_sum * k_x
         m_y = as_sum * u_y + ass_sum * k_y
         m_z = as_sum * u_z + ass_sum * k_z
-        about_x = a_y * m_z - a_z * m_y
-        about_y = a_z * m_x - a_x * m_z
-        about_z = a_x * m_y - a_y * m_x
-        return f_x, f_y, f_z, about_x, about_y, about_z
+        return f_x, f_y, f_z, *cross(a, (m_x, m_y, m_z))
 
     def covers(self, speed: float, angle: float) -> bool:
         """See `SectionLaw.covers`: both coefficients must cover the point; plain numbers cover

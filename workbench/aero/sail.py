@@ -30,19 +30,21 @@ rate. Valid as far as plates are: how drag changes with delta is known from Fig.
 a real centre of pressure moves with delta, and the shell does not shade the board here.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from aerodima.workbench.aero.section_laws import CrossedPlatesLaw, NormalForceLaw, SectionLaw
+from aerodima.workbench.aero.section_laws import (
+    CrossedPlatesLaw,
+    NormalForceLaw,
+    SectionLaw,
+    rotated,
+)
 from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.core.array_types import Vector3
 from aerodima.workbench.core.elementwise import rotation_rows
 from aerodima.workbench.scenario.tail_parameters import SHELL_DEPTH
-
-Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -91,9 +93,7 @@ class FreeSail:
         """Distance of the board's middle behind the bearing, m: it begins where the shell ends."""
         return self.centre_of_pressure + self.shell_share * self.width / 2 + self.board_width / 2
 
-    def _strip(
-        self, width: float, behind: float, normal: tuple[float, float, float]
-    ) -> SectionLayout:
+    def _strip(self, width: float, behind: float, normal: Vector3) -> SectionLayout:
         return SectionLayout.strip(
             start=self.start,
             length=self.length,
@@ -115,11 +115,11 @@ class SailMotion(NamedTuple):
         axes_W: of pitch, roll and sail joint.
     """
 
-    R_WS: tuple[Vector, Vector, Vector]
-    w_WS: Vector
-    v_WSo: Vector
-    p_BoSo_W: Vector
-    axes_W: tuple[Vector, Vector, Vector]
+    R_WS: tuple[Vector3, Vector3, Vector3]
+    w_WS: Vector3
+    v_WSo: Vector3
+    p_BoSo_W: Vector3
+    axes_W: tuple[Vector3, Vector3, Vector3]
 
 
 def sail_motion(
@@ -137,7 +137,8 @@ def sail_motion(
         angles, rates: of pitch, roll and sail joint, rad and rad/s.
         p_BoSo_B: where the joint axes cross, in the chassis frame, m.
     """
-    (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = rotation_rows(quaternion)
+    rows = rotation_rows(quaternion)
+    (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = rows
     pitch, roll, turn = angles
     c = math.cos(pitch)
     s = math.sin(pitch)
@@ -164,10 +165,7 @@ def sail_motion(
         s = math.sin(turn)
         x_S = (hx * c + lx * s, hy * c + ly * s, hz * c + lz * s)
         y_S = (lx * c - hx * s, ly * c - hy * s, lz * c - hz * s)
-    px, py, pz = p_BoSo_B
-    dx = r00 * px + r01 * py + r02 * pz
-    dy = r10 * px + r11 * py + r12 * pz
-    dz = r20 * px + r21 * py + r22 * pz
+    dx, dy, dz = rotated(rows, p_BoSo_B)
     wx, wy, wz, vx, vy, vz = velocity
     p_rate, r_rate, t_rate = rates
     w_x = wx + p_rate * r01 + r_rate * hx + t_rate * ax
@@ -198,10 +196,7 @@ def generalised_force(
     fx, fy, fz = force
     mx, my, mz = moment
     dx, dy, dz = motion.p_BoSo_W
-    (px, py, pz), (rx, ry, rz), (sx, sy, sz) = motion.axes_W
-    pitch = px * mx + py * my + pz * mz
-    roll = rx * mx + ry * my + rz * mz
-    turn = sx * mx + sy * my + sz * mz
+    pitch, roll, turn = rotated(motion.axes_W, moment)
     about_x = mx + dy * fz - dz * fy
     about_y = my + dz * fx - dx * fz
     about_z = mz + dx * fy - dy * fx

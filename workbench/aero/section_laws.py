@@ -6,8 +6,6 @@ is perpendicular to a, and the spanwise part v_i . a is the same for all section
 sequences of three scalars in the world frame.
 """
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from bisect import bisect_right
@@ -20,6 +18,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from pydrake.math import arctan2
 
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.quantity import check_range
 
@@ -68,6 +67,12 @@ def cross(a: Vector, b: Vector) -> tuple[Scalar, Scalar, Scalar]:
     a_x, a_y, a_z = a
     b_x, b_y, b_z = b
     return a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x
+
+
+def rotated(rows: Sequence[Vector], vector: Vector) -> tuple[Scalar, Scalar, Scalar]:
+    """Rotates a vector by a matrix, three rows of which the first three numbers count."""
+    x_row, y_row, z_row = rows
+    return dot(x_row, vector), dot(y_row, vector), dot(z_row, vector)
 
 
 class SectionLaw(ABC):
@@ -177,14 +182,12 @@ def plate_force(
         line, distances, areas, density: as there.
         along, against: C_N when the air blows along +n, and along -n.
     """
-    (ux, uy, uz), (kx, ky, kz), (ax, ay, az), (nx, ny, nz) = line
-    cx = ny * az - nz * ay  # chord direction n x a
-    cy = nz * ax - nx * az
-    cz = nx * ay - ny * ax
-    u_n = ux * nx + uy * ny + uz * nz
-    k_n = kx * nx + ky * ny + kz * nz
-    u_c = ux * cx + uy * cy + uz * cz
-    k_c = kx * cx + ky * cy + kz * cz
+    u, k, a, n = line
+    c = cross(n, a)  # direction of the chord
+    u_n = dot(u, n)
+    k_n = dot(k, n)
+    u_c = dot(u, c)
+    k_c = dot(k, c)
     scale = 0.5 * density
     even = along == against
     many = isinstance(u_n, np.ndarray)
@@ -208,7 +211,7 @@ def plate_force(
     total = scale * total
     # The moment s a x (f n) lies along a x n = -c.
     moment = -(scale * moment)
-    return total * nx, total * ny, total * nz, moment * cx, moment * cy, moment * cz
+    return total * n[0], total * n[1], total * n[2], moment * c[0], moment * c[1], moment * c[2]
 
 
 def require_increasing(name: str, values: Sequence[float], where: str) -> None:
@@ -225,7 +228,7 @@ def require_increasing(name: str, values: Sequence[float], where: str) -> None:
             )
 
 
-def require_finite(name: str, values: np.ndarray, where: str) -> None:
+def require_finite(name: str, values: FloatArray, where: str) -> None:
     """Refuses holes and NaN, naming the first."""
     bad = np.argwhere(~np.isfinite(values))
     if bad.size:
@@ -276,37 +279,18 @@ class SpeedTable:
         return self.speeds[0] <= speed <= self.speeds[-1]
 
 
-@dataclass(frozen=True)
-class SpeedLine:
-    """A coefficient that is a line over |v_rel| inside a range, and constant beyond it (ERRATA
-    E26).
+def speed_line(slope: float, intercept: float, speed_range: tuple[float, float]) -> SpeedTable:
+    """Makes a coefficient that is a line over |v_rel| inside a range (ERRATA E26).
 
-    Attributes:
+    Args:
         slope: per m/s.
         intercept: at 0 m/s.
         speed_range: lowest and highest speed, m/s.
     """
-
-    slope: float
-    intercept: float
-    speed_range: tuple[float, float]
-
-    def __post_init__(self) -> None:
-        require_increasing("speed_range", self.speed_range, "speed line")
-        require_finite("slope and intercept", np.array([self.slope, self.intercept]), "speed line")
-
-    def __call__(self, speed: Scalar) -> Scalar:
-        """The coefficient at a speed."""
-        low, high = self.speed_range
-        if speed < low:
-            speed = low
-        elif speed > high:
-            speed = high
-        return self.intercept + self.slope * speed
-
-    def covers(self, speed: float) -> bool:
-        """Tells whether the speed lies inside the range."""
-        return self.speed_range[0] <= speed <= self.speed_range[1]
+    low, high = speed_range
+    return SpeedTable(
+        speed_range, (intercept + slope * low, intercept + slope * high), "speed line"
+    )
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,9 @@ class SectionWatch(LeafSystem):
     Input ports:
         sections (4 n), validity (n): of a `TailForce`.
 
+    Attributes:
+        fastest: largest relative speed of a section so far, m/s.
+
     Args:
         number: of sections.
         rate: looks per second, Hz.
@@ -81,23 +84,18 @@ class SectionWatch(LeafSystem):
         }
 
     @property
-    def fastest(self) -> float:
-        """Largest relative speed of a section so far, m/s."""
-        return self._fastest
-
-    @property
     def felt_no_air(self) -> bool:
         """Tells whether air passed the sections and none of them ever felt more than rounding
         leaves of a force.
         """
-        return self._fastest > _STILL_AIR and self._share <= _ROUNDING
+        return self.fastest > _STILL_AIR and self._share <= _ROUNDING
 
     def _clear(self) -> None:
         self._looks = 0
         self._outside = 0
         self._too_fast = 0
         self._reynolds = 0.0
-        self._fastest = 0.0
+        self.fastest = 0.0
         self._share = 0.0
 
     def _start(self, context: Context) -> EventStatus:
@@ -115,6 +113,6 @@ class SectionWatch(LeafSystem):
         forces = sections[_FORCE::columns]
         shares = forces / np.maximum(speeds, _STILL_AIR) ** 2
         self._reynolds = max(self._reynolds, float(sections[_REYNOLDS::columns].max()))
-        self._fastest = max(self._fastest, float(speeds.max()))
+        self.fastest = max(self.fastest, float(speeds.max()))
         self._share = max(self._share, float(np.max(shares)))
         return EventStatus.Succeeded()

@@ -11,11 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.workbench.aero.section_laws import LineMotion, check_above_zero
+from aerodima.workbench.aero.section_laws import LineMotion, check_above_zero, cross, rotated
+from aerodima.workbench.core.array_types import FloatArray, Vector3
 from aerodima.workbench.core.errors import ModelError
 
-Vector = tuple[float, float, float]
-"""Components along three axes."""
 _STILL_AIR = (0.0, 0.0, 0.0)
 """Velocity of air that does not move, m/s."""
 _UNIT_ERROR = 1e-9
@@ -62,9 +61,9 @@ class SectionLayout:
             not perpendicular.
     """
 
-    p_BoRo_B: Vector
-    axis_B: Vector
-    normal_B: Vector
+    p_BoRo_B: Vector3
+    axis_B: Vector3
+    normal_B: Vector3
     distances: tuple[float, ...]
     areas: tuple[float, ...]
     chord: float
@@ -95,12 +94,12 @@ class SectionLayout:
         return len(self.distances)
 
     @property
-    def p_BoSi_B(self) -> np.ndarray:
+    def p_BoSi_B(self) -> FloatArray:
         """Section centres in the body frame (n, 3), m."""
         return np.asarray(self.p_BoRo_B) + np.outer(self.distances, self.axis_B)
 
     @property
-    def p_BoTip_B(self) -> np.ndarray:
+    def p_BoTip_B(self) -> FloatArray:
         """Tip of the sectioned length in the body frame (3), m."""
         return np.asarray(self.p_BoRo_B) + self.end * np.asarray(self.axis_B)
 
@@ -114,46 +113,17 @@ class SectionLayout:
                 W.
             v_WA: velocity of the air in W (3), m/s; None in still air.
         """
-        x_row, y_row, z_row = X_WB
-        r00 = x_row[0]
-        r01 = x_row[1]
-        r02 = x_row[2]
-        r10 = y_row[0]
-        r11 = y_row[1]
-        r12 = y_row[2]
-        r20 = z_row[0]
-        r21 = z_row[1]
-        r22 = z_row[2]
-        w_x, w_y, w_z = w_WB
+        a = rotated(X_WB, self.axis_B)
+        n = rotated(X_WB, self.normal_B)
         v_x, v_y, v_z = v_WBo
-        x, y, z = self.axis_B
-        a_x = r00 * x + r01 * y + r02 * z
-        a_y = r10 * x + r11 * y + r12 * z
-        a_z = r20 * x + r21 * y + r22 * z
-        x, y, z = self.normal_B
-        n_x = r00 * x + r01 * y + r02 * z
-        n_y = r10 * x + r11 * y + r12 * z
-        n_z = r20 * x + r21 * y + r22 * z
-        x, y, z = self.p_BoRo_B
-        if x != 0.0 or y != 0.0 or z != 0.0:
-            p_x = r00 * x + r01 * y + r02 * z
-            p_y = r10 * x + r11 * y + r12 * z
-            p_z = r20 * x + r21 * y + r22 * z
-            v_x += w_y * p_z - w_z * p_y
-            v_y += w_z * p_x - w_x * p_z
-            v_z += w_x * p_y - w_y * p_x
-        k_x = a_y * w_z - a_z * w_y  # -(w x a)
-        k_y = a_z * w_x - a_x * w_z
-        k_z = a_x * w_y - a_y * w_x
+        if any(self.p_BoRo_B):
+            x, y, z = cross(w_WB, rotated(X_WB, self.p_BoRo_B))
+            v_x += x
+            v_y += y
+            v_z += z
         air_x, air_y, air_z = _STILL_AIR if v_WA is None else v_WA
         u = (air_x - v_x, air_y - v_y, air_z - v_z)
-        return LineMotion(u, (k_x, k_y, k_z), (a_x, a_y, a_z), (n_x, n_y, n_z))
-
-    def root_in(self, R_WB: Any) -> tuple[Any, Any, Any]:
-        """Root of the line from the body's origin in W (3), m, for rows as in `motion`."""
-        x, y, z = self.p_BoRo_B
-        r_x, r_y, r_z = (row[0] * x + row[1] * y + row[2] * z for row in R_WB)
-        return r_x, r_y, r_z
+        return LineMotion(u, cross(a, w_WB), a, n)
 
     @classmethod
     def strip(
@@ -163,9 +133,9 @@ class SectionLayout:
         length: float,
         width: float,
         number: int = 5,
-        p_BoRo_B: Vector = (0.0, 0.0, 0.0),
-        axis_B: Vector = (0.0, 0.0, 1.0),
-        normal_B: Vector = (1.0, 0.0, 0.0),
+        p_BoRo_B: Vector3 = (0.0, 0.0, 0.0),
+        axis_B: Vector3 = (0.0, 0.0, 1.0),
+        normal_B: Vector3 = (1.0, 0.0, 0.0),
     ) -> SectionLayout:
         """A flat strip of equal sections: a cheetah tail, a bar, the robot's sail.
 
@@ -240,8 +210,8 @@ class Jet:
         slope: rise of the edge per metre downstream.
     """
 
-    p_WE: Vector
-    downstream_W: Vector = (0.0, -1.0, 0.0)
+    p_WE: Vector3
+    downstream_W: Vector3 = (0.0, -1.0, 0.0)
     slope: float = 100.0 / 1800.0
 
     def __post_init__(self) -> None:

@@ -1,7 +1,5 @@
 """The air's hold on the sliding bodies of added mass, as a Drake system."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -71,8 +69,7 @@ class SlideKeeperParts(SystemParts):
         self._SpatialForce = SpatialForce_[T]
         self._state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
         self._air = self.DeclareVectorInputPort("wind_acceleration", 3)
-        inputs = {self._state.ticket(), self._air.ticket()}
-        declare_spatial_forces(self, self._calc, inputs, T)
+        declare_spatial_forces(self, self._calc, T)
 
     def arguments(self, T: Any) -> tuple[Any, ...]:
         """Arguments of the same system of scalar type T."""

@@ -1,7 +1,5 @@
 """The aerodynamic wrench on a tail as a Drake system, and what wires it to a plant."""
 
-from __future__ import annotations
-
 import warnings
 from typing import Any
 
@@ -22,6 +20,7 @@ from aerodima.workbench.aero.section_laws import (
     SectionLaw,
     angle_of_attack,
     cross,
+    dot,
     float_of,
     length,
     wind_direction,
@@ -34,8 +33,12 @@ from aerodima.workbench.aero.section_watch import (
 )
 from aerodima.workbench.aero.sections import Air, Jet, SectionLayout
 from aerodima.workbench.core.errors import ModelError
-from aerodima.workbench.core.port_wiring import add_and_connect, declare_spatial_forces
-from aerodima.workbench.core.system_lifetime import SystemParts, scalar_template, weak_callback
+from aerodima.workbench.core.port_wiring import (
+    add_and_connect,
+    declare_output,
+    declare_spatial_forces,
+)
+from aerodima.workbench.core.system_lifetime import SystemParts, scalar_template
 
 ADDED_MASS_PREFIX = "added_mass_"
 """How the names of model instances and bodies of added mass begin."""
@@ -68,6 +71,9 @@ class TailForceParts(SystemParts):
         wind_direction (1): see the function of that name, rad; a sail that faces the wind has
             turned so far.
 
+    Attributes:
+        plant, layout, law: see below.
+
     Args:
         plant: finalised plant, of double scalar; read for its kinematics only.
         body: the body that carries the sections, or its name.
@@ -94,10 +100,10 @@ class TailForceParts(SystemParts):
         """Declares ports for a scalar type; arguments as above."""
         if isinstance(law, int | float):
             law = NormalForceLaw(law)
-        self._plant = plant
+        self.plant = plant
         self._body = resolve_body(plant, body).index()  # not the object: design section 13
-        self._layout = layout
-        self._law = law
+        self.layout = layout
+        self.law = law
         self._air = air or Air()
         self._jet = jet
         self._quasi_steady_limit = quasi_steady_limit
@@ -109,54 +115,38 @@ class TailForceParts(SystemParts):
         self._SpatialForce = SpatialForce_[T]
         self._state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
         self._wind = self.DeclareVectorInputPort("wind_velocity", 3)
-        inputs = {self._state.ticket(), self._wind.ticket()}
-        declare_spatial_forces(self, self._calc_forces, inputs, T)
+        declare_spatial_forces(self, self._calc_forces, T)
         for name, size, calc in (
             ("wrench", 9, self._calc_wrench),
             ("sections", 4 * layout.number, self._calc_sections),
             ("validity", layout.number, self._calc_validity),
             ("wind_direction", 1, self._calc_wind_direction),
         ):
-            self.DeclareVectorOutputPort(name, size, weak_callback(calc), inputs)
+            declare_output(self, name, size, calc)
 
     def arguments(self, T: Any) -> tuple[Any, ...]:
         """Arguments of the same system of scalar type T."""
-        plant = self._plant.ToScalarType[T]()
+        plant = self.plant.ToScalarType[T]()
         return plant, plant.get_body(self._body), *self._settings
 
     @property
     def _settings(self) -> tuple[Any, ...]:
-        return self._layout, self._law, self._air, self._jet, self._quasi_steady_limit
+        return self.layout, self.law, self._air, self._jet, self._quasi_steady_limit
 
     def reporter(self) -> Any:
         """The same system again, to be watched beside a diagram that hides its ports."""
         make: Any = type(self)
-        return make(self._plant, self.body, *self._settings)
-
-    @property
-    def law(self) -> SectionLaw:
-        """Force of a section."""
-        return self._law
-
-    @property
-    def plant(self) -> Any:
-        """The plant that was given."""
-        return self._plant
-
-    @property
-    def layout(self) -> SectionLayout:
-        """Sections in the body frame."""
-        return self._layout
+        return make(self.plant, self.body, *self._settings)
 
     @property
     def body(self) -> Any:
         """The body that carries the sections."""
-        return self._plant.get_body(self._body)
+        return self.plant.get_body(self._body)
 
     def _motion(self, context: Any) -> tuple[Any, LineMotion]:
         """Pose of the body (three rows of [R | p]), motion of its sections against the air."""
         kinematics = self._kinematics
-        plant = self._plant
+        plant = self.plant
         body = self.body
         plant.SetPositionsAndVelocities(kinematics, self._state.Eval(context))
         X_WB = plant.EvalBodyPoseInWorld(kinematics, body).GetAsMatrix34().tolist()
@@ -165,20 +155,20 @@ class TailForceParts(SystemParts):
         wind = None
         if self._wind.HasValue(context):
             wind = self._wind.Eval(context).tolist()
-        return X_WB, self._layout.motion(X_WB, (w_x, w_y, w_z), (v_x, v_y, v_z), wind)
+        return X_WB, self.layout.motion(X_WB, (w_x, w_y, w_z), (v_x, v_y, v_z), wind)
 
     def _exposed(self, X_WB: Any, a: Any) -> tuple[Any, Any]:
         """Distances and areas of the sections; with a jet those of the exposed part, areas 0
         without exposure.
         """
         if self._jet is None:
-            return self._layout.distances, self._layout.areas
-        return self._jet.exposed_sections(self._layout, point_in_world(X_WB, self._p_BoRo_B), a)
+            return self.layout.distances, self.layout.areas
+        return self._jet.exposed_sections(self.layout, point_in_world(X_WB, self._p_BoRo_B), a)
 
     def _line_force(self, context: Any) -> tuple[Any, Any]:
         X_WB, line = self._motion(context)
         distances, areas = self._exposed(X_WB, line.a)
-        return X_WB, self._law.line_force(line, distances, areas, self._air.density)
+        return X_WB, self.law.line_force(line, distances, areas, self._air.density)
 
     def _calc_forces(self, context: Any, output: Any) -> None:
         _, (f_x, f_y, f_z, m_x, m_y, m_z) = self._line_force(context)
@@ -205,10 +195,10 @@ class TailForceParts(SystemParts):
         return rows
 
     def _calc_sections(self, context: Any, output: Any) -> None:
-        chord_by_viscosity = self._layout.chord * self._air.density / self._air.viscosity
+        chord_by_viscosity = self.layout.chord * self._air.density / self._air.viscosity
         values: list[Any] = []
         for v, area, speed, angle, a, n in self._section_rows(context):
-            force = length(self._law.section_force(v, a, n, area, self._air.density))
+            force = length(self.law.section_force(v, a, n, area, self._air.density))
             values += [speed, angle, chord_by_viscosity * speed, force]
         output.SetFromVector(values)
 
@@ -226,7 +216,7 @@ class TailForceParts(SystemParts):
     def _validity(self, area: float, speed: float, angle: float) -> float:
         if area <= 0.0:
             return NOT_EXPOSED
-        if not self._law.covers(speed, angle):
+        if not self.law.covers(speed, angle):
             return EXTRAPOLATED
         limit = self._quasi_steady_limit
         return BEYOND_QUASI_STEADY if limit is not None and speed > limit else MEASURED
@@ -240,9 +230,8 @@ TailForce = TailForce_[float]
 
 
 def point_in_world(X_WB: Any, p_BoQ_B: Any) -> tuple[Any, ...]:
-    """p_WQ of a body-fixed point Q from the rows of [R | p]."""
-    x, y, z = p_BoQ_B
-    return tuple(row[0] * x + row[1] * y + row[2] * z + row[3] for row in X_WB)
+    """Returns p_WQ of a body-fixed point Q from the rows of [R | p]."""
+    return tuple(dot(row, p_BoQ_B) + row[3] for row in X_WB)
 
 
 def resolve_body(plant: Any, body: Any, place: str = "tail force") -> Any:

@@ -33,7 +33,6 @@ from pydrake.multibody.tree import SpatialInertia
 
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.aero.tail_mass import (
-    inertia_of_inertial,
     inertial_of_inertia,
     placed,
     plate_inertia,
@@ -43,13 +42,13 @@ from aerodima.workbench.aero.tail_mass import (
 )
 from aerodima.workbench.aero.tail_pieces import (
     Piece,
-    Vector,
     as_tuple,
     gap,
     overlap,
     trapezoid_centre,
     unit_vector,
 )
+from aerodima.workbench.core.array_types import FloatArray, Vector3
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.key_errors import lines_of
 from aerodima.workbench.core.quantity import QuantityModel, quantity
@@ -61,13 +60,13 @@ SAME_PLANE = 1e-3
 """m; plates nearer than this, measured along their normal, count as lying in one plane."""
 _ALONG = 1e-3
 """Sine of an angle below which a normal counts as running along its axis."""
-UP: Vector = (0.0, 0.0, 1.0)
+UP: Vector3 = (0.0, 0.0, 1.0)
 """z of the frame T: along a straight tail, from root to tip."""
-_Vector = Annotated[Vector, Field(strict=False)]
+_Vector = Annotated[Vector3, Field(strict=False)]
 _Sizes = Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(strict=False, min_length=1)]
 
 
-def _with_length(vector: Vector) -> Vector:
+def _with_length(vector: Vector3) -> Vector3:
     if np.linalg.norm(vector) < 1e-9:
         raise ValueError(f"direction {vector} has no length; allowed: any but zero")
     return vector
@@ -108,7 +107,7 @@ class TailArm(TailPart):
         return self
 
     @property
-    def points(self) -> np.ndarray:
+    def points(self) -> FloatArray:
         """Ends of its pieces in T (n + 1, 3), m, from the origin on."""
         return np.cumsum([np.zeros(3), *_steps(self)], axis=0)
 
@@ -123,7 +122,7 @@ class TailArm(TailPart):
         return total_inertia(parts)
 
 
-def _steps(part: TailArm | Plate) -> list[np.ndarray]:
+def _steps(part: TailArm | Plate) -> list[FloatArray]:
     """Vectors from end to end of the straight pieces of a part (3 each), m."""
     axes = part.axes
     if len(axes) == 1:
@@ -203,7 +202,7 @@ class Plate(TailPart):
         return sum(piece.area for piece in self.pieces)
 
     @property
-    def centre_of_pressure(self) -> np.ndarray:
+    def centre_of_pressure(self) -> FloatArray:
         """Centroid of the planform in T (3), m."""
         moment = sum(piece.area * piece.centre for piece in self.pieces)
         return np.asarray(moment / self.area)
@@ -353,7 +352,7 @@ class TailGeometry(TailPart):
     @property
     def inertia(self) -> SpatialInertia:
         """Inertia of the whole tail about the origin of T."""
-        return total_inertia(map(inertia_of_inertial, (self.arm_mass, self.sail_mass)))
+        return total_inertia((self.arm_mass.about_origin(), self.sail_mass.about_origin()))
 
     @property
     def inertial(self) -> Inertial:
@@ -361,7 +360,7 @@ class TailGeometry(TailPart):
         return inertial_of_inertia(self.inertia)
 
     @property
-    def inertia_about_joints(self) -> np.ndarray:
+    def inertia_about_joints(self) -> FloatArray:
         """Inertia of the whole tail about the origin of T (3 x 3), kg m2."""
         return self.inertia.CalcRotationalInertia().CopyToFullMatrix3()
 
@@ -374,7 +373,7 @@ class TailGeometry(TailPart):
         """Planform seen along a direction, m2: each piece with the cosine of its normal."""
         return float(sum(facing * piece.area for facing, piece in self._facing(direction)))
 
-    def centre_of_pressure(self, direction: Sequence[float] | None = None) -> np.ndarray:
+    def centre_of_pressure(self, direction: Sequence[float] | None = None) -> FloatArray:
         """Centroid in T (3), m, of the planform seen along a direction, by default the first
         plate's normal.
 
@@ -383,13 +382,13 @@ class TailGeometry(TailPart):
         """
         if direction is None:
             direction = self.plates[0].normal
-        seen = self.facing_area(direction)
-        if seen < 1e-12:
+        area = self.facing_area(direction)
+        if area < 1e-12:
             raise ModelError(f"tail {self.name!r}: no plate faces the direction {tuple(direction)}")
         moment = sum(
             facing * piece.area * piece.centre for facing, piece in self._facing(direction)
         )
-        return np.asarray(moment / seen)
+        return np.asarray(moment / area)
 
     def _facing(self, direction: Sequence[float]) -> list[tuple[float, Piece]]:
         along = unit_vector(direction)
@@ -400,7 +399,7 @@ class TailGeometry(TailPart):
         ]
 
     @property
-    def points(self) -> np.ndarray:
+    def points(self) -> FloatArray:
         """Ends of the arm and corners of all pieces in T (n, 3), m; a half shell with the crown of
         its round side.
         """

@@ -5,16 +5,15 @@ shells are summed from slices across z at the two points of Gauss and Legendre, 
 integrand is of more than third order.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 from pydrake.math import RotationMatrix
-from pydrake.multibody.tree import RotationalInertia, SpatialInertia, UnitInertia
+from pydrake.multibody.tree import SpatialInertia, UnitInertia
 
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.sdf_model import Inertial
 
 _GAUSS = (0.5 - math.sqrt(1.0 / 12.0), 0.5 + math.sqrt(1.0 / 12.0))
@@ -90,7 +89,7 @@ def shell_inertia(
     return _inertia_of_slices(slices)
 
 
-def placed(inertia: SpatialInertia, frame: RotationMatrix, origin: np.ndarray) -> SpatialInertia:
+def placed(inertia: SpatialInertia, frame: RotationMatrix, origin: FloatArray) -> SpatialInertia:
     """The inertia of a part about the origin of T, in its axes; `frame` and `origin` (3, m) place
     the part there.
     """
@@ -103,13 +102,6 @@ def total_inertia(parts: Iterable[SpatialInertia]) -> SpatialInertia:
     for part in parts:
         total += part
     return total
-
-
-def inertia_of_inertial(inertial: Inertial) -> SpatialInertia:
-    """The inertia about the origin of a body that is known by mass, centre and central inertia."""
-    central = RotationalInertia(*inertial.moments, *inertial.products)
-    com = np.array(inertial.com)
-    return SpatialInertia.MakeFromCentralInertia(inertial.mass, com, central)
 
 
 def inertial_of_inertia(inertia: SpatialInertia) -> Inertial:
@@ -142,7 +134,7 @@ def _inertia_of_slices(slices: Iterable[Slice]) -> SpatialInertia:
     return _inertia_of_moments(mass, first, second)
 
 
-def _inertia_of_moments(mass: float, first: np.ndarray, second: np.ndarray) -> SpatialInertia:
+def _inertia_of_moments(mass: float, first: FloatArray, second: FloatArray) -> SpatialInertia:
     """The inertia about the origin from mass (kg), first (3, kg m) and second moments (3 x 3)."""
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = (second / mass).tolist()
     unit = UnitInertia(yy + zz, xx + zz, xx + yy, -xy, -xz, -yz)

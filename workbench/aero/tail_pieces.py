@@ -1,14 +1,13 @@
 """Straight pieces of plates: their outline, and whether two of them lie on one another."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-Vector = tuple[float, float, float]
+from aerodima.workbench.core.array_types import FloatArray, Vector3
+
 _SHORT_EDGE = 1e-9
 """An edge of an outline shorter than this is a corner, m."""
 _TOUCH = 1e-6
@@ -26,10 +25,10 @@ class Piece:
         chords: widths at the near and at the far end, m.
     """
 
-    start: np.ndarray
-    axis: np.ndarray
-    normal: np.ndarray
-    across: np.ndarray
+    start: FloatArray
+    axis: FloatArray
+    normal: FloatArray
+    across: FloatArray
     length: float
     chords: tuple[float, float]
 
@@ -39,17 +38,17 @@ class Piece:
         return self.length * (self.chords[0] + self.chords[1]) / 2
 
     @property
-    def end(self) -> np.ndarray:
+    def end(self) -> FloatArray:
         """Middle of its far edge in T (3), m."""
         return self.start + self.length * self.axis
 
     @property
-    def centre(self) -> np.ndarray:
+    def centre(self) -> FloatArray:
         """Centroid of the planform in T (3), m."""
         return self.start + trapezoid_centre(self.length, *self.chords) * self.axis
 
     @property
-    def corners(self) -> np.ndarray:
+    def corners(self) -> FloatArray:
         """Outline in T (4, 3), m, in order."""
         near, far = (chord / 2 * self.across for chord in self.chords)
         return np.array([self.start - near, self.start + near, self.end + far, self.end - far])
@@ -86,13 +85,13 @@ def overlap(one: Piece, other: Piece) -> bool:
     return True
 
 
-def unit_vector(vector: Sequence[float] | np.ndarray) -> np.ndarray:
+def unit_vector(vector: Sequence[float] | FloatArray) -> FloatArray:
     """The vector (3) over its length."""
     values = np.asarray(vector, float)
     return np.asarray(values / np.linalg.norm(values))
 
 
-def as_tuple(values: np.ndarray) -> Vector:
+def as_tuple(values: FloatArray) -> Vector3:
     """Three floats."""
     x, y, z = values.tolist()
     return x, y, z

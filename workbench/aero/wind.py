@@ -12,39 +12,37 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from aerodima.workbench.aero.section_laws import check_above_zero, check_from_zero, float_of
 from aerodima.workbench.aero.sections import Jet
+from aerodima.workbench.core.array_types import Vector3
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.event_order import EventPriority, period_of
 from aerodima.workbench.core.system_lifetime import SystemParts, scalar_template, weak_callback
 
-Vector3 = tuple[float, float, float]
+_UPDATE_PERIOD = 0.01
+"""Time for which the noise is held, s."""
 _CALM: Vector3 = (0.0, 0.0, 0.0)
 """No wind, m/s."""
 
 
 @dataclass(frozen=True)
 class WindModel:
-    """v_WA(t) = mean + gust sin(2 pi f t + phase) + turbulence, everywhere the same; all in world
+    """v_WA(t) = mean + gust sin(2 pi f t) + turbulence, everywhere the same; all in world
     axes.
 
     Attributes:
         mean: m/s (3).
         gust: amplitude of the sinusoidal gust, m/s (3).
         gust_frequency: f, Hz.
-        gust_phase: rad.
         turbulence: standard deviation of the filtered noise per axis, m/s (3).
         time_constant: of its first-order filter, s; white noise through it has correlation exp(-t /
             time_constant).
-        update_period: of the noise, s; it is held in between.
         seed: equal seeds give equal turbulence, on every machine and for every context.
     """
 
     mean: Vector3 = _CALM
     gust: Vector3 = _CALM
     gust_frequency: float = 1.0
-    gust_phase: float = 0.0
     turbulence: Vector3 = _CALM
     time_constant: float = 0.5
-    update_period: float = 0.01
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -55,19 +53,15 @@ class WindModel:
                     f"wind: {name} is {value}, but it must be three finite numbers (m/s)"
                 )
         check_from_zero("wind: turbulence", min(self.turbulence), unit="m/s")
-        for name, unit in (
-            ("gust_frequency", "Hz"),
-            ("time_constant", "s"),
-            ("update_period", "s"),
-        ):
-            check_above_zero(f"wind: {name}", getattr(self, name), unit=unit)
+        check_above_zero("wind: gust_frequency", self.gust_frequency, unit="Hz")
+        check_above_zero("wind: time_constant", self.time_constant, unit="s")
         check_from_zero("wind: seed", self.seed, unit="1")
 
     @classmethod
-    def in_jet(cls, jet: Jet, speed: float, **gusts: Any) -> WindModel:
+    def in_jet(cls, jet: Jet, speed: float) -> WindModel:
         """The tunnel's wind: `speed` (m/s) in the downstream direction of the jet."""
         x, y, z = (speed * part for part in jet.downstream_W)
-        return cls(mean=(x, y, z), **gusts)
+        return cls(mean=(x, y, z))
 
     def turbulence_step(self, step: int, previous: Any) -> list[Any]:
         """Filtered noise after one more update; `step` 0 draws from the stationary distribution."""
@@ -75,7 +69,7 @@ class WindModel:
         noise = generator.standard_normal(3)
         if step == 0:
             return [std * x for std, x in zip(self.turbulence, noise, strict=True)]
-        keep = math.exp(-self.update_period / self.time_constant)
+        keep = math.exp(-_UPDATE_PERIOD / self.time_constant)
         spread = math.sqrt(1.0 - keep * keep)
         after = []
         for before, std, x in zip(previous, self.turbulence, noise, strict=True):
@@ -95,11 +89,12 @@ class WindParts(SystemParts):
     def declare(self, T: Any, model: WindModel) -> None:
         """Declares ports, and the state of a turbulent wind."""
         self._model = model
+        self._omega = 2.0 * math.pi * model.gust_frequency
         self._turbulent = max(model.turbulence) > 0.0
         if self._turbulent:
             self.DeclareDiscreteState(model.turbulence_step(0, None))
             # The update at 0 changes nothing.
-            period = period_of(1.0 / model.update_period, EventPriority.WIND)
+            period = period_of(1.0 / _UPDATE_PERIOD, EventPriority.WIND)
             self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
         self.DeclareVectorOutputPort("wind_velocity", 3, weak_callback(self._calc_velocity))
         self.DeclareVectorOutputPort("wind_acceleration", 3, weak_callback(self._calc_acceleration))
@@ -108,23 +103,18 @@ class WindParts(SystemParts):
         """Arguments of the same system of scalar type T."""
         return (self._model,)
 
-    def _phase(self, context: Any) -> Any:
-        model = self._model
-        return 2.0 * math.pi * model.gust_frequency * context.get_time() + model.gust_phase
-
     def _calc_acceleration(self, context: Any, output: Any) -> None:
-        omega = 2.0 * math.pi * self._model.gust_frequency
-        wave = omega * cos(self._phase(context))
+        wave = self._omega * cos(self._omega * context.get_time())
         output.SetFromVector([gust * wave for gust in self._model.gust])
 
     def _update(self, context: Any, state: Any) -> None:
-        step = round(float_of(context.get_time()) / self._model.update_period)
+        step = round(float_of(context.get_time()) / _UPDATE_PERIOD)
         noise = context.get_discrete_state_vector().CopyToVector()
         state.get_mutable_vector().SetFromVector(self._model.turbulence_step(step, noise))
 
     def _calc_velocity(self, context: Any, output: Any) -> None:
         model = self._model
-        wave = sin(self._phase(context))
+        wave = sin(self._omega * context.get_time())
         wind = [mean + gust * wave for mean, gust in zip(model.mean, model.gust, strict=True)]
         if self._turbulent:
             noise = context.get_discrete_state_vector().CopyToVector()

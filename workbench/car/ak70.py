@@ -2,10 +2,7 @@
 the robot on the rig.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
 
@@ -14,15 +11,15 @@ from aerodima.workbench.car.laws import (
     mit_torque,
     torque_speed_limits,
 )
-from aerodima.workbench.car.tail_plant import arm_inertia
+from aerodima.workbench.car.tail_plant import arm_inertia, inertia_about_joints
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.core.port_wiring import vector_of
-from aerodima.workbench.core.system_lifetime import weak_callback
+from aerodima.workbench.core.port_wiring import declare_output, vector_of
+from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import TAIL_COMMAND
-
-if TYPE_CHECKING:
-    from aerodima.workbench.scenario.scenario import Scenario
-    from aerodima.workbench.scenario.tail_parameters import TailMotorParameters
+from aerodima.workbench.scenario.tail_parameters import (
+    FrictionParameters,
+    TailMotorParameters,
+)
 
 TAIL_JOINTS = ("tail_pitch", "tail_roll")
 """Joints that a motor drives, in the order of all vectors of two."""
@@ -58,17 +55,16 @@ class TailMotor(LeafSystem):
         self._friction = scenario.friction
         self._step = scenario.simulation.step
         self._line = torque_speed_limits(motor)
-        self._rotor = motor.rotor_inertia * motor.gear_ratio**2
+        self._rotor = motor.reflected_inertia
         self._motion = self.DeclareVectorInputPort("joint_motion", 6)
         self._command = self.DeclareVectorInputPort("tail_command", TAIL_COMMAND.size)
-        inputs = {self.all_input_ports_ticket()}
-        self.DeclareVectorOutputPort("torque", 1, weak_callback(self._calc), inputs)
+        declare_output(self, "torque", 1, self._calc)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         motion = vector_of(self._motion, context).tolist()
         angle, rate, stepped, last_rate, last_torque, roll = motion
         command = vector_of(self._command, context).tolist()
-        inertia = self._arm.about_joints(roll)[self._axis] + self._rotor
+        inertia = inertia_about_joints(self._arm, roll)[self._axis] + self._rotor
         acceleration = stepped * (rate - last_rate) / self._step
         law = self._friction
         friction = joint_friction(rate, law.coulomb, law.viscous, law.tanh_gain)
@@ -79,27 +75,26 @@ class TailMotor(LeafSystem):
 
 
 class JointFriction(LeafSystem):
-    """Friction of the tail's joints, added to the torques of their motors.
+    """Friction of n joints, added to the torques of their motors.
 
     Input ports:
-        rates (2): of `TAIL_JOINTS`, rad/s.
-        motor_torques (2): N m; a NaN counts as 0.
+        rates (n): of the joints, rad/s.
+        motor_torques (n): N m; a NaN counts as 0.
     Output ports:
-        joint_torques (2): motor and friction together, N m.
+        joint_torques (n): motor and friction together, N m.
 
     Args:
-        scenario: with the friction.
+        law: of the friction, see `joint_friction`.
+        size: n.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, law: FrictionParameters, size: int) -> None:
         super().__init__()
         self.set_name("joint_friction")
-        self._friction = scenario.friction
-        size = len(TAIL_JOINTS)
+        self._friction = law
         self._rates = self.DeclareVectorInputPort("rates", size)
         self._torques = self.DeclareVectorInputPort("motor_torques", size)
-        inputs = {self.all_input_ports_ticket()}
-        self.DeclareVectorOutputPort("joint_torques", size, weak_callback(self._calc), inputs)
+        declare_output(self, "joint_torques", size, self._calc)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         law = self._friction
@@ -173,9 +168,8 @@ class MitMotor(LeafSystem):
         self._line = torque_speed_limits(motor)
         self._state = self.DeclareVectorInputPort("joint_state", 2)
         self._command = self.DeclareVectorInputPort("tail_command", TAIL_COMMAND.size)
-        inputs = {self.all_input_ports_ticket()}
-        self.DeclareVectorOutputPort("torque", 1, weak_callback(self._calc_torque), inputs)
-        self.DeclareVectorOutputPort("current", 1, weak_callback(self._calc_current), inputs)
+        declare_output(self, "torque", 1, self._calc_torque)
+        declare_output(self, "current", 1, self._calc_current)
 
     def _torque(self, context: Context) -> float:
         angle, rate = vector_of(self._state, context).tolist()

@@ -7,7 +7,7 @@ The air acts on the sail only; the chassis feels none.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
@@ -27,24 +27,28 @@ from aerodima.workbench.aero.section_laws import (
     SectionLaw,
     cross,
     facing_law,
+    rotated,
     wind_direction,
 )
 from aerodima.workbench.aero.sections import Air, SectionLayout
+from aerodima.workbench.aero.tail_force import add_tail_force
+from aerodima.workbench.aero.wind import WindModel, WindSource
 from aerodima.workbench.car.tail_plant import tail_geometry
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
-from aerodima.workbench.core.port_wiring import add_and_connect, concatenate, vector_of
-from aerodima.workbench.core.system_lifetime import weak_callback
+from aerodima.workbench.core.port_wiring import (
+    add_and_connect,
+    concatenate,
+    declare_output,
+    vector_of,
+)
+from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.tail_parameters import (
     CONSTANT,
     SAIL_LAWS,
     SAIL_SHAPES,
     TailParameters,
 )
-
-if TYPE_CHECKING:
-    from aerodima.workbench.aero.wind import WindModel
-    from aerodima.workbench.scenario.scenario import Scenario
 
 
 def wind_model(scenario: Scenario) -> WindModel | None:
@@ -54,8 +58,6 @@ def wind_model(scenario: Scenario) -> WindModel | None:
     wind = scenario.wind
     if wind.is_still or scenario.tail.mode == "none":
         return None
-    from aerodima.workbench.aero.wind import WindModel
-
     gust = wind.gust_amplitude
     return WindModel(
         mean=(wind.mean_x, wind.mean_y, wind.mean_z),
@@ -72,8 +74,6 @@ def add_wind_source(builder: DiagramBuilder, scenario: Scenario) -> System | Non
     model = wind_model(scenario)
     if model is None:
         return None
-    from aerodima.workbench.aero.wind import WindSource
-
     return builder.AddNamedSystem("wind", WindSource(model))
 
 
@@ -187,11 +187,8 @@ class TailAerodynamics(LeafSystem):
         self._p_BoSo_B = p_BoSo_B.tolist()
         self._motion = self.DeclareVectorInputPort("tail_motion", 16)
         self._wind = self.DeclareVectorInputPort("wind_velocity", 3) if windy else None
-        inputs = {self.all_input_ports_ticket()}
-        self.DeclareVectorOutputPort("force", 9, weak_callback(self._calc_force), inputs)
-        self.DeclareVectorOutputPort(
-            "wind_direction", 1, weak_callback(self._calc_wind_direction), inputs
-        )
+        declare_output(self, "force", 9, self._calc_force)
+        declare_output(self, "wind_direction", 1, self._calc_wind_direction)
 
     @classmethod
     def add_to_builder(
@@ -228,8 +225,8 @@ class TailAerodynamics(LeafSystem):
             gx, gy, gz, kx, ky, kz = law.line_force(
                 line, layout.distances, layout.areas, self._density
             )
-            if layout.p_BoRo_B != (0.0, 0.0, 0.0):
-                dx, dy, dz = cross(layout.root_in(sail.R_WS), (gx, gy, gz))
+            if any(layout.p_BoRo_B):
+                dx, dy, dz = cross(rotated(sail.R_WS, layout.p_BoRo_B), (gx, gy, gz))
                 kx = kx + dx
                 ky = ky + dy
                 kz = kz + dz
@@ -258,8 +255,6 @@ def add_sail_report(
         The ports `sections` and `validity` of `TailForce`: of the sail's opening, or of all lines
         of a tail of its own geometry.
     """
-    from aerodima.workbench.aero.tail_force import add_tail_force
-
     tail = scenario.tail
     _, limit = sail_law(tail)
     air = Air(scenario.environment.air_density, scenario.environment.air_viscosity)

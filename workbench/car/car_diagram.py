@@ -64,7 +64,7 @@ def default_build(
     scenario: Scenario,
     tail_law: TailLaw | None = None,
     schedule: DriverLaw | Schedule | None = None,
-    lean: bool = False,
+    minimal: bool = False,
 ) -> Build:
     """Returns what adds driver and tail controller of a scenario; see `assemble`."""
 
@@ -78,7 +78,7 @@ def default_build(
             station=station,
             controller_rate=law.rate,
         )
-        idle = lean and tail_law is None and scenario.tail.mode == "none"
+        idle = minimal and tail_law is None and scenario.tail.mode == "none"
         controller = TailController.add_to_builder(
             builder, scenario, station=station, driver=driver, law=law, idle=idle
         )
@@ -93,25 +93,25 @@ def assemble(
     interface: InterfaceFactory | None = None,
     meshcat: Meshcat | None = None,
     tail_law: TailLaw | None = None,
-    lean: bool = False,
+    minimal: bool = False,
     schedule: DriverLaw | Schedule | None = None,
     build: Build | None = None,
 ) -> CarDiagram:
     """Connects station, what drives it, and estimator; the controllers stand outside the station.
 
     The tail follows `tail_law`, the driver `schedule`, which may be a law, or by default what the
-    scenario names; `build` adds something else in place of both. With `lean`, what no metric of a
-    run needs is left out: most of the truth, the estimator of roll and, without tail, the ticks of
-    its controller.
+    scenario names; `build` adds something else in place of both. With `minimal`, what no metric of
+    a run needs is left out: most of the truth, the estimator of roll and, without tail, the ticks
+    of its controller.
 
     Raises:
         UserError: `build` leaves an input port of the station without connection, or names columns
             that are there.
     """
     builder = OpenBuilder()
-    station = make_car_station(scenario, interface, meshcat, with_truth=not lean)
+    station = make_car_station(scenario, interface, meshcat, with_truth=not minimal)
     builder.AddSystem(station)
-    (build or default_build(scenario, tail_law, schedule, lean))(builder, station)
+    (build or default_build(scenario, tail_law, schedule, minimal))(builder, station)
     ports = builder.sources(station)
     missing = [name for name in STATION_INPUTS if name not in ports]
     if missing:
@@ -125,7 +125,7 @@ def assemble(
         else:
             ports[name] = constant(builder, f"no_{name}", [0.0])
     sources: list[System] = [station]
-    if not lean:
+    if not minimal:
         from aerodima.workbench.car.roll_estimator import RollEstimator
         from aerodima.workbench.car.roll_filter import RollFilterSettings
 

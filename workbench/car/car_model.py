@@ -6,11 +6,8 @@ load of the car without its tail arm, and the wheel centres sit one static tyre 
 unloaded radius.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.multibody.tree import UnitInertia
@@ -19,12 +16,10 @@ from aerodima.workbench.car.tail_plant import ground_partner_friction
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.sdf_model import Inertial, SdfModel
+from aerodima.workbench.scenario.car_parameters import CarParameters, DriveParameters
+from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import AXLES, SIDES
-
-if TYPE_CHECKING:
-    from aerodima.workbench.scenario.car_parameters import CarParameters, DriveParameters
-    from aerodima.workbench.scenario.scenario import Scenario
-    from aerodima.workbench.scenario.tail_parameters import TailParameters
+from aerodima.workbench.scenario.tail_parameters import TailParameters
 
 CAR_SDF = "car/car.sdf"
 
@@ -42,18 +37,18 @@ CAGE_STIFFNESS = 1.0e5
 EDGE_HALF_WIDTH = 0.002
 """Half the width (m) of each edge of a tyre: narrow against any tyre, so that its contact point
 stays on it."""
-RIGID_SLIP = 1e-4
+MIN_STICTION_TOLERANCE = 1e-4
 """Slip (m/s) over which Drake spreads friction by default, that of rigid tyres."""
 
 
-def slip_speed(car: CarParameters, speed: float) -> float:
+def stiction_tolerance(car: CarParameters, speed: float) -> float:
     """Slip (m/s) over which the friction of the tyres is spread, at the speed (m/s) of a run.
 
-    A tyre that slips at v feels friction x load x v / sqrt(v^2 + slip_speed^2), along and across
+    A tyre that slips at v feels friction x load x v / sqrt(v^2 + tolerance^2), along and across
     alike: at small slip angles its cornering stiffness is friction x load / `tyre_slip_angle`, the
     same for both axles.
     """
-    return max(RIGID_SLIP, math.tan(car.tyre_slip_angle) * speed)
+    return max(MIN_STICTION_TOLERANCE, math.tan(car.tyre_slip_angle) * speed)
 
 
 @dataclass(frozen=True)
@@ -193,11 +188,9 @@ def _set_gearbox(model: SdfModel, car: CarParameters, tail: TailParameters) -> N
     model.set_inertial(
         "gearbox", Inertial.solid(car.gearbox_mass, UnitInertia.SolidBox(length, width, height))
     )
-    model.set_shape("gearbox", "gearbox", size=f"{length:.9g} {width:.9g} {height:.9g}")
+    model.set_shape("gearbox", "gearbox", size=(length, width, height))
     reach = tail.mount_x - car.gearbox_x
-    model.set_shape(
-        "gearbox", "shaft", (reach / 2, 0, height / 2), length=f"{max(abs(reach), 0.001):.9g}"
-    )
+    model.set_shape("gearbox", "shaft", (reach / 2, 0, height / 2), length=max(abs(reach), 0.001))
 
 
 def _set_board(model: SdfModel, car: CarParameters) -> None:
@@ -215,11 +208,11 @@ def _set_board(model: SdfModel, car: CarParameters) -> None:
     model.set_inertial(
         "board", Inertial.solid(car.board_mass, UnitInertia.SolidBox(length, width, thickness))
     )
-    model.set_shape("board", "board", size=f"{length:.9g} {width:.9g} {thickness:.9g}")
+    model.set_shape("board", "board", size=(length, width, thickness))
     radius = thickness / 2
     for side, sign in (("left", 1), ("right", -1)):
         corner = (radius - length / 2, sign * (width / 2 - radius), 0.0)
-        model.set_shape("board", f"board_{side}", corner, radius=f"{radius:.9g}")
+        model.set_shape("board", f"board_{side}", corner, radius=radius)
 
 
 def _set_drive_shaft(model: SdfModel, drive: DriveParameters, height: float) -> None:
@@ -259,9 +252,7 @@ def _set_axle(model: SdfModel, car: CarParameters, axle: str, statics: AxleStati
             model.set_inertial(f"{wheel}_knuckle", knuckle)
         model.set_link_position(f"{wheel}_wheel", position)
         model.set_inertial(f"{wheel}_wheel", wheel_inertial)
-        model.set_shape(
-            f"{wheel}_wheel", "rim", radius=f"{0.6 * radius:.9g}", length=f"{width + 0.002:.9g}"
-        )
+        model.set_shape(f"{wheel}_wheel", "rim", radius=0.6 * radius, length=width + 0.002)
         _set_tyre(model, f"{wheel}_wheel", car, tyre)
 
 
@@ -276,10 +267,8 @@ def _set_tyre(model: SdfModel, link: str, car: CarParameters, stiffness: float) 
     """
     radius = car.tyre_radius
     width = car.tyre_width
-    model.set_shape(link, "tyre_tread", radius=f"{radius:.9g}", length=f"{width:.9g}")
-    model.set_shape(
-        link, "spoke", size=f"{1.05 * radius:.9g} {width + 0.004:.9g} {0.18 * radius:.9g}"
-    )
+    model.set_shape(link, "tyre_tread", radius=radius, length=width)
+    model.set_shape(link, "spoke", size=(1.05 * radius, width + 0.004, 0.18 * radius))
     edges = {"tyre_left": width / 2 - EDGE_HALF_WIDTH, "tyre_right": EDGE_HALF_WIDTH - width / 2}
     half_width = EDGE_HALF_WIDTH
     if car.tyre_shape == "ellipsoid":
@@ -287,9 +276,7 @@ def _set_tyre(model: SdfModel, link: str, car: CarParameters, stiffness: float) 
         edges = {"tyre_left": 0.0}
         half_width = width / 2
     for shape, y in edges.items():
-        model.set_shape(
-            link, shape, (0.0, y, 0.0), radii=f"{radius:.9g} {half_width:.9g} {radius:.9g}"
-        )
+        model.set_shape(link, shape, (0.0, y, 0.0), radii=(radius, half_width, radius))
         model.set_contact(
             link, shape, stiffness / len(edges), car.tyre_dissipation, car.tyre_friction
         )

@@ -5,11 +5,9 @@ Discrete plant with point contact, `kLagged` approximation and tyres that stand 
 at nominal ride height.
 """
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from pydrake.geometry import (
@@ -32,15 +30,13 @@ from pydrake.multibody.plant import (
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from aerodima.workbench.car.car_model import car_sdf, slip_speed
-from aerodima.workbench.car.tail_plant import LEAST_INERTIA_LEFT, added_mass_layout, tail_sdf
+from aerodima.workbench.aero.added_mass import AddedMass, add_added_mass
+from aerodima.workbench.car.car_model import car_sdf, stiction_tolerance
+from aerodima.workbench.car.tail_plant import MIN_INERTIA_FRACTION, added_mass_layout, tail_sdf
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.resources import models_dir
 from aerodima.workbench.core.sdf_model import SdfModel
-
-if TYPE_CHECKING:
-    from aerodima.workbench.aero.added_mass import AddedMass
-    from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.scenario import Scenario
 
 GROUND_STIFFNESS = 1.0e10
 """Contact stiffness (N/m) of the ground: rigid against any tyre, so that the pair has the tyre's
@@ -75,12 +71,6 @@ class CarPlant:
         if self.tail is None:
             return [self.car]
         return [self.car, self.tail]
-
-    @property
-    def actuated_joints(self) -> list[str]:
-        """Joints of the car alone, in the order of its actuation."""
-        indices = self.plant.GetJointActuatorIndices(self.car)
-        return [self.plant.get_joint_actuator(index).joint().name() for index in indices]
 
 
 def add_car_plant(
@@ -122,17 +112,19 @@ def add_car_plant(
         plant.GetJointByName("tail_roll").set_default_angle(scenario.resting_roll)
         plant.GetJointByName("tail_pitch").set_default_angle(scenario.resting_pitch)
         added = _added_mass(plant, scenario)
-    plant.set_stiction_tolerance(slip_speed(scenario.car, scenario.manoeuvre.speed))
+    plant.set_stiction_tolerance(stiction_tolerance(scenario.car, scenario.manoeuvre.speed))
     plant.set_contact_model(ContactModel.kPoint)
     plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
     plant.SetUseSampledOutputPorts(sampled_outputs)
     plant.Finalize()
     result = CarPlant(plant, scene_graph, car, tail)
-    _let_parts_pass_each_other(plant, scene_graph, result.instances)
+    _exclude_self_collisions(plant, scene_graph, result.instances)
     if added is not None:
         try:
             added.add_to_builder(
-                builder, wind_acceleration=wind_acceleration, least_left=LEAST_INERTIA_LEFT
+                builder,
+                wind_acceleration=wind_acceleration,
+                min_inertia_fraction=MIN_INERTIA_FRACTION,
             )
         except ModelError as error:
             raise ModelError(f"tail.added_mass: {error}") from None
@@ -159,11 +151,17 @@ def _added_mass(plant: MultibodyPlant, scenario: Scenario) -> AddedMass | None:
     tail = scenario.tail
     if tail.added_mass == 0.0:
         return None
-    from aerodima.workbench.aero.added_mass import add_added_mass
-
     return add_added_mass(
         plant, plant.GetBodyByName("tail_rod"), added_mass_layout(tail), tail.added_mass
     )
+
+
+def strict_parser(plant: MultibodyPlant) -> Parser:
+    """Makes a parser that finds the meshes of `models/` and takes a warning as an error."""
+    parser = Parser(plant)
+    parser.package_map().Add(MODELS_PACKAGE, str(models_dir()))
+    parser.SetStrictParsing()
+    return parser
 
 
 def parse_model(plant: MultibodyPlant, model: SdfModel, drawn: bool = True) -> ModelInstanceIndex:
@@ -173,11 +171,8 @@ def parse_model(plant: MultibodyPlant, model: SdfModel, drawn: bool = True) -> M
     if not drawn:
         for link in model.model.findall("link"):
             model.remove_shapes(str(link.get("name")), kind="visual")
-    parser = Parser(plant)
-    parser.package_map().Add(MODELS_PACKAGE, str(models_dir()))
-    parser.SetStrictParsing()
     try:
-        (instance,) = parser.AddModelsFromString(model.text(), "sdf")
+        (instance,) = strict_parser(plant).AddModelsFromString(model.text(), "sdf")
     except RuntimeError as error:
         raise ModelError(f"{model.path}: does not load in Drake: {error}") from None
     return instance
@@ -185,7 +180,7 @@ def parse_model(plant: MultibodyPlant, model: SdfModel, drawn: bool = True) -> M
 
 def _add_ground(plant: MultibodyPlant, friction: float) -> None:
     # A filter that is there already is not added again.
-    logging.getLogger("drake").addFilter(is_news)
+    logging.getLogger("drake").addFilter(drop_half_space_warning)
     properties = ProximityProperties()
     AddContactMaterial(
         dissipation=0.0,
@@ -202,10 +197,10 @@ def _add_ground(plant: MultibodyPlant, friction: float) -> None:
     )
 
 
-def _let_parts_pass_each_other(
+def _exclude_self_collisions(
     plant: MultibodyPlant, scene_graph: SceneGraph, instances: list[ModelInstanceIndex]
 ) -> None:
-    """Contact acts between car and ground only; the tail's range is a limit of its joints."""
+    """Excludes contacts between parts of the car; the tail's range is a limit of its joints."""
     geometries: list[GeometryId] = []
     for instance in instances:
         for body in plant.GetBodyIndices(instance):
@@ -215,6 +210,6 @@ def _let_parts_pass_each_other(
     )
 
 
-def is_news(record: logging.LogRecord) -> bool:
-    """False for what Drake says about the ground of every car."""
+def drop_half_space_warning(record: logging.LogRecord) -> bool:
+    """Returns False for what Drake says about the ground of every car."""
     return record.getMessage() != HALF_SPACE_WARNING

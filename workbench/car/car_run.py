@@ -66,10 +66,10 @@ def run_car(
         RunRecorder.add_to_builder(car.builder, rows, car.signals, settings.log_rate, settings.step)
         sections: SectionWatch | None = None
         if car.station.HasOutputPort("tail_sections_truth"):
-            seen = car.station.GetOutputPort("tail_sections_truth")
+            flow = car.station.GetOutputPort("tail_sections_truth")
             valid = car.station.GetOutputPort("tail_validity_truth")
             sections = SectionWatch.add_to_builder(
-                car.builder, "section_watch", seen, valid, scenario.controller.rate
+                car.builder, "section_watch", flow, valid, scenario.controller.rate
             )
         simulator = Simulator(car.builder.Build())
         _set_rolling(car, simulator.get_mutable_context(), scenario, start_speed(scenario))
@@ -98,7 +98,7 @@ def run_outcome(
     `speed`, m/s, straight ahead, or by default as the manoeuvre says.
     """
     car = assemble(
-        scenario, meshcat=view.meshcat, tail_law=law, lean=True, schedule=schedule, build=build
+        scenario, meshcat=view.meshcat, tail_law=law, minimal=True, schedule=schedule, build=build
     )
     with _released(car, build):
         outcome = OutcomeRecord(car.builder, car.station, scenario, car.signals)

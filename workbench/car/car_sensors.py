@@ -7,18 +7,18 @@ a Python object.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import Context
 
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.elementwise import rotation_rows
-from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_wiring import vector_of
-from aerodima.workbench.core.quantity import STANDARD_GRAVITY
+from aerodima.workbench.core.quantity import NO_UNIT, STANDARD_GRAVITY, check_range
 from aerodima.workbench.core.sampled import TURN, AngleEncoder, CounterNoise, SampledSensor
 from aerodima.workbench.scenario.signal_table import IMU
+from aerodima.workbench.scenario.tail_parameters import TailMotorParameters
 
 CHASSIS_MOTION_SIZE = 20
 """Quaternion w, x, y, z; position, m; angular velocity, rad/s, and velocity, m/s, in W; angular
@@ -29,6 +29,10 @@ GYRO_RANGE = math.radians(2000.0)
 """Where each gyroscope axis saturates, rad/s; BNO055 in fusion mode (Bosch BST-BNO055-DS000)."""
 FORCE_RANGE = 4.0 * STANDARD_GRAVITY
 """Where each axis of its accelerometer saturates, m/s2, gravity included."""
+POSITION_BITS = 16
+"""Word of a position in the AK70-10's reply in MIT mode (design section 14)."""
+SPEED_BITS = 12
+"""Word of a speed in that reply."""
 STEPS = np.repeat([1.0 / 900.0, 1.0 / 900.0, 0.01], 3)
 """Resolution of the BNO055: rad of the attitude, rad/s and m/s2 per count."""
 
@@ -45,7 +49,7 @@ class ChassisMotion(NamedTuple):
 
 
 def chassis_motion(values: Any, step: float) -> ChassisMotion:
-    """What a vector of `CHASSIS_MOTION_SIZE` says, for a plant of this step, s."""
+    """Reads the motion from a vector of `CHASSIS_MOTION_SIZE`, for a plant of this step, s."""
     x = values.tolist()
     change = [x[19] * (x[7 + k] - x[13 + k]) / step for k in range(6)]
     return ChassisMotion(rotation_rows(x[:4]), x[7:10], change[:3], change[3:])
@@ -115,7 +119,7 @@ class Imu(SampledSensor):
     Output ports:
         imu (9): roll, pitch, yaw rad; gyro rad/s; linear acceleration m/s2, in body axes
             (`signal_table.IMU`).
-        sample_time (1), age (1): s, see `SampledSensor`.
+        sample_time (1): s, see `SampledSensor`.
 
     Args:
         settings: `scenario.imu`: rate Hz, delay s; standard deviations gyro_noise rad/s, gyro_bias
@@ -140,11 +144,13 @@ class Imu(SampledSensor):
         discrete: bool = False,
         gravity: float = 9.81,
     ) -> None:
-        outputs = {"imu": IMU.size}
-        rate = settings.rate
-        delay = settings.delay
         super().__init__(
-            name="imu", outputs=outputs, rate=rate, delay=delay, step=step, discrete=discrete
+            name="imu",
+            outputs={"imu": IMU.size},
+            rate=settings.rate,
+            delay=settings.delay,
+            step=step,
+            discrete=discrete,
         )
         self._step = step
         self._p_BoImu_B = list(p_BoImu_B)
@@ -157,7 +163,7 @@ class Imu(SampledSensor):
         self._bias = self._noise.constant() * np.repeat([0.0, settings.gyro_bias, 0.0], 3)
         self._counts = 1.0 / STEPS
 
-    def measure(self, context: Context, index: int) -> np.ndarray:
+    def measure(self, context: Context, index: int) -> FloatArray:
         """One sample (9,) of the body's motion."""
         motion = chassis_motion(vector_of(self._motion, context), self._step)
         angles, omega, acceleration = motion_at_imu(motion, self._p_BoImu_B)
@@ -184,7 +190,7 @@ class GpsSpeed(SampledSensor):
         chassis_motion (20): see `CHASSIS_MOTION_SIZE`.
     Output ports:
         speed (1): m/s.
-        sample_time (1), age (1): s, see `SampledSensor`.
+        sample_time (1): s, see `SampledSensor`.
 
     Args:
         settings: `scenario.gps`: rate Hz, delay s, noise m/s (standard deviation).
@@ -197,17 +203,19 @@ class GpsSpeed(SampledSensor):
     """
 
     def __init__(self, settings: Any, *, seed: int, step: float, discrete: bool = False) -> None:
-        outputs = {"speed": 1}
-        rate = settings.rate
-        delay = settings.delay
         super().__init__(
-            name="gps", outputs=outputs, rate=rate, delay=delay, step=step, discrete=discrete
+            name="gps",
+            outputs={"speed": 1},
+            rate=settings.rate,
+            delay=settings.delay,
+            step=step,
+            discrete=discrete,
         )
         self._motion = self.DeclareVectorInputPort("chassis_motion", CHASSIS_MOTION_SIZE)
         self._deviation = settings.noise
         self._noise = CounterNoise(seed, "gps", 1)
 
-    def measure(self, context: Context, index: int) -> np.ndarray:
+    def measure(self, context: Context, index: int) -> FloatArray:
         """One sample (1,): speed in m/s."""
         v_x, v_y = vector_of(self._motion, context)[10:12]
         speed = math.hypot(v_x, v_y) + self._deviation * self._noise.at(index)[0]
@@ -243,8 +251,7 @@ class SailEncoder(AngleEncoder):
         window: float = 0.02,
     ) -> None:
         super().__init__("sail_encoder", settings.rate, settings.delay, window, step, discrete)
-        if not 4 <= settings.bits <= 20:
-            raise UserError(f"sail_encoder.bits: {settings.bits}; allowed: 4 to 20")
+        check_range("sail_encoder.bits", settings.bits, 4, 20, NO_UNIT)
         self._steps = 2**settings.bits
         self._noise = CounterNoise(seed, "sail_encoder", 1)
         self._deviation = settings.noise
@@ -253,23 +260,6 @@ class SailEncoder(AngleEncoder):
         """See `AngleEncoder.reading`; in [0, 2 pi)."""
         noisy = angle + self._deviation * float(self._noise.at(index)[0])
         return noisy / TURN * self._steps // 1.0 % self._steps * (TURN / self._steps)
-
-
-@dataclass(frozen=True)
-class MotorReply:
-    """Words of the AK70-10's reply in MIT mode (design section 14).
-
-    Args:
-        position_range: rad, to either side.
-        speed_range: rad/s, to either side.
-        position_bits: word length.
-        speed_bits: word length.
-    """
-
-    position_range: float = 12.5
-    speed_range: float = 50.0
-    position_bits: int = 16
-    speed_bits: int = 12
 
 
 def quantise_symmetric(value: float, limit: float, bits: int) -> float:
@@ -292,11 +282,11 @@ class MotorEncoder(SampledSensor):
     Output ports:
         angles (2): pitch, roll, rad.
         rates (2): pitch, roll, rad/s.
-        sample_time (1), age (1): s, see `SampledSensor`.
+        sample_time (1): s, see `SampledSensor`.
 
     Args:
         rate: Hz, one reply per command.
-        reply: ranges and word lengths.
+        motor: ranges of its reply.
         step: of the plant, s.
         discrete: whether the plant is discrete, see `SampledSensor`.
 
@@ -307,26 +297,25 @@ class MotorEncoder(SampledSensor):
     def __init__(
         self,
         rate: float,
-        reply: MotorReply,
+        motor: TailMotorParameters,
         *,
         step: float | None = None,
         discrete: bool = False,
     ) -> None:
-        outputs = {"angles": 2, "rates": 2}
         super().__init__(
             name="tail_encoders",
-            outputs=outputs,
+            outputs={"angles": 2, "rates": 2},
             rate=rate,
             delay=0.0,
             step=step,
             discrete=discrete,
         )
         self._joints = self.DeclareVectorInputPort("joints", 4)
-        angle = (reply.position_range, reply.position_bits)
-        speed = (reply.speed_range, reply.speed_bits)
+        angle = (motor.position_range, POSITION_BITS)
+        speed = (motor.speed_range, SPEED_BITS)
         self._words = (angle, angle, speed, speed)
 
-    def measure(self, context: Context, index: int) -> np.ndarray:
+    def measure(self, context: Context, index: int) -> FloatArray:
         """One sample (4,)."""
         values = vector_of(self._joints, context).tolist()
         return np.array(

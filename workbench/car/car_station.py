@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, System
-from pydrake.systems.primitives import Multiplexer, PassThrough
+from pydrake.systems.primitives import PassThrough
 
 from aerodima.workbench.car.ak70 import (
     TAIL_JOINTS,
@@ -22,15 +22,16 @@ from aerodima.workbench.car.ak70 import (
     TailMotorFactory,
     add_tail_motor,
 )
+from aerodima.workbench.car.car_air import TailAerodynamics, add_sail_report, add_wind_source
 from aerodima.workbench.car.car_plant import CarPlant, add_car_plant
 from aerodima.workbench.car.car_sensors import (
     GpsSpeed,
     Imu,
     MotorEncoder,
-    MotorReply,
     SailEncoder,
 )
 from aerodima.workbench.car.chassis_actuators import DriveTrain, SteeringServo
+from aerodima.workbench.car.ground_truth import CarTruth
 from aerodima.workbench.car.plant_ports import PlantPorts
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_contract import (
@@ -39,17 +40,14 @@ from aerodima.workbench.core.port_contract import (
     export_outputs,
     require_ports,
 )
-from aerodima.workbench.core.port_wiring import add_and_connect, concatenate
+from aerodima.workbench.core.port_wiring import PortSlice, add_and_connect, concatenate
+from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import (
     STATION_INPUTS,
     STATION_OUTPUTS,
     STATUS,
     TAIL_COMMAND,
 )
-
-if TYPE_CHECKING:
-    from aerodima.workbench.car.car_air import TailAerodynamics
-    from aerodima.workbench.scenario.scenario import Scenario
 
 NOT_FITTED = 1.0
 """Fault code on `status` of a part that this car does not have, such as the motors of a car without
@@ -127,8 +125,6 @@ def _add_simulated_car(
     # The plant, and the wind that pushes its added mass.
     wind = None
     if scenario.tail.mode != "none":  # the air acts on a tail only
-        from aerodima.workbench.car.car_air import add_wind_source
-
         wind = add_wind_source(builder, scenario)
     drawn = with_truth or meshcat is not None
     gust = None
@@ -150,7 +146,8 @@ def _add_simulated_car(
     if car.tail is None:
         tail = None
         ports.drive(torques, steering)
-        inputs |= _ignored_commands(builder)
+        for joint in TAIL_JOINTS:
+            inputs[f"{joint}_command"] = _ignored(builder, f"{joint}_command")
         motor_torques = ports.motion("tail_torque")
     else:
         tail = TailDrives.add_to_builder(builder, scenario, car, ports, air, tail_motor)
@@ -176,18 +173,15 @@ def _add_simulated_car(
         MeshcatVisualizer.AddToBuilder(builder, car.scene_graph, meshcat)
 
 
-def _ignored_commands(builder: DiagramBuilder) -> dict[str, InputPort]:
-    """Adds a system that takes the commands of a tail that is not there; returns its ports."""
-    ignored = Multiplexer([TAIL_COMMAND.size] * len(TAIL_JOINTS))
-    builder.AddNamedSystem("ignored_commands", ignored)
-    return {
-        f"{joint}_command": ignored.get_input_port(index) for index, joint in enumerate(TAIL_JOINTS)
-    }
+def _ignored(builder: DiagramBuilder, command: str) -> InputPort:
+    """Adds a system that takes a command to a tail motor that needs none; returns its port."""
+    ignored = PassThrough(TAIL_COMMAND.size)
+    return builder.AddNamedSystem(f"ignored_{command}", ignored).get_input_port()
 
 
 @dataclass(frozen=True)
 class TailDrives:
-    """What drives the tail of a car.
+    """Drives of the tail of a car.
 
     Attributes:
         commands: input ports of the motors, by their names on the station.
@@ -212,8 +206,6 @@ class TailDrives:
         tail_motor: TailMotorFactory,
     ) -> TailDrives:
         """Adds two motors, the friction of their joints, and the air on the sail."""
-        from aerodima.workbench.car.car_air import TailAerodynamics
-
         commands = {}
         torques = []
         for joint in TAIL_JOINTS:
@@ -229,13 +221,11 @@ class TailDrives:
             if motor.HasInputPort("tail_command"):
                 commands[f"{joint}_command"] = motor.GetInputPort("tail_command")
             else:
-                ignored = PassThrough(TAIL_COMMAND.size)
-                builder.AddNamedSystem(f"ignored_{joint}_command", ignored)
-                commands[f"{joint}_command"] = ignored.get_input_port()
+                commands[f"{joint}_command"] = _ignored(builder, f"{joint}_command")
         motor_torques = concatenate(builder, "motor_torques", torques)
         friction = add_and_connect(
             builder,
-            JointFriction(scenario),
+            JointFriction(scenario.friction, len(TAIL_JOINTS)),
             rates=ports.motion("tail_rates"),
             motor_torques=motor_torques,
         )
@@ -280,13 +270,12 @@ def _add_encoders(
     builder: DiagramBuilder, scenario: Scenario, ports: PlantPorts, air: TailAerodynamics
 ) -> tuple[OutputPort, dict[str, System]]:
     """Adds the encoders of the tail; returns the port `tail_state`, and who reports by age."""
-    motor = scenario.tail_motor
     step = scenario.simulation.step
-    reply = MotorReply(motor.position_range, motor.speed_range)
-    encoders = MotorEncoder(scenario.controller.rate, reply, step=step, discrete=True)
+    encoders = MotorEncoder(scenario.controller.rate, scenario.tail_motor, step=step, discrete=True)
     add_and_connect(builder, encoders, joints=ports.motion("tail_joints"))
     ages: dict[str, System] = {f"{part}_age": encoders for part in TAIL_PARTS}
-    angle = rate = ports.zero
+    angle: PortSlice = ports.zero
+    rate: PortSlice = ports.zero
     if scenario.tail.sail != "locked":
         sail = SailEncoder(scenario.sail_encoder, seed=scenario.seed, step=step, discrete=True)
         if scenario.tail.sail == "free":
@@ -310,10 +299,9 @@ def _add_status(builder: DiagramBuilder, sensors: dict[str, System]) -> OutputPo
     return add_status(
         builder,
         STATUS,
-        {},
+        {name: sensor.GetOutputPort("sample_time") for name, sensor in sensors.items()},
         healthy,
-        samples={name: sensor.GetOutputPort("sample_time") for name, sensor in sensors.items()},
-        faults={f"{part}_fault": fault for part in TAIL_PARTS},
+        {f"{part}_fault": fault for part in TAIL_PARTS},
     )
 
 
@@ -327,8 +315,6 @@ def _add_truth(
     wind: OutputPort | None,
 ) -> dict[str, OutputPort]:
     """Adds what only a simulation knows; returns the ports to export."""
-    from aerodima.workbench.car.ground_truth import CarTruth
-
     plant = car.plant
     contacts = plant.get_contact_results_output_port()
     sources = {
@@ -343,8 +329,6 @@ def _add_truth(
     }
     names = ["body_truth", "contact_truth"]
     if tail is not None:
-        from aerodima.workbench.car.car_air import add_sail_report
-
         report = add_sail_report(builder, plant, scenario, wind)
         force = tail.air.GetOutputPort("force")
         sources["tail_torque"] = tail.motor_torques

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
 
@@ -16,12 +14,9 @@ from aerodima.workbench.car.laws import (
     shaft_torque,
     steering_motion,
 )
-from aerodima.workbench.core.port_wiring import add_and_connect, vector_of
-from aerodima.workbench.core.system_lifetime import weak_callback
+from aerodima.workbench.core.port_wiring import add_and_connect, declare_output, vector_of
+from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import WHEELS
-
-if TYPE_CHECKING:
-    from aerodima.workbench.scenario.scenario import Scenario
 
 
 class DriveTrain(LeafSystem):
@@ -50,8 +45,7 @@ class DriveTrain(LeafSystem):
         self._rolling = [rolling[wheel.split("_")[0]] for wheel in WHEELS]
         self._throttle = self.DeclareVectorInputPort("throttle", 1)
         self._spins = self.DeclareVectorInputPort("spins", 1 + len(WHEELS))
-        inputs = {self.all_input_ports_ticket()}
-        self.DeclareVectorOutputPort("torques", 1 + len(WHEELS), weak_callback(self._calc), inputs)
+        declare_output(self, "torques", 1 + len(WHEELS), self._calc)
 
     @classmethod
     def add_to_builder(
@@ -93,8 +87,7 @@ class SteeringServo(LeafSystem):
         self._car = scenario.car
         self._command = self.DeclareVectorInputPort("steering_angle", 1)
         self._last_frame = self.DeclareVectorInputPort("last_frame", 4)
-        inputs = {self.time_ticket(), self.all_input_ports_ticket()}
-        self.DeclareVectorOutputPort("steering", 7, weak_callback(self._calc), inputs)
+        declare_output(self, "steering", 7, self._calc, timed=True)
 
     @classmethod
     def add_to_builder(

@@ -1,13 +1,11 @@
-"""Where the tail can go without touching the car: clearance over pitch and roll by signed distances
-of drawn shapes.
+"""Range of motion in which the tail does not touch the car: clearance over pitch and roll by signed
+distances of drawn shapes.
 
 The contact model of a run knows only the few points of car and tail that meet the ground; here
 every shape that the model draws takes part: rod and sail against cage, deck, board, wheels and
 ground. The gearbox that carries the joints is left out, as the rod ends on it and its bracket is
 not published. Only rod and sail are asked, not the hub.
 """
-
-from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.quantity import NO_UNIT, check_range
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.tail_parameters import TailParameters
 
@@ -80,8 +78,7 @@ def make_range_of_motion(
         ModelError: the car does not load.
     """
     for name, count in (("pitch", pitch_count), ("roll", roll_count)):
-        if not 3 <= count <= 1001:
-            raise UserError(f"{name} nodes: {count}; allowed: 3 to 1001")
+        check_range(f"{name} nodes", count, 3, 1001, NO_UNIT)
     query = TailQuery(scenario.varied(tail={"mode": "swing"}))
     tail = scenario.tail
     pitch = np.linspace(-tail.pitch_limit, tail.pitch_limit, pitch_count)
@@ -146,7 +143,7 @@ class TailQuery:
         ]
 
     def clearances(self, pitch: float, roll: float) -> list[float]:
-        """To each of `PARTS`, m."""
+        """Returns the distance to each of `PARTS`, m."""
         for joint, angle in zip(self._joints, (pitch, roll), strict=True):
             joint.set_angle(self._context, angle)
         query: Any = self._query_port.Eval(self._graph_context)
@@ -234,7 +231,7 @@ def _register_ground(graph: Any, source: Any) -> Any:
 
 
 def _part(body: str, geometry: str) -> str | None:
-    """Which of `PARTS` a drawn shape belongs to; None for what the tail need not avoid."""
+    """Returns which of `PARTS` a drawn shape belongs to; None for what the tail need not avoid."""
     if body.endswith("_wheel"):
         return "wheels"
     if body not in ("chassis", "board"):

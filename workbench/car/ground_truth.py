@@ -2,8 +2,6 @@
 logs and metrics.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -26,9 +24,9 @@ from aerodima.workbench.car.car_sensors import (
     motion_at_imu,
 )
 from aerodima.workbench.car.tail_plant import tail_geometry
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.port_fields import PortFields
-from aerodima.workbench.core.port_wiring import vector_of
-from aerodima.workbench.core.system_lifetime import weak_callback
+from aerodima.workbench.core.port_wiring import declare_output, vector_of
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import CAR_TRUTH, GROUND_CONTACTS, WHEELS, names_of
 
@@ -108,7 +106,7 @@ def _body_truth(place: Any, velocity: Any, motion: ChassisMotion, p_BoImu_B: Any
 
 
 class PlantTruth(_Kinematics):
-    """What a plant knows of its motion. Evaluated only when somebody reads it, such as the run log.
+    """Motion of a plant. Evaluated only when somebody reads it, such as the run log.
 
     Everything comes from the plant's state through a context of its own.
 
@@ -139,13 +137,11 @@ class PlantTruth(_Kinematics):
         self._base = base
         self._bodies = list(bodies)
         self._instances = own_instances(plant)
-        self.DeclareVectorOutputPort("com", len(COM_COLUMNS), weak_callback(self._calc_com))
+        declare_output(self, "com", len(COM_COLUMNS), self._calc_com)
         if base is not None:
-            self.DeclareVectorOutputPort("base", len(BASE_COLUMNS), weak_callback(self._calc_base))
+            declare_output(self, "base", len(BASE_COLUMNS), self._calc_base)
         if self._bodies:
-            self.DeclareVectorOutputPort(
-                "poses", 7 * len(self._bodies), weak_callback(self._calc_poses)
-            )
+            declare_output(self, "poses", 7 * len(self._bodies), self._calc_poses)
         for tail in tails:
             self._declare_tail(tail)
 
@@ -199,7 +195,7 @@ class PlantTruth(_Kinematics):
 
 
 class CarTruth(_Kinematics):
-    """What the plant knows and the car does not.
+    """Ground truth of the car: motion, contacts and tail, as no sensor gives them.
 
     Evaluated only when somebody reads it, such as the run log.
 
@@ -233,10 +229,8 @@ class CarTruth(_Kinematics):
             "contact_results", Value(ContactResults())
         )
         self._drive_port = self.DeclareVectorInputPort("drive_torque", 1)
-        self.DeclareVectorOutputPort("body_truth", BODY_TRUTH.size, weak_callback(self._calc_body))
-        self.DeclareVectorOutputPort(
-            "contact_truth", CONTACT_TRUTH.size, weak_callback(self._calc_contact)
-        )
+        declare_output(self, "body_truth", BODY_TRUTH.size, self._calc_body)
+        declare_output(self, "contact_truth", CONTACT_TRUTH.size, self._calc_contact)
         if self._tail is not None:
             self._p_ToTip_T = tail_geometry(scenario.tail).arm.points[-1]
             self._rod = plant.GetBodyByName("tail_rod").index()
@@ -244,9 +238,7 @@ class CarTruth(_Kinematics):
             self._tail_rates = [nq + joint.velocity_start() for joint in joints]
             self._torque_port = self.DeclareVectorInputPort("tail_torque", 2)
             self._air_port = self.DeclareVectorInputPort("tail_air", 6)
-            self.DeclareVectorOutputPort(
-                "tail_truth", TAIL_TRUTH.size, weak_callback(self._calc_tail)
-            )
+            declare_output(self, "tail_truth", TAIL_TRUTH.size, self._calc_tail)
 
     def _calc_body(self, context: Context, output: BasicVector) -> None:
         values = vector_of(self._motion_port, context)
@@ -306,7 +298,7 @@ class CarTruth(_Kinematics):
 
 def ground_forces(
     results: ContactResults, slots: dict[int, str]
-) -> Iterator[tuple[str, np.ndarray, PointPairContactInfo]]:
+) -> Iterator[tuple[str, FloatArray, PointPairContactInfo]]:
     """Slot (`contact_slots`), ground's force (3) in W, N, Drake's account of each contact."""
     for index in range(results.num_point_pair_contacts()):
         info = results.point_pair_contact_info(index)

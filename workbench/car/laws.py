@@ -5,21 +5,17 @@ hardware call it. Those whose arguments are `Any` take floats or arrays that bro
 positive along the axis of their joint.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from aerodima.workbench.core.elementwise import clip, maximum, minimum, tanh
-
-if TYPE_CHECKING:
-    from aerodima.workbench.scenario.car_parameters import (
-        CarParameters,
-        DriveParameters,
-        ServoParameters,
-    )
-    from aerodima.workbench.scenario.tail_parameters import TailMotorParameters
+from aerodima.workbench.scenario.car_parameters import (
+    CarParameters,
+    DriveParameters,
+    ServoParameters,
+)
+from aerodima.workbench.scenario.tail_parameters import TailMotorParameters
 
 ROLLING_RATE = 1.0
 """Rate (rad/s) of a wheel over which its rolling resistance is rounded off."""
@@ -195,15 +191,6 @@ def ackermann(steering_angle: float, wheelbase: float, track: float) -> tuple[fl
     return math.atan2(tangent, 1.0 - half), math.atan2(tangent, 1.0 + half)
 
 
-def knuckle_angles(
-    steering_angle: float, servo: ServoParameters, car: CarParameters
-) -> tuple[float, float]:
-    """Returns the angles (rad) of the left and right front wheel for a steering angle."""
-    if servo.linkage == "parallel":
-        return steering_angle, steering_angle
-    return ackermann(steering_angle, car.wheelbase, car.track)
-
-
 def steering_motion(frame: Sequence[float], time: float, rate: float) -> tuple[float, float]:
     """Returns the bicycle steering angle, rad, and its rate, rad/s, at `time` s.
 
@@ -251,9 +238,9 @@ def knuckle_motion(
     """Returns angles (rad) and rates (rad/s) of left and right front wheel, for those of the
     bicycle.
     """
-    left, right = knuckle_angles(angle, servo, car)
     if servo.linkage == "parallel":
-        return left, right, rate, rate
+        return angle, angle, rate, rate
+    left, right = ackermann(angle, car.wheelbase, car.track)
     tangent = math.tan(angle)
     half = 0.5 * car.track / car.wheelbase
     turning = rate * (1.0 + tangent**2)

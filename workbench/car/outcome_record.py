@@ -1,4 +1,4 @@
-"""What outcome and metrics of a run need, recorded without Python at any step.
+"""Record of what outcome and metrics of a run need, made without Python at any step.
 
 Drake's own loggers keep the ports that are plain vectors: what the sensors hold, the state of the
 plant, the torques on the tail's joints. All else is computed from them after the run, for all rows
@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import VectorLogSink
 
@@ -23,14 +22,13 @@ from aerodima.workbench.car.tip_up import LIFT_COLUMNS
 from aerodima.workbench.car.turn_signals import settled_row
 from aerodima.workbench.car.verdict import CALM_FOR, CALM_SPIN
 from aerodima.workbench.control.manoeuvre import run_time
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray, IntArray
 from aerodima.workbench.core.elementwise import rotation_rows
 from aerodima.workbench.core.event_order import row_period
 from aerodima.workbench.core.port_wiring import add_and_connect, add_selector, vector_of
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import GROUND_CONTACTS, TIME, WHEELS
 
-IntArray = NDArray[np.int_]
 Signals = Sequence[tuple[Any, Sequence[str]]]
 
 COSTLY = ("roll_estimate", "status", "tail_pitch_torque", "tail_roll_torque")
@@ -111,7 +109,7 @@ class OutcomeRecord:
         return self._may_settle and self._is_calm(context, turn_end)
 
     def _is_calm(self, context: Context, since: float) -> bool:
-        """Whether the car has been calm in the last instants, and not before `since`, s."""
+        """Returns whether the car has been calm in the last instants, and not before `since`, s."""
         state = self._states(context)
         time = self._times(context)
         first = int(np.searchsorted(time, max(since, time[-1] - self._look_back)))
@@ -158,10 +156,10 @@ class OutcomeRecord:
         """Returns [q; v] of the plant at every step."""
         return self._steps_log.FindLog(context).data()[: self._plant.num_multibody_states()]
 
-    def _over(self, state: FloatArray, time: FloatArray, stop_after: float) -> NDArray[np.bool_]:
+    def _over(self, state: FloatArray, time: FloatArray, stop_after: float) -> BoolArray:
         """Returns at which rows the run of a car that has flipped is over."""
         rotations = state[self._quaternion][:, self._steps(time)]
-        over: NDArray[np.bool_] = np.logical_or.accumulate(quaternion_flipped(rotations)) & (
+        over: BoolArray = np.logical_or.accumulate(quaternion_flipped(rotations)) & (
             time >= stop_after
         )
         return over

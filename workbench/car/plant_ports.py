@@ -1,11 +1,9 @@
-"""What goes into the car's plant in a step, and what comes out of it, as named vectors.
+"""Inputs and outputs of the car's plant in a step, as named vectors.
 
 The plant's own vectors have their parts where Drake puts them. Two `Selector`s know these places:
 `motion` cuts the state into the parts that drives and sensors read, `plant_inputs` puts torques and
 forces together. A third system holds what the drives need of the last step.
 """
-
-from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -174,7 +172,7 @@ class PlantPorts:
         """
         car = self._car
         plant = car.plant
-        names = car.actuated_joints
+        names = plant.GetActuatorNames(car.car)
         steered = [names.index(f"front_{side}_steering") for side in ("left", "right")]
         knuckles = [*steered, *(len(names) + index for index in steered)]
         actuation = {_actuation_start(plant, "drive_shaft_spin"): (torques, [0])}
@@ -207,7 +205,7 @@ class PlantPorts:
     def _filled(
         self, port: InputPort, elements: Mapping[int, PortSlice]
     ) -> tuple[InputPort, list[PortSlice]]:
-        """What an input port is made of: these elements by their places; the others are 0."""
+        """Lists the parts of an input port: these elements by their places; the others are 0."""
         return port, [elements.get(place, self.zero) for place in range(port.size())]
 
 
@@ -226,8 +224,5 @@ def _tail_joints(plant: MultibodyPlant) -> list[tuple[int, int]]:
 
 
 def _actuation_start(plant: MultibodyPlant, joint: str) -> int:
-    """Place of a joint's actuation among that of all actuators."""
-    actuators = (plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices())
-    return next(
-        int(actuator.input_start()) for actuator in actuators if actuator.joint().name() == joint
-    )
+    """Returns the place of a joint's actuation among that of all actuators."""
+    return int(plant.GetJointActuatorByName(joint).input_start())

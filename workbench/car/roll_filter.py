@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.quantity import check_range
 
 
@@ -60,7 +59,7 @@ class RollEstimate(NamedTuple):
 
 
 def estimate_roll(
-    estimate: RollEstimate, imu: np.ndarray, speed: float, settings: RollFilterSettings
+    estimate: RollEstimate, imu: FloatArray, speed: float, settings: RollFilterSettings
 ) -> RollEstimate:
     """One tick of the filter.
 

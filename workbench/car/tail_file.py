@@ -1,15 +1,15 @@
 """Tails with a geometry of their own: their files, and their shapes in the SDF."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
 
 from aerodima.workbench.aero.tail_geometry import SCHEMA, Plate, TailGeometry
 from aerodima.workbench.aero.tail_pieces import Piece
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.sdf_model import SdfModel
@@ -70,15 +70,14 @@ def set_tail_shapes(model: SdfModel, geometry: TailGeometry, margin: float) -> l
         across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
         across /= np.linalg.norm(across)
         pose = _pose((near + far) / 2, np.column_stack([across, np.cross(axis, across), axis]))
-        radius = f"{geometry.arm.radius:.9g}"
         model.add_shape(
             "tail_rod",
             f"rod_{number}",
             pose,
             "cylinder",
             colour=_ARM_COLOUR,
-            radius=radius,
-            length=f"{length:.9g}",
+            radius=geometry.arm.radius,
+            length=length,
         )
     for plate in geometry.plates:
         for number, piece in enumerate(plate.pieces):
@@ -89,9 +88,7 @@ def set_tail_shapes(model: SdfModel, geometry: TailGeometry, margin: float) -> l
         corners.append(points[-1])
     names = [f"tail_corner_{number}" for number in range(len(corners))]
     for name, corner in zip(names, corners, strict=True):
-        model.add_shape(
-            "tail_sail", name, [*corner, 0.0, 0.0, 0.0], "sphere", radius=f"{margin:.9g}"
-        )
+        model.add_shape("tail_sail", name, [*corner, 0.0, 0.0, 0.0], "sphere", radius=margin)
     return names
 
 
@@ -105,23 +102,19 @@ def _draw(model: SdfModel, plate: Plate, piece: Piece, name: str) -> None:
         share = (number + 0.5) / plate.sections
         width = piece.chords[0] + share * (piece.chords[1] - piece.chords[0])
         pose = _pose(piece.start + share * piece.length * piece.axis, frame)
+        shape = "box"
+        size: dict[str, Any] = {"size": (width, max(plate.depth, _THIN), part)}
         if plate.kind == "half_shell":
-            size = {"uri": _HALF_CYLINDER, "scale": f"{width:.9g} {width:.9g} {part:.9g}"}
-            model.add_shape(
-                "tail_sail", f"{name}_{number}", pose, "mesh", colour=_PLATE_COLOUR, **size
-            )
-        else:
-            box = f"{width:.9g} {max(plate.depth, _THIN):.9g} {part:.9g}"
-            model.add_shape(
-                "tail_sail", f"{name}_{number}", pose, "box", colour=_PLATE_COLOUR, size=box
-            )
+            shape = "mesh"
+            size = {"uri": _HALF_CYLINDER, "scale": (width, width, part)}
+        model.add_shape("tail_sail", f"{name}_{number}", pose, shape, colour=_PLATE_COLOUR, **size)
 
 
-def _corners(plate: Plate, margin: float) -> list[np.ndarray]:
+def _corners(plate: Plate, margin: float) -> list[FloatArray]:
     """Far corners of each piece in T, m, and near ones of a first piece that narrows; all lie
     inside the outline.
     """
-    found = []
+    corners = []
     for number, piece in enumerate(plate.pieces):
         near, far = piece.chords
         inset = min(margin, piece.length / 2)
@@ -130,15 +123,15 @@ def _corners(plate: Plate, margin: float) -> list[np.ndarray]:
             ends.append((near, inset))
         for chord, along in ends:
             side = max(chord / 2 - margin, 0.0)
-            found += [
+            corners += [
                 piece.start + along * piece.axis + sign * side * piece.across
                 for sign in (-1.0, 1.0)
             ]
-    return found
+    return corners
 
 
-def _covers(piece: Piece, point: np.ndarray) -> bool:
-    """Whether a point in T lies on a piece, to a millimetre."""
+def _covers(piece: Piece, point: FloatArray) -> bool:
+    """Returns whether a point in T lies on a piece, to a millimetre."""
     from_start = point - piece.start
     along = float(from_start @ piece.axis)
     across = float(from_start @ piece.across)
@@ -148,7 +141,7 @@ def _covers(piece: Piece, point: np.ndarray) -> bool:
     return -1e-3 < along < piece.length + 1e-3 and abs(across) < width / 2 and abs(off) < 1e-3
 
 
-def _pose(position: np.ndarray, frame: np.ndarray) -> list[float]:
+def _pose(position: FloatArray, frame: FloatArray) -> list[float]:
     from pydrake.math import RollPitchYaw, RotationMatrix
 
     return [*position.tolist(), *RollPitchYaw(RotationMatrix(frame)).vector().tolist()]

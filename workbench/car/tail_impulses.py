@@ -1,4 +1,4 @@
-"""What the tail does to the car: its moment about the car's heading axis, split by cause.
+"""Moment of the tail on the car about its heading axis, split by cause.
 
 Take the tail alone, with momentum P and angular momentum L about the world origin Wo. The air acts
 on it with the force F and the moment M about Wo, its weight m g at its centre of mass c, and the
@@ -19,11 +19,10 @@ Impulses are integrals of that moment over the window of the turn.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid, trapezoid
 
 from aerodima.workbench.car.turn_signals import TurnSignals, turn_signals
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals
@@ -80,7 +79,7 @@ def tail_yaw_impulses(run_log: RunLog) -> Impulses:
     return _over_window(run_log, signals, run_log.vector("com", "truth_m") * [1.0, 1.0, 0.0], axis)
 
 
-def tail_effort(run_log: RunLog, after: NDArray[np.bool_]) -> tuple[float | None, float | None]:
+def tail_effort(run_log: RunLog, after: BoolArray) -> tuple[float | None, float | None]:
     """Returns the largest torque (N m) and positive work (J) of the tail motors in these rows; None
     without their columns.
 

@@ -7,27 +7,23 @@ towards +y; one that faces the wind is welded there, since its angle follows fro
 instant (`TailForce`, port `wind_direction`).
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from pydrake.multibody.tree import UnitInertia
 
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.aero.tail_geometry import Plate, TailArm, TailGeometry
+from aerodima.workbench.car.tail_file import read_tail, set_tail_shapes
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.sdf_model import Inertial, SdfModel
+from aerodima.workbench.scenario.car_parameters import CarParameters
 from aerodima.workbench.scenario.tail_parameters import (
     SHELL_DEPTH,
+    TailMotorParameters,
+    TailParameters,
 )
-
-if TYPE_CHECKING:
-    from aerodima.workbench.aero.sections import SectionLayout
-    from aerodima.workbench.aero.tail_geometry import TailGeometry
-    from aerodima.workbench.scenario.car_parameters import CarParameters
-    from aerodima.workbench.scenario.tail_parameters import TailMotorParameters, TailParameters
 
 TAIL_SDF = "tail/tail.sdf"
 ROD_RADIUS = 0.006
@@ -43,7 +39,7 @@ TAIL_CONTACT_STIFFNESS = 1.0e4
 in a crash only."""
 ADDED_MASS_PARTS = 5
 """Equal parts of the tail that carry the added mass (design section 5, thesis section 4.6)."""
-LEAST_INERTIA_LEFT = 0.03
+MIN_INERTIA_FRACTION = 0.03
 """Share of every inertia that a negative `tail.added_mass` must leave: a swing of the default tail
 with 3 % is the same at steps of 2 ms and 0.5 ms, with less than 1 % Drake's solver gives up."""
 
@@ -65,13 +61,12 @@ class ArmInertia(NamedTuple):
     pitch_sideways: float
     pitch_product: float = 0.0
 
-    def about_joints(self, roll_angle: float) -> tuple[float, float]:
-        """About pitch and roll axis at a roll angle (rad): the arm's mass matrix, diagonal."""
-        return inertia_about_joints(self, roll_angle)
-
 
 def inertia_about_joints(arm: ArmInertia, roll_angle: float) -> tuple[float, float]:
-    """See `ArmInertia.about_joints`."""
+    """Returns the inertia (kg m2) about pitch and roll axis at a roll angle, rad.
+
+    It is the diagonal of the arm's mass matrix.
+    """
     sideways = math.sin(roll_angle) ** 2
     pitch = arm.pitch_upright + sideways * (arm.pitch_sideways - arm.pitch_upright)
     return pitch - arm.pitch_product * math.sin(2.0 * roll_angle), arm.roll
@@ -115,11 +110,7 @@ def tail_geometry(tail: TailParameters) -> TailGeometry:
     Raises:
         ModelError: the tail file is missing or wrong.
     """
-    from aerodima.workbench.aero.tail_geometry import TailGeometry
-
     if tail.has_own_geometry:
-        from aerodima.workbench.car.tail_file import read_tail
-
         try:
             return read_tail(tail.geometry)
         except ModelError as error:
@@ -168,8 +159,6 @@ def tail_sdf(
     model.set_inertial("tail_rod", geometry.arm_mass)
     model.set_inertial("tail_sail", geometry.sail_mass)
     if tail.has_own_geometry:
-        from aerodima.workbench.car.tail_file import set_tail_shapes
-
         corners = set_tail_shapes(model, geometry, SAIL_TIP_MARGIN)
     else:
         corners = _set_sail_shapes(model, tail)
@@ -197,16 +186,16 @@ def _set_sail_shapes(model: SdfModel, tail: TailParameters) -> list[str]:
     """The drawn shell opens to +y at its place before the bearing, with the board behind it; names
     of the corners.
     """
-    model.set_shape("tail_rod", "rod", (0, 0, tail.length / 2), length=f"{tail.length:.9g}")
+    model.set_shape("tail_rod", "rod", (0, 0, tail.length / 2), length=tail.length)
     width = tail.sail_width
     middle = tail.length - tail.sail_length / 2
     deep = max(tail.shell_share / SHELL_DEPTH * width, BOARD_THICKNESS)
-    scale = f"{width:.9g} {deep:.9g} {tail.sail_length:.9g}"
+    scale = (width, deep, tail.sail_length)
     model.set_shape("tail_sail", "sail", (0, tail.sail_front, middle), scale=scale)
     board = tail.board_share * width
     if board:
         behind = tail.sail_front - tail.shell_share * width - board / 2
-        size = f"{BOARD_THICKNESS:.9g} {board:.9g} {tail.sail_length:.9g}"
+        size = (BOARD_THICKNESS, board, tail.sail_length)
         model.set_shape("tail_sail", "backing_board", (0, behind, middle), size=size)
     else:
         model.remove_shapes("tail_sail", "backing_board")

@@ -1,4 +1,4 @@
-"""When a run of the car may end: it has flipped, or its turn is over."""
+"""End of a run of the car: it has flipped, or its turn is over."""
 
 import math
 from collections.abc import Iterator
@@ -15,9 +15,8 @@ from pydrake.systems.framework import (
 from aerodima.workbench.car.car_station import simulated_car
 from aerodima.workbench.car.verdict import is_beyond_flip
 from aerodima.workbench.control.manoeuvre import (
-    angle_to_straighten,
     run_time,
-    steering_time,
+    turn_length,
     turn_start,
 )
 from aerodima.workbench.core.event_order import EVENT_OFFSET, nominal_time, row_period, step_instant
@@ -65,18 +64,18 @@ def turn_end(scenario: Scenario) -> float:
         return run_time(scenario)
     servo = scenario.servo
     slack = 1.0 / servo.frame_rate + 1.0 / scenario.simulation.log_rate + _TIME_MARGIN
-    angle = angle_to_straighten(
+    several: dict[str, Any] = {}
+    if manoeuvre.kind == "turn":
+        several = {"repeats": manoeuvre.turns, "gap": manoeuvre.turn_gap}
+    length: float = turn_length(
+        servo.rate,
         manoeuvre.steer_angle,
         manoeuvre.turn_hold,
-        servo.rate,
         manoeuvre.first_angle,
         manoeuvre.first_hold,
+        **several,
     )
-    if manoeuvre.kind == "turn":
-        steered = steering_time(manoeuvre.turn_hold, manoeuvre.turns, manoeuvre.turn_gap)
-    else:
-        steered = steering_time(manoeuvre.turn_hold)
-    return turn_start(scenario) + steered + angle / servo.rate + slack
+    return turn_start(scenario) + length + slack
 
 
 class FlipWatch(LeafSystem):

@@ -1,5 +1,5 @@
-"""Whether a car tips up while it is steered: how high two wheels of one side are lifted, and what
-touches the ground.
+"""Tip-up of a steered car: how high two wheels of one side are lifted, and what touches the
+ground.
 
 NHTSA calls two wheels of one side two inches (51 mm) above the ground a tip-up, on cars of full
 size. At the size of this car, a tenth, it is `TWO_WHEELS`. Everything is from the ground truth and
@@ -7,7 +7,7 @@ counts from the start of the steering on.
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import trapezoid
@@ -16,7 +16,7 @@ from aerodima.workbench.car.turn_course import ground_velocity
 from aerodima.workbench.car.turn_signals import turn_signals
 from aerodima.workbench.car.verdict import LAST, is_loaded, side_lift, touches_ground
 from aerodima.workbench.control.paths import off_path, path_of
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import GROUND_CONTACTS, WHEELS
@@ -35,7 +35,7 @@ _TIME_MARGIN = 1e-6
 
 @dataclass(frozen=True)
 class TipUp:
-    """How near a steered car came to tipping up, and how it turned.
+    """Lift, contacts and turning of a steered car.
 
     Attributes:
         side_lift_m: largest value over time of the smaller lift of the two wheels of one side, m;
@@ -54,24 +54,18 @@ class TipUp:
     lateral_acceleration_m_per_s2: float | None
     last_yaw_rate_rad_per_s: float | None
 
-    def as_row(self) -> dict[str, float | str | None]:
-        """Returns one flat row for a table."""
-        return asdict(self)
 
-
-def tip_up(run_log: RunLog, windows: Windows | None = None) -> TipUp:
+def tip_up(run_log: RunLog, windows: Windows) -> TipUp:
     """Measures a run; LogError as for `turn_signals`, or where there is no ground truth.
 
     Args:
         run_log: of the car.
-        windows: in which it is steered; None takes the window of its turn.
+        windows: in which it is steered.
     """
     signals = turn_signals(run_log, "truth")
     contact = signals.ground_contact
     steered = signals.from_start
     lifts = [run_log.signal(name)[steered] for name in LIFT_COLUMNS if name in run_log.table]
-    if windows is None:
-        windows = [(*signals.window, signals.sign)]
     last = signals.time[-1] - LAST
     time = run_log.time
     turning = np.zeros(time.shape, bool)
@@ -96,7 +90,7 @@ def tip_up(run_log: RunLog, windows: Windows | None = None) -> TipUp:
     )
 
 
-def _touched(contact: FloatArray, steered: np.ndarray) -> list[str]:
+def _touched(contact: FloatArray, steered: BoolArray) -> list[str]:
     """Returns which of `GROUND_CONTACTS` counts as touched, from their forces (n, 3), N."""
     touched = []
     for part, force in zip(GROUND_CONTACTS, contact.T, strict=True):

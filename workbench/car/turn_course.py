@@ -1,5 +1,4 @@
-"""How far a turn takes the car over the ground, and how soon: its course, from the steering command
-on.
+"""Course of a turn over the ground, and the time that it takes, from the steering command on.
 
 The course is the direction in which the point of the chassis moves over the ground that lies on it
 under the centre of mass of the car without tail arm (`car.com_x`). A spin turns the body, not the
@@ -11,7 +10,7 @@ that the turn is positive. Definitions: design section 10.
 """
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from aerodima.workbench.logs.schema import RunLog
 
 @dataclass(frozen=True)
 class TurnCourse:
-    """Where the turn led; every field is None without an exit.
+    """Exit of a turn; every field is None without one.
 
     Attributes:
         exit_time_s: since the steering command; first instant with straight wheels and a yaw rate
@@ -40,10 +39,6 @@ class TurnCourse:
     exit_heading_change_rad: float | None
     exit_sideslip_rad: float | None
     exit_speed_m_per_s: float | None
-
-    def as_row(self) -> dict[str, float | None]:
-        """Returns one flat row for a table."""
-        return asdict(self)
 
 
 def turn_course(run_log: RunLog) -> TurnCourse:

@@ -15,11 +15,10 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from aerodima.workbench.car.verdict import CALM, has_settled, is_busy, is_calm
-from aerodima.workbench.control.manoeuvre import angle_to_straighten, steering_time
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.control.manoeuvre import turn_length
+from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import DRIVEN_BY, PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import check_signals, check_time
@@ -110,14 +109,14 @@ class TurnSignals:
         return replace(self, **sampled)
 
     @property
-    def in_window(self) -> NDArray[np.bool_]:
+    def in_window(self) -> BoolArray:
         """Returns which samples lie in the window, both ends included."""
         return (self.time >= self.window[0] - _TIME_MARGIN) & (
             self.time <= self.window[1] + _TIME_MARGIN
         )
 
     @property
-    def from_start(self) -> NDArray[np.bool_]:
+    def from_start(self) -> BoolArray:
         """Returns which samples lie at or after the start of the turn."""
         return self.time >= self.window[0] - _TIME_MARGIN
 
@@ -212,23 +211,21 @@ def turn_window(run_log: RunLog) -> tuple[float, float]:
         steered_until = float(steered[-1]) if steered.size else start
         return start, min(steered_until + steer_angle / rate, last)
     settings = run_log.scenario["manoeuvre"]
-    repeats = 1
-    gap = 0.0
+    several: dict[str, Any] = {}
     if kind == "turn":
-        repeats = int(settings.get("turns", 1))
-        gap = float(settings.get("turn_gap", 0.0))
+        several["repeats"] = int(settings.get("turns", 1))
+        several["gap"] = float(settings.get("turn_gap", 0.0))
     else:
         steered = _steered_times(run_log, 0.5 * steer_angle)
         if steered.size == 0:
             raise LogError(f"{run_log.name}: no steering command in the run, so no turn to measure")
         start = float(steered[0])
     # An old log has one level and one step of steering and does not name others.
-    first_level = [
-        run_log.number("manoeuvre", key) for key in ("first_angle", "first_hold") if key in settings
-    ]
+    for key in ("first_angle", "first_hold"):
+        if key in settings:
+            several[key] = run_log.number("manoeuvre", key)
     hold = run_log.number("manoeuvre", "turn_hold")
-    straightening = angle_to_straighten(steer_angle, hold, rate, *first_level) / rate
-    return start, start + steering_time(hold, repeats, gap) + straightening
+    return start, start + turn_length(rate, steer_angle, hold, **several)
 
 
 def _steered_times(run_log: RunLog, angle: float) -> FloatArray:

@@ -4,8 +4,6 @@ Functions of numbers or arrays, and the limits that they compare with. A log giv
 a rollout the states of its cars, in a turn whose sign is turned so that it is positive.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """The program `aerodima` and the commands of the workbench: heavy imports stand inside them."""
 
-from __future__ import annotations
-
 from importlib import import_module
 
 import typer

@@ -4,8 +4,6 @@ Each check prints a line with what it found. Only what every job needs is
 `required`; all else names the job that would go without it.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 import platform

@@ -12,7 +12,7 @@ from aerodima import workbench
 from aerodima.workbench.cli import options as cli
 from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.core.errors import LogError, UserError
-from aerodima.workbench.core.text_table import shown_value, text_table
+from aerodima.workbench.core.text_table import text_table, value_rows
 
 if TYPE_CHECKING:
     from aerodima.workbench.logs.exporters import SceneMessage
@@ -42,8 +42,7 @@ def metrics(
     """
     _refuse_twice(runs)
     run_logs = [workbench.read_run_log(path) for path in runs]
-    if out is not None:
-        refuse_existing(out, force, LogError)
+    refuse_existing(out, force, LogError)
     import pandas as pd
 
     from aerodima.workbench.metrics.run_summary import metrics_of_runs
@@ -53,8 +52,7 @@ def metrics(
     )
     if out is not None:
         write_atomically(out, table.to_csv(), force, LogError)
-    rows = [[str(name), *map(shown_value, values)] for name, values in table.items()]
-    typer.echo("\n".join(text_table(["", *table.index], rows)))
+    typer.echo("\n".join(text_table(["", *table.index], value_rows(table.items()))))
 
 
 def recover(
@@ -216,8 +214,7 @@ def compare(
     Example: aerodima log compare none.parquet swing.parquet --html compare.html
     """
     names = run_names(runs)
-    if html is not None:
-        refuse_existing(html, force, UserError)
+    refuse_existing(html, force, UserError)
     run_logs = [workbench.read_run_log(path) for path in runs]
     from aerodima.workbench.metrics.run_summary import of_plants
     from aerodima.workbench.view.replay_page import (
@@ -230,9 +227,7 @@ def compare(
 
     differences = scenario_differences(run_logs)
     for group in (differences, metrics_rows(run_logs)):
-        table = text_table(
-            ["", *names], [[key, *map(shown_value, values)] for key, values in group.items()]
-        )
+        table = text_table(["", *names], value_rows(group.items()))
         typer.echo("\n".join([*table, ""]))
     other = different_cars(differences)
     if other and not of_plants(run_logs):

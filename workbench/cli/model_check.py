@@ -7,12 +7,11 @@ from itertools import zip_longest
 from pathlib import Path
 
 from pydrake.geometry import SceneGraph
-from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
 from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coefficients
 from aerodima.workbench.car.car_model import car_sdf
-from aerodima.workbench.car.car_plant import MODELS_PACKAGE
+from aerodima.workbench.car.car_plant import strict_parser
 from aerodima.workbench.car.tail_plant import tail_sdf
 from aerodima.workbench.core.errors import ModelError, UserError
 from aerodima.workbench.core.resources import models_dir
@@ -109,11 +108,8 @@ def load_strictly(path: Path) -> None:
     plant = MultibodyPlant(0.001)
     scene = SceneGraph()
     plant.RegisterAsSourceForSceneGraph(scene)
-    parser = Parser(plant)
-    parser.package_map().Add(MODELS_PACKAGE, str(models_dir()))
-    parser.SetStrictParsing()
     try:
-        instances = parser.AddModels(str(path))
+        instances = strict_parser(plant).AddModels(str(path))
         plant.Finalize()
     except RuntimeError as error:
         raise ModelError(f"{path}: does not load in Drake: {error}") from None

@@ -1,7 +1,5 @@
 """Options that commands of all packages share, their completion, and exit statuses."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass

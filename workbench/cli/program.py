@@ -7,8 +7,6 @@ Typer is imported inside the command, so that `aerodima --help` answers at once.
 Exit statuses are those of `options.Status`.
 """
 
-from __future__ import annotations
-
 import errno
 import sys
 import traceback
@@ -69,8 +67,8 @@ class ErrorBoundary(TyperGroup):
                     formatter.write_dl(rows)
 
 
-def _print_version(asked: bool) -> None:
-    if asked:
+def _print_version(wanted: bool) -> None:
+    if wanted:
         from aerodima.workbench import __version__
 
         print(f"aerodima {__version__}")
@@ -104,7 +102,7 @@ def build_app() -> typer.Typer:
         pretty_exceptions_enable=False,  # a bug report needs the plain traceback
     )
     app.callback()(_root)
-    for entry_point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda found: found.name):
+    for entry_point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda point: point.name):
         try:
             entry_point.load()(app)
         except Exception as error:

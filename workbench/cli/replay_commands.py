@@ -16,6 +16,7 @@ from aerodima.workbench.cli import options as cli
 from aerodima.workbench.cli.log_commands import run_names
 from aerodima.workbench.core.atomic_write import refuse_existing
 from aerodima.workbench.core.errors import LogError, UserError
+from aerodima.workbench.core.quantity import NO_UNIT, check_range
 
 if TYPE_CHECKING:
     from aerodima.workbench.logs.schema import RunLog
@@ -44,12 +45,10 @@ def play(
 
     Example: aerodima play --out by_hand.parquet --pace 0.5
     """
-    if not 0.1 <= pace <= 1.0:
-        raise UserError(f"--pace: {pace:g} must be 0.1 to 1")
+    check_range("--pace", pace, 0.1, 1.0, NO_UNIT)
     if not length > 0.0:
         raise UserError(f"--length: {length:g} s must be > 0")
-    if out is not None:
-        refuse_existing(out, force, LogError)
+    refuse_existing(out, force, LogError)
 
     car = workbench.load_scenario(scenario, settings or ())
     from aerodima.workbench.cli.run_commands import live_view
@@ -107,8 +106,7 @@ def replay(
             "of them"
         )
     for path in (html, strip, video):
-        if path is not None:
-            refuse_existing(path, force, UserError)
+        refuse_existing(path, force, UserError)
     if video is not None:
         _write_video(runs, video, start, rate, force)
     if others or video is None:

@@ -12,7 +12,7 @@ from aerodima import workbench
 from aerodima.workbench.cli import options as cli
 from aerodima.workbench.core.atomic_write import refuse_existing
 from aerodima.workbench.core.errors import LogError
-from aerodima.workbench.core.text_table import shown_value, text_table
+from aerodima.workbench.core.text_table import shown_value, text_table, value_rows
 
 if TYPE_CHECKING:
     from aerodima.workbench.logs.schema import RunLog
@@ -102,6 +102,5 @@ def summary_lines(log: RunLog) -> list[str]:
 
     facts = [[name, shown_value(log.extra[name])] for name in SHOWN_FACTS if name in log.extra]
     measured = log.table.drop(columns=TIME).agg(["mean", "min", "max"])
-    rows = [[str(name), *map(shown_value, values)] for name, values in measured.items()]
-    signals = text_table(["", *measured.index], rows)
+    signals = text_table(["", *measured.index], value_rows(measured.items()))
     return [*text_table(["kind", log.kind], facts), "", *signals]

@@ -157,10 +157,9 @@ def run(options: RunOptions) -> None:
 
 
 def _refuse_outputs(log: Path | None, html: Path | None, force: bool) -> None:
-    if log is not None:
-        refuse_existing(log, force, LogError)
+    refuse_existing(log, force, LogError)
+    refuse_existing(html, force, UserError)
     if html is not None:
-        refuse_existing(html, force, UserError)
         make_folder(html.parent, UserError)
 
 

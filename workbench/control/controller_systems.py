@@ -18,10 +18,11 @@ from pydrake.systems.framework import (
     System,
 )
 
-from aerodima.workbench.control.driver_law import DriverLaw, ScheduledDriver, Seen
+from aerodima.workbench.control.driver_law import DriverLaw, DriverView, ScheduledDriver
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
 from aerodima.workbench.control.manoeuvre import DriverInput, Schedule
 from aerodima.workbench.control.tail_law import AGE_LIMIT, Observation, TailLaw, observe
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.event_order import (
     EventPriority,
@@ -175,7 +176,7 @@ class TailController(LeafSystem):
         self._roll_command.write(discrete_state, roll_command)
         self._state.write(discrete_state, [float(state)])
 
-    def _check_command(self, time: float, joint: str, command: np.ndarray) -> None:
+    def _check_command(self, time: float, joint: str, command: FloatArray) -> None:
         """Raises UserError for a command that is not five finite numbers."""
         if len(command) != TAIL_COMMAND.size or not math.isfinite(sum(command)):
             raise UserError(
@@ -227,7 +228,7 @@ class TurnDriver(LeafSystem):
         self._sources = {
             name: self.DeclareVectorInputPort(name, sizes[name]) for name in self._law.sources
         }
-        memory, inputs = self._law.step(self._law.start(), Seen(0.0))
+        memory, inputs = self._law.step(self._law.start(), DriverView(0.0))
         self._outputs = [
             DiscreteVector(self, [value], output=name)
             for name, value in zip(DriverInput._fields, inputs, strict=True)
@@ -270,12 +271,12 @@ class TurnDriver(LeafSystem):
             builder.Connect(output, source)
         return system
 
-    def seen(self, context: Context) -> Seen:
+    def view(self, context: Context) -> DriverView:
         """Returns what the law is given at this instant."""
-        seen = Seen(nominal_time(context.get_time(), self._rate))
+        view = DriverView(nominal_time(context.get_time(), self._rate))
         if "imu" in self._sources:
             imu = IMU.read(vector_of(self._sources["imu"], context))
-            seen = seen._replace(yaw_rate=imu.gyro_z, roll_rate=imu.gyro_x)
+            view = view._replace(yaw_rate=imu.gyro_z, roll_rate=imu.gyro_x)
         if "pose" in self._sources:
             pose = POSE.read(vector_of(self._sources["pose"], context))
             sine = 2.0 * (pose.qw * pose.qz + pose.qx * pose.qy)
@@ -285,16 +286,16 @@ class TurnDriver(LeafSystem):
             speed = math.hypot(pose.vx, pose.vy)
             if speed > STANDING:
                 course = math.atan2(pose.vy, pose.vx)
-            seen = seen._replace(
+            view = view._replace(
                 position=(pose.x, pose.y), heading=heading, course=course, speed=speed
             )
-        return seen
+        return view
 
     def _tick(self, context: Context, discrete_state: DiscreteValues) -> None:
         before = NO_MEMORY
         if self._memory is not None:
             before = self._memory.read(context)
-        memory, inputs = self._law.step(before, self.seen(context))
+        memory, inputs = self._law.step(before, self.view(context))
         if self._memory is not None:
             self._memory.write(discrete_state, memory)
         for output, value in zip(self._outputs, inputs, strict=True):

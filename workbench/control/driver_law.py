@@ -1,4 +1,4 @@
-"""What every law for the driver sees and gives: schedules of time, and drivers that look at the
+"""Laws of the driver, with what they see and give: schedules of time, and drivers that look at the
 car.
 
 No Drake.
@@ -29,9 +29,9 @@ SLOW = 0.5
 """Speed (m/s) below which yaw rate over speed is noise of the gyro."""
 
 
-class Seen(NamedTuple):
-    """What a driver sees at one tick; NaN where it is not known, as all of it is before the first
-    tick.
+class DriverView(NamedTuple):
+    """Signals that a driver sees at one tick; NaN where they are not known, as all are before the
+    first tick.
 
     Attributes:
         time: s.
@@ -63,10 +63,10 @@ class DriverLaw(Protocol):
         Each source costs time at every tick.
         """
 
-    def start(self) -> np.ndarray:
+    def start(self) -> FloatArray:
         """Returns the memory (n,) before the first tick."""
 
-    def step(self, memory: np.ndarray, seen: Seen) -> tuple[np.ndarray, DriverInput]:
+    def step(self, memory: FloatArray, view: DriverView) -> tuple[FloatArray, DriverInput]:
         """Returns new memory and what the driver gives at one tick; must not change its
         arguments.
         """
@@ -79,13 +79,13 @@ class ScheduledDriver:
     schedule: Schedule
     sources: tuple[Source, ...] = ()
 
-    def start(self) -> np.ndarray:
+    def start(self) -> FloatArray:
         """See `DriverLaw`; without memory."""
         return np.zeros(0)
 
-    def step(self, memory: np.ndarray, seen: Seen) -> tuple[np.ndarray, DriverInput]:
+    def step(self, memory: FloatArray, view: DriverView) -> tuple[FloatArray, DriverInput]:
         """See `DriverLaw`."""
-        return memory, self.schedule.at(seen.time)
+        return memory, self.schedule.at(view.time)
 
 
 @dataclass(frozen=True)
@@ -116,25 +116,25 @@ class FishhookDriver:
     servo_rate: float
     sources: tuple[Source, ...] = ("imu",)
 
-    def start(self) -> np.ndarray:
+    def start(self) -> FloatArray:
         """See `DriverLaw`: the time of the counter-steer (1), inf before."""
         return np.array([math.inf])
 
-    def step(self, memory: np.ndarray, seen: Seen) -> tuple[np.ndarray, DriverInput]:
+    def step(self, memory: FloatArray, view: DriverView) -> tuple[FloatArray, DriverInput]:
         """See `DriverLaw`."""
-        memory, angle = self.steer(memory, seen)
+        memory, angle = self.steer(memory, view)
         side = self.side if math.isinf(memory[0]) else -self.side
-        return memory, DriverInput(float(angle), self.ramp.throttle(seen.time), side)
+        return memory, DriverInput(float(angle), self.ramp.throttle(view.time), side)
 
-    def steer(self, memory: FloatArray, seen: Seen) -> tuple[FloatArray, FloatArray]:
+    def steer(self, memory: FloatArray, view: DriverView) -> tuple[FloatArray, FloatArray]:
         """Returns the new memory and angle, rad: of one car, or of many, whose last axis it is."""
-        now = seen.time + TICK_TOLERANCE
+        now = view.time + TICK_TOLERANCE
         reach = self.steer_angle / self.servo_rate
         counter = memory[0]
-        falls = (now >= self.start_time + reach) & (self.side * seen.roll_rate < self.roll_rate)
-        counter = np.where(falls, np.minimum(counter, seen.time), counter)
+        falls = (now >= self.start_time + reach) & (self.side * view.roll_rate < self.roll_rate)
+        counter = np.where(falls, np.minimum(counter, view.time), counter)
         begun = np.where(now >= self.start_time, self.steer_angle, 0.0)
-        angle = np.where(seen.time < counter, begun, -self.steer_angle)
+        angle = np.where(view.time < counter, begun, -self.steer_angle)
         angle = np.where(now >= counter + 2.0 * reach + self.hold, 0.0, angle)
         return np.stack([counter]), self.side * angle
 
@@ -177,31 +177,31 @@ class PathDriver:
     rate: float
     sources: tuple[Source, ...] = ("imu", "pose")
 
-    def start(self) -> np.ndarray:
+    def start(self) -> FloatArray:
         """See `DriverLaw`: missing curvature, 1/m; the angle given last, then those to come in
         their order, rad.
         """
         return np.zeros(2 + round(self.delay * self.rate))
 
-    def step(self, memory: np.ndarray, seen: Seen) -> tuple[np.ndarray, DriverInput]:
+    def step(self, memory: FloatArray, view: DriverView) -> tuple[FloatArray, DriverInput]:
         """See `DriverLaw`."""
-        if math.isfinite(seen.position[0]):
-            memory, angle = self.steer(memory, seen)
-            station = float(self.path.station(*seen.position))
+        if math.isfinite(view.position[0]):
+            memory, angle = self.steer(memory, view)
+            station = float(self.path.station(*view.position))
         else:
             memory, angle = self._give(memory[0], 0.0 * memory[0], memory)
             station = -math.inf
         return memory, DriverInput(
-            float(angle), self.ramp.throttle(seen.time), self.path.next_side(station)
+            float(angle), self.ramp.throttle(view.time), self.path.next_side(station)
         )
 
-    def steer(self, memory: FloatArray, seen: Seen) -> tuple[FloatArray, FloatArray]:
+    def steer(self, memory: FloatArray, view: DriverView) -> tuple[FloatArray, FloatArray]:
         """Returns the new memory and angle, rad, with a pose: of one car, or of many, whose last
         axis it is.
         """
-        moves = (seen.speed > SLOW) & ~np.isnan(seen.yaw_rate)
-        bent = np.where(moves, seen.yaw_rate, 0.0) / np.maximum(seen.speed, SLOW)
-        curvature = self.wanted_curvature(seen, bent)
+        moves = (view.speed > SLOW) & ~np.isnan(view.yaw_rate)
+        bent = np.where(moves, view.yaw_rate, 0.0) / np.maximum(view.speed, SLOW)
+        curvature = self.wanted_curvature(view, bent)
         missing = memory[0] + (curvature - bent - memory[0]) / (1.0 + self.lag * self.rate)
         wanted = np.arctan(self.wheelbase * (curvature + self.correction * missing))
         return self._give(missing, np.clip(wanted, -self.limit, self.limit), memory)
@@ -213,16 +213,16 @@ class PathDriver:
         angle = np.clip(queue[0], memory[1] - most, memory[1] + most)
         return np.concatenate([np.stack([missing, angle]), queue[1:]]), angle
 
-    def wanted_curvature(self, seen: Seen, bent: Any) -> Any:
+    def wanted_curvature(self, view: DriverView, bent: Any) -> Any:
         """Returns the curvature (1/m) of the circle to the preview point, for a car with a pose
         that goes along `bent`, 1/m.
         """
-        speed = seen.speed
+        speed = view.speed
         way = speed * self.delay
-        course = seen.course + 0.5 * bent * way
-        x = seen.position[0] + way * np.cos(course)
-        y = seen.position[1] + way * np.sin(course)
-        course = seen.course + bent * way
+        course = view.course + 0.5 * bent * way
+        x = view.position[0] + way * np.cos(course)
+        y = view.position[1] + way * np.sin(course)
+        course = view.course + bent * way
         x_ahead, y_ahead = self.path.centre(self.path.station(x, y) + speed * self.preview)
         dx = x_ahead - x
         dy = y_ahead - y
@@ -238,32 +238,39 @@ def make_driver(scenario: Any) -> DriverLaw:
     Raises:
         UserError: speed out of reach, times that do not fit together.
     """
-    given = scenario.manoeuvre
-    if given.kind == "fishhook":
-        times = (given.turn_start, given.turn_hold, given.counter_roll_rate, scenario.servo.rate)
-        return FishhookDriver(speed_ramp(scenario), side_of(given), given.steer_angle, *times)
-    if given.kind == "path":
-        eyes = (given.driver_preview, given.driver_correction, given.driver_lag)
-        hands = (given.driver_delay, given.driver_rate, scenario.controller.rate)
+    manoeuvre = scenario.manoeuvre
+    if manoeuvre.kind == "fishhook":
+        times = (
+            manoeuvre.turn_start,
+            manoeuvre.turn_hold,
+            manoeuvre.counter_roll_rate,
+            scenario.servo.rate,
+        )
+        return FishhookDriver(
+            speed_ramp(scenario), side_of(manoeuvre), manoeuvre.steer_angle, *times
+        )
+    if manoeuvre.kind == "path":
+        eyes = (manoeuvre.driver_preview, manoeuvre.driver_correction, manoeuvre.driver_lag)
+        hands = (manoeuvre.driver_delay, manoeuvre.driver_rate, scenario.controller.rate)
         wheelbase = scenario.car.wheelbase
         return PathDriver(
-            path_of(scenario), speed_ramp(scenario), wheelbase, given.steer_angle, *eyes, *hands
+            path_of(scenario), speed_ramp(scenario), wheelbase, manoeuvre.steer_angle, *eyes, *hands
         )
     return ScheduledDriver(make_schedule(scenario))
 
 
-def refuse_simulated_only(scenario: Any, own_driver: bool = False) -> None:
+def refuse_simulated_only(scenario: Any, user_driver: bool = False) -> None:
     """Raises UserError for a manoeuvre that a real car cannot begin, or whose driver looks at what
     it does not know.
 
-    With `own_driver` somebody else drives than the manoeuvre says.
+    With `user_driver` somebody else drives than the manoeuvre says.
     """
     manoeuvre = scenario.manoeuvre
     if manoeuvre.rolling_start:
         raise UserError(
             "manoeuvre.rolling_start: true; allowed on a car: false, since it begins at rest"
         )
-    if not own_driver and "pose" in make_driver(scenario).sources:
+    if not user_driver and "pose" in make_driver(scenario).sources:
         raise UserError(
             f"manoeuvre.kind: {manoeuvre.kind}, whose driver looks at the place of the car; "
             "allowed on a car: "

@@ -25,7 +25,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from aerodima.workbench.control.swing_law import SwingState
-from aerodima.workbench.control.tail_law import NO_COMMAND, Observation
+from aerodima.workbench.control.tail_law import NO_COMMAND, LawStep, Observation
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.scenario.law_parameters import ControllerParameters, FeedbackParameters
 from aerodima.workbench.scenario.signal_table import IMU
 
@@ -36,8 +37,8 @@ MIDDLE = 0.1
 """rad; a reference nearer to the middle counts as waiting in the log."""
 
 
-class Seen(NamedTuple):
-    """What the law looks at, numbers or arrays of cars (n).
+class FeedbackSignals(NamedTuple):
+    """Signals that the law reads, numbers or arrays of cars (n).
 
     Attributes:
         roll, roll_rate: of the car, rad and rad/s, positive to the right.
@@ -67,7 +68,9 @@ class Response(NamedTuple):
     state: Any
 
 
-def respond(gains: Any, wheelbase: Any, rate: float, reference: Any, seen: Seen) -> Response:
+def respond(
+    gains: Any, wheelbase: Any, rate: float, reference: Any, signals: FeedbackSignals
+) -> Response:
     """Returns the response of the law to one tick.
 
     Args:
@@ -75,21 +78,21 @@ def respond(gains: Any, wheelbase: Any, rate: float, reference: Any, seen: Seen)
         wheelbase: m.
         rate: of the controller, Hz.
         reference: of the step before, rad.
-        seen: signals.
+        signals: signals.
     """
-    curvature = np.tan(seen.steering_angle) / wheelbase
-    most_yaw = gains.grip / np.maximum(seen.speed, 1.0)
+    curvature = np.tan(signals.steering_angle) / wheelbase
+    most_yaw = gains.grip / np.maximum(signals.speed, 1.0)
     lean = (
-        gains.lean_gain * np.tanh(seen.speed**2 * curvature / gains.grip)
-        + gains.roll_gain * seen.roll
-        + gains.roll_rate_gain * seen.roll_rate
+        gains.lean_gain * np.tanh(signals.speed**2 * curvature / gains.grip)
+        + gains.roll_gain * signals.roll
+        + gains.roll_rate_gain * signals.roll_rate
         + gains.yaw_rate_gain
-        * (seen.yaw_rate - np.clip(seen.speed * curvature, -most_yaw, most_yaw))
+        * (signals.yaw_rate - np.clip(signals.speed * curvature, -most_yaw, most_yaw))
     )
     lean = np.clip(lean, -gains.most_roll, gains.most_roll)
     outwards = np.abs(lean) > np.abs(reference)
     most = np.where(outwards, gains.out_speed, gains.return_speed) / rate
-    moved = np.where(seen.valid, np.clip(lean - reference, -most, most), 0.0)
+    moved = np.where(signals.valid, np.clip(lean - reference, -most, most), 0.0)
     moving = np.where(outwards, SwingState.SWING, SwingState.RECOCK)
     state = np.where(np.abs(reference + moved) > MIDDLE, moving, SwingState.HOLD)
     return Response(reference + moved, state)
@@ -119,15 +122,13 @@ class FeedbackLaw:
         hold = (controller.hold_kp, controller.hold_kd)
         return cls(scenario.feedback, scenario.car.wheelbase, controller.rate, hold)
 
-    def start(self) -> np.ndarray:
+    def start(self) -> FloatArray:
         """Returns the memory (1): reference of the roll of the tail, rad; NaN before its angle was
         known.
         """
         return np.array([math.nan])
 
-    def step(
-        self, memory: np.ndarray, observation: Observation
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    def step(self, memory: FloatArray, observation: Observation) -> LawStep:
         """Ticks once, see `TailLaw`.
 
         Without speed or steering, roll and roll rate decide alone. A tail of unknown angle is not
@@ -154,10 +155,10 @@ class FeedbackLaw:
             steering_angle = steering
             if valid:
                 yaw_rate = observation.imu[GYRO_Z]
-        seen = Seen(roll, roll_rate, yaw_rate, speed, steering_angle, valid)
+        signals = FeedbackSignals(roll, roll_rate, yaw_rate, speed, steering_angle, valid)
         gains = self.gains
-        found = respond(gains, self.wheelbase, self.rate, reference, seen)
+        response = respond(gains, self.wheelbase, self.rate, reference, signals)
         pitch = np.array([gains.pitch_angle, 0.0, *self.pitch_hold, 0.0])
-        moved = float(found.reference)
+        moved = float(response.reference)
         command = np.array([moved, 0.0, gains.kp, gains.kd, 0.0])
-        return np.array([moved]), pitch, command, int(found.state)
+        return np.array([moved]), pitch, command, int(response.state)

@@ -1,5 +1,6 @@
-"""What the driver does and when: steering, throttle and announced turn as plain functions of time
-(design section 10).
+"""Manoeuvres of the driver: steering, throttle and announced turn as functions of time.
+
+Design section 10.
 
 No Drake here; `TurnDriver` plays a schedule into a station, and so does the no-Drake mode on the
 car. Steering angles in rad, positive to the left; throttle -1 to 1; planned turn +1 left, -1 right,
@@ -24,7 +25,7 @@ CLOSED_LOOP = ("fishhook", "path")
 
 
 class DriverInput(NamedTuple):
-    """What the driver gives at one instant."""
+    """Commands of the driver at one instant."""
 
     steering_angle: float
     throttle: float
@@ -143,20 +144,28 @@ def wheel_angle(pulse: Any, rate: Any, since: Any) -> Any:
     return maximum(angle - rate * maximum(0.0, since - pulse.hold), 0.0)
 
 
-def angle_to_straighten(
-    steer_angle: Any, hold: Any, rate: Any, first_angle: Any = 0.0, first_hold: Any = 0.0
+def turn_length(
+    rate: Any,
+    steer_angle: Any,
+    hold: Any,
+    first_angle: Any = 0.0,
+    first_hold: Any = 0.0,
+    repeats: int = 1,
+    gap: float = 0.0,
 ) -> Any:
-    """Returns the largest angle (rad) from which the servo brings the wheels back after a turn.
+    """Returns the time from the first step of the steering until the wheels are straight again, s.
 
-    That of the last level, or what a servo of `rate` (rad/s) has not yet taken back of a larger
-    first one.
+    The servo brings them back from the last level, or from what it has not yet taken back of a
+    larger first one.
 
     Args:
+        rate: of the servo, rad/s.
         steer_angle, hold, first_angle, first_hold: as for `TurnSchedule`, numbers or arrays.
-        rate: of the servo.
+        repeats, gap: as for `TurnSchedule`.
     """
     left = maximum(steer_angle, first_angle - rate * (hold - first_hold))
-    return where(first_hold > 0.0, left, steer_angle)
+    angle = where(first_hold > 0.0, left, steer_angle)
+    return repeats * hold + (repeats - 1) * gap + angle / rate
 
 
 def turn_start(scenario: Any) -> float:
@@ -165,13 +174,6 @@ def turn_start(scenario: Any) -> float:
     if manoeuvre.kind == "auto_turn":
         return float(manoeuvre.straight_time)
     return float(manoeuvre.turn_start)
-
-
-def steering_time(hold: float, repeats: int = 1, gap: float = 0.0) -> float:
-    """Returns the time from the start of the first step to the end of the last, s; arguments of
-    `TurnSchedule`.
-    """
-    return repeats * hold + (repeats - 1) * gap
 
 
 @dataclass(frozen=True)
@@ -276,7 +278,7 @@ class RisingSchedule:
 
 @dataclass(frozen=True)
 class StraightSchedule:
-    """Up to speed and straight on, for the throttle tests (thesis 6.2). No turn is announced."""
+    """Straight driving at a speed, for the throttle tests (thesis 6.2). No turn is announced."""
 
     ramp: SpeedRamp
 

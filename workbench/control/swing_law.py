@@ -19,7 +19,7 @@ from aerodima.workbench.core.elementwise import where
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.yaml_files import checked
 from aerodima.workbench.scenario.law_parameters import ControllerParameters
-from aerodima.workbench.scenario.scenario_file import load_parameter_file
+from aerodima.workbench.scenario.scenario_file import load_section
 
 
 class SwingState(IntEnum):
@@ -77,12 +77,8 @@ class SwingSettings(ControllerParameters):
         """Returns the settings of `models/parameters/controller.yaml` with some changes; UserError
         names one out of range.
         """
-        entries = load_parameter_file(
-            model_path("parameters/controller.yaml"), ControllerParameters
-        )
-        return checked(
-            cls, {key: entry.value for key, entry in entries.items()} | changes, "controller"
-        )
+        numbers = load_section(model_path("parameters/controller.yaml"), ControllerParameters)
+        return checked(cls, {**dict(numbers), **changes}, "controller")
 
     @classmethod
     def from_scenario(cls, scenario: Any) -> "SwingSettings":
@@ -96,7 +92,7 @@ class SwingSettings(ControllerParameters):
 
 
 class SwingPhase(NamedTuple):
-    """How far a swing is, numbers or arrays of cars (n).
+    """Progress of a swing, numbers or arrays of cars (n).
 
     Attributes:
         state: a `SwingState`.

@@ -59,25 +59,18 @@ def swing_facts(scenario: Any) -> dict[str, Any]:
     return {SWING: swing.model_dump(mode="json", by_alias=True, exclude_none=True)}
 
 
-def refuse_other_car(
-    scenario: Any, swing: SwingFile | None = None, *, way_out: str = ", or --other-car"
-) -> None:
-    """Raises SwingFileError, naming every parameter that differs, when a swing is for another car
-    than the scenario's.
-
-    Args:
-        scenario: the car.
-        swing: by default the one that the scenario plays; without any nothing is refused.
-        way_out: what is allowed beside the same car, where something is.
+def refuse_other_car(scenario: Any) -> None:
+    """Raises SwingFileError, naming every parameter that differs, when a scenario plays a swing for
+    another car than its own.
     """
-    swing = swing or swing_of_scenario(scenario)
+    swing = swing_of_scenario(scenario)
     if swing is None:
         return
     differences = car_mismatches(swing, scenario.resolved())
     if differences:
         raise SwingFileError(
-            f"swing {swing.name}: made for another car: {'; '.join(differences)}; allowed: the "
-            f"same car{way_out}"
+            f"swing {swing.name}: made for another car: {'; '.join(differences)}; must be the "
+            "same car, or with --other-car"
         )
 
 

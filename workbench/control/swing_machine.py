@@ -30,7 +30,8 @@ from aerodima.workbench.control.swing_law import (
     next_phase,
     roll_command,
 )
-from aerodima.workbench.control.tail_law import EPSILON, NO_COMMAND, Observation, sign
+from aerodima.workbench.control.tail_law import EPSILON, NO_COMMAND, LawStep, Observation, sign
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.scenario.signal_table import IMU
 
 ACCELERATION_Y = IMU.index("acceleration_y")
@@ -38,7 +39,7 @@ ACCELERATION_Y = IMU.index("acceleration_y")
 
 @dataclass(frozen=True)
 class SwingMemory:
-    """What a law remembers between ticks. Angles as the car reports them, not mirrored.
+    """Memory of a law between ticks. Angles as the car reports them, not mirrored.
 
     Args:
         state: a `SwingState`.
@@ -66,7 +67,7 @@ class SwingMemory:
     fallen_start: float = 0.0
 
 
-Tick = tuple[SwingMemory, np.ndarray, np.ndarray]
+Tick = tuple[SwingMemory, FloatArray, FloatArray]
 """New memory, commands to the pitch and the roll motor, each (5): rad, rad/s, N m/rad, N m s/rad, N
 m."""
 
@@ -104,13 +105,11 @@ class SwingMachine:
         """Returns the number of floats that `step` carries from tick to tick."""
         return len(fields(SwingMemory))
 
-    def start(self) -> np.ndarray:
+    def start(self) -> FloatArray:
         """Returns the memory (memory_size,) before the first tick."""
         return _as_array(SwingMemory())
 
-    def step(
-        self, memory: np.ndarray, observation: Observation
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    def step(self, memory: FloatArray, observation: Observation) -> LawStep:
         """Returns new memory (memory_size,), pitch and roll command (5), number of the state after
         one tick.
         """
@@ -127,8 +126,8 @@ class SwingMachine:
         known = math.isfinite(observation.time + observation.roll_angle + observation.planned_turn)
         if known and self.settings.mode != "none":
             pitch = self._pitch_angle(memory, observation)
-            seen = replace(memory, roll_angle=observation.roll_angle, pitch_angle=pitch)
-            memory = self._advance(seen, observation)
+            updated = replace(memory, roll_angle=observation.roll_angle, pitch_angle=pitch)
+            memory = self._advance(updated, observation)
         if memory.state == SwingState.OFF:
             return memory, NO_COMMAND, NO_COMMAND
         if not known and memory.state == SwingState.SWING:
@@ -172,8 +171,10 @@ class SwingMachine:
             if memory.state == SwingState.DELAY:
                 return enter(SwingState.HOLD, memory, time)
             return memory
-        found = sign(memory.roll_angle * self._wait.roll) or 1.0
-        memory = replace(memory, mirror=plan * self.direction if plan != 0.0 else found)
+        side = sign(memory.roll_angle * self._wait.roll) or 1.0
+        if plan != 0.0:
+            side = plan * self.direction
+        memory = replace(memory, mirror=side)
         ready = (
             self._away(memory, memory.roll_angle, memory.pitch_angle) <= self.settings.ready_angle
         )
@@ -188,7 +189,7 @@ class SwingMachine:
             self._away(memory, memory.start_roll, memory.start_pitch) / self.settings.recock_speed
         )
 
-    def _held(self, angle: float) -> np.ndarray:
+    def _held(self, angle: float) -> FloatArray:
         """Returns the command (5) that holds a joint."""
         return np.array([angle, 0.0, self._wait.kp, self._wait.kd, 0.0])
 
@@ -249,7 +250,7 @@ class SwingMachine:
         return memory, self._held(settings.pitch_angle), np.array([*command, 0.0])
 
 
-def _as_array(memory: SwingMemory) -> np.ndarray:
+def _as_array(memory: SwingMemory) -> FloatArray:
     # `vars` keeps the order of the fields; `astuple` would copy deeply.
     return np.array(list(vars(memory).values()))
 

@@ -209,7 +209,7 @@ class SwingPlayer(SwingMachine):
 
     def _along_the_knots(
         self, memory: SwingMemory, observation: Observation, elapsed: float
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> tuple[FloatArray, FloatArray]:
         """Returns commands (5) to roll and pitch, in the direction of the file."""
         point = swing_at(self.swing, middle_of_tick(elapsed, self.rate))
         roll_gains, pitch_gains = gains_at(self.swing, elapsed)
@@ -227,7 +227,7 @@ class SwingPlayer(SwingMachine):
 
     def _command(
         self, wanted: tuple[Any, Any, Any], gains: JointGains, state: tuple[float, float]
-    ) -> np.ndarray:
+    ) -> FloatArray:
         """Returns the position, rate, gains and torque for a joint at (rad, rad/s).
 
         As much is taken from the torque that the motor, in its present state, gives no more than

@@ -1,4 +1,5 @@
-"""What every control law for the tail sees, from the station's signals on, and what it gives.
+"""Protocol of every control law for the tail: what it sees of the station's signals, and what it
+gives.
 
 No Drake.
 """
@@ -10,6 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.scenario.signal_table import IMU, STATUS, TAIL_STATE
 
 UNKNOWN_IMU = (math.nan,) * 9
@@ -34,7 +36,7 @@ IMU_AGE = STATUS.index("imu_age")
 
 @dataclass(frozen=True)
 class Observation:
-    """What a law sees at one tick. NaN means "not known".
+    """Signals that a law sees at one tick. NaN means "not known".
 
     Args:
         time: s.
@@ -63,6 +65,10 @@ class Observation:
     steering_angle: float = math.nan
 
 
+LawStep = tuple[FloatArray, FloatArray, FloatArray, int]
+"""Result of a tick of a law: memory, pitch command (5), roll command (5), number of the state."""
+
+
 class TailLaw(Protocol):
     """A control law for the tail."""
 
@@ -74,12 +80,10 @@ class TailLaw(Protocol):
     def memory_size(self) -> int:
         """Returns the number of floats that the law carries from tick to tick."""
 
-    def start(self) -> np.ndarray:
+    def start(self) -> FloatArray:
         """Returns the memory (memory_size,) before the first tick."""
 
-    def step(
-        self, memory: np.ndarray, observation: Observation
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    def step(self, memory: FloatArray, observation: Observation) -> LawStep:
         """Returns new memory, pitch command (5), roll command (5) and state number of one tick.
 
         Must not change its arguments.
@@ -96,11 +100,11 @@ def sign(value: float) -> float:
 
 def observe(
     time: float,
-    tail_state: np.ndarray,
-    imu: np.ndarray,
-    status: np.ndarray,
+    tail_state: FloatArray,
+    imu: FloatArray,
+    status: FloatArray,
     planned_turn: float,
-    speed: np.ndarray | None,
+    speed: FloatArray | None,
     age_limit: float = AGE_LIMIT,
     *,
     steering_angle: float = math.nan,

@@ -42,8 +42,8 @@ def load_law(place: str, scenario: Scenario) -> TailLaw:
             f"--law {place}: {name} has no {', '.join(missing)}; a tail law has "
             f"{', '.join(_MEMBERS)}"
         )
-    found: TailLaw = law
-    return found
+    tail_law: TailLaw = law
+    return tail_law
 
 
 def load_build(place: str) -> Any:
@@ -63,10 +63,10 @@ def load_named(flag: str, place: str, kind: str, example: str) -> Any:
         raise UserError(
             f"{flag} {place}: allowed: a Python file and a {kind} in it, such as {example}"
         )
-    found = getattr(_run_file(flag, Path(path)), name, None)
-    if not (isinstance(found, type) if kind == "class" else callable(found)):
+    member = getattr(_run_file(flag, Path(path)), name, None)
+    if not (isinstance(member, type) if kind == "class" else callable(member)):
         raise UserError(f"{flag} {place}: {path} has no {kind} {name}")
-    return found
+    return member
 
 
 def _run_file(flag: str, path: Path) -> Any:

@@ -5,3 +5,6 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
+Vector3 = tuple[float, float, float]
+"""Components along three axes."""

@@ -11,8 +11,10 @@ from pathlib import Path
 from aerodima.workbench.core.errors import UserError
 
 
-def refuse_existing(path: Path, force: bool, error: type[UserError]) -> None:
-    """Raise `error` when `path` is a folder, or exists and `force` is not set."""
+def refuse_existing(path: Path | None, force: bool, error: type[UserError]) -> None:
+    """Raise `error` when `path` is a folder, or exists and `force` is not set; None is no path."""
+    if path is None:
+        return
     if path.is_dir():
         raise error(f"{path}: is a folder, a file name is needed")
     if path.exists() and not force:

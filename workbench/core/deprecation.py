@@ -1,7 +1,5 @@
 """Old names of functions that were renamed, kept for one version."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from functools import wraps

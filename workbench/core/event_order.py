@@ -1,6 +1,4 @@
-"""Which part acts first at one instant: the order of Drake's events."""
-
-from __future__ import annotations
+"""Order of Drake's events: which part acts first at one instant."""
 
 import math
 from collections.abc import Callable
@@ -20,7 +18,7 @@ EVENT_OFFSET = 1e-9
 
 
 class EventPriority(IntEnum):
-    """Who acts at one instant before the plant steps; the larger, the earlier.
+    """Priority of a part at one instant before the plant steps; the larger, the earlier.
 
     The controller does not come after the driver: it sees what the driver did one tick before, as
     on the car, where both read first and write afterwards. At one rate both act in the controller's

@@ -1,102 +1,63 @@
 """Ports that a station must have."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 
 import numpy as np
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiagramBuilder,
-    InputPort,
-    LeafSystem,
-    OutputPort,
-    System,
-)
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import AffineSystem, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
 
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_fields import PortFields
-from aerodima.workbench.core.port_wiring import add_and_connect, vector_of
-from aerodima.workbench.core.system_lifetime import weak_callback
+from aerodima.workbench.core.port_wiring import add_and_connect, concatenate
+
+LAST_TIME = 1e9
+"""Until when a station tells the time, s."""
 
 
-class StationStatus(LeafSystem):
-    """The port `status` of a simulated station: armed, ages, fault codes, and 0 elsewhere.
+def add_status(
+    builder: DiagramBuilder,
+    fields: PortFields,
+    samples: Mapping[str, OutputPort],
+    healthy: Collection[str],
+    faults: Mapping[str, float] | None = None,
+) -> OutputPort:
+    """Adds the port `status` of a simulated station: armed, ages, fault codes, and 0 elsewhere.
 
-    Input ports:
-        <field> (1): of each of `sources` its value, of each of `samples` the instant, s, since
-            which the field is the time.
-    Output ports:
-        status: the fields.
+    Its three systems, `clock`, `status_times` and `status`, work in C++.
 
     Args:
+        builder: of the station.
         fields: of the port.
-        sources: fields that have the value of a port.
-        samples: fields that are the time since an instant, s.
+        samples: fields that are the time since an instant, with the port (1) of the instant, s.
         healthy: fields that are 0.
         faults: fault codes that never change.
 
     Raises:
         ValueError: a field of the port is in none of these, or in two; names it.
     """
-
-    def __init__(
-        self,
-        fields: PortFields,
-        sources: Collection[str],
-        samples: Collection[str],
-        healthy: Collection[str],
-        faults: Mapping[str, float],
-    ) -> None:
-        super().__init__()
-        self.set_name("status")
-        constants = {"armed": 1.0, **faults}
-        known = [*constants, *sources, *samples, *healthy]
-        names = {*fields.fields, *known}
-        wrong = [name for name in names if known.count(name) != 1 or name not in fields.fields]
-        if wrong:
-            raise ValueError(
-                f"status: {', '.join(sorted(wrong))}; needed once each: {', '.join(fields.fields)}"
-            )
-        self._constants = np.zeros(fields.size)
-        for name, value in constants.items():
-            self._constants[fields.index(name)] = value
-        self._sources = self._declare(fields, sources)
-        self._samples = self._declare(fields, samples)
-        tickets = {self.time_ticket(), self.all_input_ports_ticket()}
-        self.DeclareVectorOutputPort("status", fields.size, weak_callback(self._calc), tickets)
-
-    def _declare(self, fields: PortFields, names: Collection[str]) -> list[tuple[int, InputPort]]:
-        """Declares an input port for each field; returns the fields' indices with their ports."""
-        return [(fields.index(name), self.DeclareVectorInputPort(name, 1)) for name in names]
-
-    def _calc(self, context: Context, output: BasicVector) -> None:
-        values = self._constants.copy()
-        for index, port in self._sources:
-            values[index] = vector_of(port, context)[0]
-        for index, port in self._samples:
-            values[index] = context.get_time() - vector_of(port, context)[0]
-        output.SetFromVector(values)
-
-
-def add_status(
-    builder: DiagramBuilder,
-    fields: PortFields,
-    sources: Mapping[str, OutputPort],
-    healthy: Collection[str],
-    *,
-    samples: Mapping[str, OutputPort] | None = None,
-    faults: Mapping[str, float] | None = None,
-) -> OutputPort:
-    """Adds a `StationStatus` with these ports for its fields; returns its port.
-
-    Raises:
-        ValueError: a field of the port is in none of these, or in two; names it.
-    """
-    samples = samples or {}
-    status = StationStatus(fields, sources, samples, healthy, faults or {})
-    return add_and_connect(builder, status, **sources, **samples).get_output_port()
+    constants = {"armed": 1.0, **(faults or {})}
+    known = [*constants, *samples, *healthy]
+    names = {*fields.fields, *known}
+    wrong = [name for name in names if known.count(name) != 1 or name not in fields.fields]
+    if wrong:
+        raise ValueError(
+            f"status: {', '.join(sorted(wrong))}; needed once each: {', '.join(fields.fields)}"
+        )
+    clock = TrajectorySource(
+        PiecewisePolynomial.FirstOrderHold([0.0, LAST_TIME], [[0.0, LAST_TIME]])
+    )
+    times = [builder.AddNamedSystem("clock", clock).get_output_port(), *samples.values()]
+    gains = np.zeros((len(fields.fields), len(times)))
+    for column, name in enumerate(samples, 1):
+        gains[fields.fields.index(name), [0, column]] = 1.0, -1.0
+    values = np.array([constants.get(name, 0.0) for name in fields.fields])
+    return add_and_connect(
+        builder,
+        AffineSystem(D=gains, y0=values),
+        "status",
+        u0=concatenate(builder, "status_times", times),
+    ).get_output_port()
 
 
 def export_outputs(builder: DiagramBuilder, ports: Mapping[str, OutputPort]) -> None:

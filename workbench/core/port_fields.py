@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from aerodima.workbench.core.array_types import FloatArray
+
 
 @dataclass(frozen=True)
 class PortFields:
@@ -35,7 +37,7 @@ class PortFields:
             raise ValueError(f"{self.name} has no field '{name}'; it has {', '.join(self.fields)}")
         return self.fields.index(name)
 
-    def read(self, values: Sequence[float] | np.ndarray) -> Any:
+    def read(self, values: Sequence[float] | FloatArray) -> Any:
         """Read a vector (size,) as a named tuple of plain floats; ValueError for another length."""
         if len(values) != len(self.fields):
             raise ValueError(f"{self.name} has {len(self.fields)} elements, got {len(values)}")
@@ -43,6 +45,6 @@ class PortFields:
             *(values.tolist() if isinstance(values, np.ndarray) else map(float, values))
         )
 
-    def write(self, **values: float) -> np.ndarray:
+    def write(self, **values: float) -> FloatArray:
         """Write a vector (size,) from one keyword per field; TypeError names a missing one."""
         return np.array(self._tuple(**values), dtype=float)

@@ -2,8 +2,6 @@
 AutoDiffXd.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
@@ -22,7 +20,6 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import (
     ConstantVectorSource,
-    MatrixGain,
     Selector,
     SelectorParams,
 )
@@ -35,19 +32,37 @@ PortSlice = OutputPort | tuple[OutputPort, Sequence[int]]
 """What a port is made of: another port, or elements of one."""
 
 
-def declare_spatial_forces(
-    system: Any, calc: Callable[[Any, Any], None], inputs: set[Any], T: Any = float
-) -> None:
+def declare_spatial_forces(system: Any, calc: Callable[[Any, Any], None], T: Any = float) -> None:
     """Declares the output port `spatial_forces`, a list[ExternallyAppliedSpatialForce].
+
+    It depends on the input ports alone.
 
     Args:
         system: whose method `calc` is.
         calc: called with a context and the value to be set.
-        inputs: tickets of what the value depends on.
         T: scalar type.
     """
     make = Value[list[ExternallyAppliedSpatialForce_[T]]]
-    system.DeclareAbstractOutputPort("spatial_forces", make, weak_callback(calc), inputs)
+    tickets = {system.all_input_ports_ticket()}
+    system.DeclareAbstractOutputPort("spatial_forces", make, weak_callback(calc), tickets)
+
+
+def declare_output(
+    system: Any, name: str, size: int, calc: Callable[[Any, Any], None], *, timed: bool = False
+) -> None:
+    """Declares a vector output port that depends on the input ports alone, or on the time too.
+
+    Args:
+        system: whose method `calc` is.
+        name: of the port.
+        size: of its vector.
+        calc: called with a context and the vector to be set.
+        timed: whether it depends on the time.
+    """
+    tickets = {system.all_input_ports_ticket()}
+    if timed:
+        tickets.add(system.time_ticket())
+    system.DeclareVectorOutputPort(name, size, weak_callback(calc), tickets)
 
 
 def vector_of(port: InputPort | OutputPort, context: Context) -> FloatArray:
@@ -68,21 +83,20 @@ class DiscreteVector:
     """
 
     def __init__(
-        self, system: LeafSystem, initial: Sequence[float] | np.ndarray, output: str | None = None
+        self, system: LeafSystem, initial: Sequence[float] | FloatArray, output: str | None = None
     ) -> None:
         values: Any = np.array(initial, dtype=float)
         index = system.DeclareDiscreteState(values)
         if output is not None:
             system.DeclareStateOutputPort(output, index)
-        self.ticket = system.discrete_state_ticket(index)
         self._index = int(index)
 
-    def read(self, context: Context) -> np.ndarray:
+    def read(self, context: Context) -> FloatArray:
         """Values (n,); a view that is not to be changed."""
         values: Any = context.get_discrete_state(self._index).value()
         return values
 
-    def write(self, discrete_state: DiscreteValues, values: Sequence[float] | np.ndarray) -> None:
+    def write(self, discrete_state: DiscreteValues, values: Sequence[float] | FloatArray) -> None:
         """Sets the values (n,) within a discrete update."""
         new: Any = values
         discrete_state.set_value(self._index, new)
@@ -100,13 +114,6 @@ def add_and_connect(
     for port, source in inputs.items():
         builder.Connect(source, system.GetInputPort(port))
     return system
-
-
-def multiply(
-    builder: DiagramBuilder, name: str, source: OutputPort, matrix: np.ndarray
-) -> OutputPort:
-    """Adds one system of that name; returns its port (m): a matrix (m, n) times a port (n)."""
-    return add_and_connect(builder, MatrixGain(matrix), name, u0=source).get_output_port()
 
 
 def add_selector(

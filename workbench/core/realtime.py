@@ -5,8 +5,6 @@ Nothing here asks for rights: limits are set by the user (docs/deployment.md), a
 permitted is said.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import gc

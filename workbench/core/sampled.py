@@ -4,13 +4,12 @@ import hashlib
 import math
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem, State
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem, State
 
-from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.event_order import EventPriority, period_of
 from aerodima.workbench.core.port_wiring import DiscreteVector, vector_of
-from aerodima.workbench.core.quantity import RATE_TOLERANCE, check_rate
-from aerodima.workbench.core.system_lifetime import weak_callback
+from aerodima.workbench.core.quantity import RATE_TOLERANCE, check_range, check_rate
 
 TURN = 2.0 * math.pi
 """One revolution, rad."""
@@ -25,7 +24,7 @@ class SampledSensor(LeafSystem):
     until the next one: whole periods of the delay are a queue in discrete state, the rest is the
     phase of the event that shows the sample, so the delay is exact and nothing is interpolated.
     Before the run the robot is taken to have stood as it does at the initial time: the output then
-    holds the first sample, and its age is the delay.
+    holds the first sample, taken a delay ago.
 
     Before a discrete plant, sampling and appearing come first of all that happens at an instant,
     and the plant's step last (`aerodima.workbench.core.event_order`): the sensor sees the plant
@@ -38,7 +37,9 @@ class SampledSensor(LeafSystem):
         <outputs>: the newest sample that has appeared, cut into ports; cost nothing between
         samples.
         sample_time (1): when it was taken, s.
-        age (1): time since then, s; changes with time.
+
+    Attributes:
+        rate: Hz.
 
     Args:
         name: of the system, e.g. "imu"; settings are named by it in messages.
@@ -64,10 +65,9 @@ class SampledSensor(LeafSystem):
     ) -> None:
         super().__init__()
         check_rate(rate, step, f"{name}.rate")
-        if not (math.isfinite(delay) and delay >= 0.0):
-            raise UserError(f"{name}.delay: {delay:g} s must be >= 0 s")
+        check_range(f"{name}.delay", delay, 0.0, math.inf, "s")
         self.set_name(name)
-        self._rate = rate
+        self.rate = rate
         self._delay = delay
         whole = math.floor(delay * rate + RATE_TOLERANCE)
         lag = max(0.0, delay - whole / rate)
@@ -82,34 +82,21 @@ class SampledSensor(LeafSystem):
         self._queue_length = whole + 1
         self._row_size = size + 1
         self._queue = DiscreteVector(self, np.zeros(self._queue_length * self._row_size))
-        self.DeclareVectorOutputPort(
-            "age", 1, weak_callback(self._calc_age), {self.time_ticket(), self._sample_time.ticket}
-        )
         self.DeclareInitializationUnrestrictedUpdateEvent(self._initialise)
         period = period_of(rate, EventPriority.SENSOR) if discrete else 1.0 / rate
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._sample)
         if not self._shows_at_once:
             self.DeclarePeriodicDiscreteUpdateEvent(period, lag * rate * period, self._show)
 
-    @property
-    def rate(self) -> float:
-        """Samples per second, Hz."""
-        return self._rate
-
-    @property
-    def delay(self) -> float:
-        """Time from taking a sample to its appearance, s."""
-        return self._delay
-
-    def measure(self, context: Context, index: int) -> np.ndarray:
+    def measure(self, context: Context, index: int) -> FloatArray:
         """Take sample `index` (size,) of the inputs now, with noise and resolution."""
         raise NotImplementedError
 
-    def _row(self, context: Context) -> np.ndarray:
+    def _row(self, context: Context) -> FloatArray:
         """Make a row of the queue: the sample, then the time at which it was taken."""
         time = context.get_time()
         row = np.empty(self._row_size)
-        row[:-1] = self.measure(context, max(0, round(time * self._rate)))
+        row[:-1] = self.measure(context, max(0, round(time * self.rate)))
         row[-1] = time
         return row
 
@@ -117,7 +104,7 @@ class SampledSensor(LeafSystem):
         discrete_state = state.get_mutable_discrete_state()
         row = self._row(context)
         rows = np.tile(row, (self._queue_length, 1))
-        rows[:, -1] -= np.arange(self._queue_length, 0, -1) / self._rate
+        rows[:, -1] -= np.arange(self._queue_length, 0, -1) / self.rate
         self._queue.write(discrete_state, rows.ravel())
         row[-1] -= self._delay
         self._set_outputs(row, discrete_state)
@@ -125,7 +112,7 @@ class SampledSensor(LeafSystem):
     def _sample(self, context: Context, state: State) -> None:
         self.take(context, state.get_mutable_discrete_state())
 
-    def take(self, context: Context, discrete_state: DiscreteValues) -> np.ndarray:
+    def take(self, context: Context, discrete_state: DiscreteValues) -> FloatArray:
         """Take a sample and return it as the new row of the queue."""
         row = self._row(context)
         queue = row
@@ -140,13 +127,10 @@ class SampledSensor(LeafSystem):
     def _show(self, context: Context, discrete_state: DiscreteValues) -> None:
         self._set_outputs(self._queue.read(context)[: self._row_size], discrete_state)
 
-    def _set_outputs(self, row: np.ndarray, discrete_state: DiscreteValues) -> None:
+    def _set_outputs(self, row: FloatArray, discrete_state: DiscreteValues) -> None:
         for group, columns in self._outputs:
             group.write(discrete_state, row[columns])
         self._sample_time.write(discrete_state, row[-1:])
-
-    def _calc_age(self, context: Context, output: BasicVector) -> None:
-        output[0] = context.get_time() - self._sample_time.read(context)[0]
 
 
 class AngleEncoder(SampledSensor):
@@ -161,7 +145,7 @@ class AngleEncoder(SampledSensor):
     Output ports:
         angle (1): rad.
         rate (1): rad/s, mean over the window; 0 until it is filled.
-        sample_time (1), age (1): s, see `SampledSensor`.
+        sample_time (1): s, see `SampledSensor`.
 
     Args:
         name, rate, delay, step, discrete: as for `SampledSensor`.
@@ -180,9 +164,13 @@ class AngleEncoder(SampledSensor):
         step: float | None,
         discrete: bool = False,
     ) -> None:
-        outputs = {"angle": 1, "rate": 1}
         super().__init__(
-            name=name, outputs=outputs, rate=rate, delay=delay, step=step, discrete=discrete
+            name=name,
+            outputs={"angle": 1, "rate": 1},
+            rate=rate,
+            delay=delay,
+            step=step,
+            discrete=discrete,
         )
         self._angle = self.DeclareVectorInputPort("joint_angle", 1)
         samples = max(1, round(window * rate))
@@ -193,7 +181,7 @@ class AngleEncoder(SampledSensor):
         """Read an angle (rad) as sample `index` of the encoder."""
         raise NotImplementedError
 
-    def measure(self, context: Context, index: int) -> np.ndarray:
+    def measure(self, context: Context, index: int) -> FloatArray:
         """Take one sample (2,): angle rad, rate rad/s."""
         angle = self.reading(float(vector_of(self._angle, context)[0]), index)
         earlier = self._past.read(context)[0]
@@ -202,7 +190,7 @@ class AngleEncoder(SampledSensor):
             rate = math.remainder(angle - earlier, TURN) / self._window
         return np.array([angle, rate])
 
-    def take(self, context: Context, discrete_state: DiscreteValues) -> np.ndarray:
+    def take(self, context: Context, discrete_state: DiscreteValues) -> FloatArray:
         """Take a sample; keeps the angle for the rate of later samples."""
         row = super().take(context, discrete_state)
         past = self._past.read(context)
@@ -230,7 +218,7 @@ class CounterNoise:
         self._block_index = -1
         self._block = np.empty((0, width))
 
-    def at(self, index: int) -> np.ndarray:
+    def at(self, index: int) -> FloatArray:
         """Draw the numbers (width,) of sample `index` >= 0."""
         block_index, row = divmod(index, BLOCK)
         if block_index != self._block_index:
@@ -238,7 +226,7 @@ class CounterNoise:
             self._block_index = block_index
         return self._block[row]
 
-    def first(self, count: int) -> np.ndarray:
+    def first(self, count: int) -> FloatArray:
         """Draw the numbers (count, width) of the first samples: `at` 0 ... count - 1."""
         blocks = [
             self._generator(1 + block).standard_normal((BLOCK, self._width))
@@ -246,7 +234,7 @@ class CounterNoise:
         ]
         return np.concatenate([np.empty((0, self._width)), *blocks])[:count]
 
-    def constant(self) -> np.ndarray:
+    def constant(self) -> FloatArray:
         """Draw numbers (width,) of the whole run, such as a bias; independent of all samples."""
         return self._generator(0).standard_normal(self._width)
 

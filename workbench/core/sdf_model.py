@@ -13,10 +13,13 @@ from pathlib import Path
 import numpy as np
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia, UnitInertia
 
+from aerodima.workbench.core.array_types import FloatArray, Vector3
 from aerodima.workbench.core.errors import ModelError
 
 DRAKE_NAMESPACE = "http://drake.mit.edu"
 ElementTree.register_namespace("drake", DRAKE_NAMESPACE)
+Size = float | Sequence[float] | str
+"""Content of an element: a number, several, or a text."""
 _CONTACT = ("point_contact_stiffness", "hunt_crossley_dissipation", "mu_static", "mu_dynamic")
 _MOMENTS = ("ixx", "iyy", "izz")
 _PRODUCTS = ("ixy", "ixz", "iyz")
@@ -31,20 +34,18 @@ class Inertial:
     """
 
     mass: float
-    com: tuple[float, float, float]
-    moments: tuple[float, float, float]
-    products: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    com: Vector3
+    moments: Vector3
+    products: Vector3 = (0.0, 0.0, 0.0)
 
     @property
-    def matrix(self) -> np.ndarray:
+    def matrix(self) -> FloatArray:
         """Build the inertia about the centre of mass (3 x 3), kg m2."""
         xy, xz, yz = self.products
         return np.diag(self.moments) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
 
     @classmethod
-    def solid(
-        cls, mass: float, shape: UnitInertia, com: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    ) -> "Inertial":
+    def solid(cls, mass: float, shape: UnitInertia, com: Vector3 = (0.0, 0.0, 0.0)) -> "Inertial":
         """Returns the inertia of a solid (kg) of a shape, such as `UnitInertia.SolidBox`, with its
         middle at `com`, m.
         """
@@ -118,9 +119,9 @@ class SdfModel:
         self._set_position(element, position)
 
     def set_shape(
-        self, link: str, shape: str, position: Sequence[float] | None = None, **sizes: str
+        self, link: str, shape: str, position: Sequence[float] | None = None, **sizes: Size
     ) -> None:
-        """Set sizes (such as `radius="0.07"`) and position of a visual or collision shape."""
+        """Set sizes (such as `radius=0.07`), m, and position of a visual or collision shape."""
         for element in self._shapes(link, shape):
             if position is not None:
                 self._set_position(element, position)
@@ -130,7 +131,7 @@ class SdfModel:
                     raise ModelError(
                         f"{self.path}: shape {shape!r} of link {link!r} has no <{tag}>"
                     )
-                matches[0].text = value
+                matches[0].text = self._text(value)
 
     def add_shape(
         self,
@@ -140,22 +141,22 @@ class SdfModel:
         shape: str,
         *,
         colour: str | None = None,
-        **sizes: str,
+        **sizes: Size,
     ) -> None:
         """Add a visual of a colour (`0.9 0.7 0.2 1`), or without one a collision shape for
         `set_contact`.
 
         Args:
             pose: position (m) and roll, pitch, yaw (rad) in the link frame.
-            shape: `box`, `cylinder`, `sphere` or `mesh`, with its sizes, such as `radius="0.01"`.
+            shape: `box`, `cylinder`, `sphere` or `mesh`, with its sizes, such as `radius=0.01`, m.
         """
         element = ElementTree.SubElement(
             self._named("link", link), "collision" if colour is None else "visual", name=name
         )
-        ElementTree.SubElement(element, "pose").text = " ".join(map(self._text, pose))
+        ElementTree.SubElement(element, "pose").text = self._text(pose)
         form = ElementTree.SubElement(ElementTree.SubElement(element, "geometry"), shape)
         for tag, size in sizes.items():
-            ElementTree.SubElement(form, tag).text = size
+            ElementTree.SubElement(form, tag).text = self._text(size)
         if colour is not None:
             ElementTree.SubElement(
                 ElementTree.SubElement(element, "material"), "diffuse"
@@ -243,7 +244,12 @@ class SdfModel:
             )
         return child
 
-    def _text(self, value: float) -> str:
+    def _text(self, value: Size) -> str:
+        """Write a text as it is, a number with the digits of the model, several with blanks."""
+        if isinstance(value, str):
+            return value
+        if isinstance(value, Sequence):
+            return " ".join(map(self._text, value))
         return f"{value:.{self._digits}g}"
 
     def _set_position(self, element: ElementTree.Element, position: Sequence[float]) -> None:

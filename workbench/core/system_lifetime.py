@@ -1,7 +1,5 @@
 """Templates of systems, and how long systems stay in memory."""
 
-from __future__ import annotations
-
 import sys
 import weakref
 from collections.abc import Callable, Iterator

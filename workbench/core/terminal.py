@@ -5,8 +5,6 @@ A terminal that is stopped (Ctrl-S) or a reader that no longer reads would hold 
 `_LAST_WAIT` at the end of the program.
 """
 
-from __future__ import annotations
-
 import atexit
 import os
 import stat

@@ -1,6 +1,6 @@
 """Text tables for the terminal."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 _ZERO_TOLERANCE = 1e-12
@@ -16,6 +16,11 @@ def shown_value(value: Any) -> str:
     if value == "":
         return "none"
     return str(value)
+
+
+def value_rows(rows: Iterable[tuple[Any, Iterable[Any]]]) -> list[list[str]]:
+    """Format rows of a name and its values."""
+    return [[str(name), *map(shown_value, values)] for name, values in rows]
 
 
 def text_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:

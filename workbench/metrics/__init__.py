@@ -1,1 +1,1 @@
-"""What a run comes to: signals, metrics, outcome, and the published figures beside them."""
+"""Metrics and outcome of a run, and the published figures beside them."""

@@ -1,4 +1,4 @@
-"""What a table or a plot over many runs needs of each run, and which published figures stand beside
+"""Summary of a run for tables and plots over many runs, and the published figures that stand beside
 it.
 
 Everything comes from the run log. `RunSummary` is small and pickles, so a worker process can send
@@ -223,9 +223,9 @@ class RunSummary:
         """Returns the impulses of the tail about the heading axis, positive = against rolling
         outwards; None without a tail.
         """
-        found = self.impulses
+        impulses = self.impulses
         return {
-            f"{cause}_impulse_window_n_m_s": None if found is None else getattr(found, cause)
+            f"{cause}_impulse_window_n_m_s": None if impulses is None else getattr(impulses, cause)
             for cause in CAUSES
         }
 

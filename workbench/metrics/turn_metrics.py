@@ -1,5 +1,5 @@
-"""What a run comes to: the eight metrics of the thesis, raw and filtered, and whether the car
-stayed on its wheels.
+"""Metrics of a run: the eight of the thesis, raw and filtered, and whether the car stayed on its
+wheels.
 
 Everything is computed from the log alone. The eight metrics come twice, from the signals that the
 thesis took for its simulated car (`RunMetrics.raw`) and for the real one (`RunMetrics.filtered`);
@@ -20,7 +20,7 @@ from scipy.integrate import cumulative_trapezoid, trapezoid
 from aerodima.workbench.car.tail_impulses import tail_effort
 from aerodima.workbench.car.turn_signals import TurnSignals, settled_row, turn_signals
 from aerodima.workbench.car.verdict import FLIP_TILT, has_flipped, is_loaded
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, check_time, low_pass
 from aerodima.workbench.metrics.published_values import (
@@ -37,7 +37,7 @@ OF_THE_TURN = ("speed_in_turn_m_per_s", "lift_yaw_rate_rad_per_s")
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended.
+    """End of a run.
 
     Attributes:
         result: `flipped` if the tilt passed 75 degrees at any time, or the run ended beyond 20
@@ -313,6 +313,6 @@ def _wheels_loaded(loads: FloatArray) -> NDArray[np.int64]:
     return np.count_nonzero(is_loaded(loads), axis=1)
 
 
-def _time_while(time: FloatArray, condition: NDArray[np.bool_]) -> float:
+def _time_while(time: FloatArray, condition: BoolArray) -> float:
     """Returns the total time of the steps that begin with the condition true, s."""
     return float(np.sum(np.diff(time)[condition[:-1]]))

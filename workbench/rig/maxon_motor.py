@@ -7,8 +7,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from aerodima.workbench.core.port_wiring import vector_of
-from aerodima.workbench.core.system_lifetime import weak_callback
+from aerodima.workbench.core.port_wiring import declare_output, vector_of
 from aerodima.workbench.scenario.rig_scenario import MaxonParameters
 
 
@@ -30,9 +29,8 @@ class MaxonMotor(LeafSystem):
         super().__init__()
         self._settings = settings
         self._command = self.DeclareVectorInputPort("current_command", 1)
-        ticket = {self._command.ticket()}
-        self.DeclareVectorOutputPort("torque", 1, weak_callback(self._calc_torque), ticket)
-        self.DeclareVectorOutputPort("current", 1, weak_callback(self._calc_current), ticket)
+        declare_output(self, "torque", 1, self._calc_torque)
+        declare_output(self, "current", 1, self._calc_current)
 
     def current(self, command: float) -> float:
         """Current that flows at a command, A."""

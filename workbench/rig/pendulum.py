@@ -19,7 +19,7 @@ from aerodima.workbench.aero.section_laws import LineMotion, SectionLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.car.laws import joint_friction
 from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Vector3
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.core.sdf_model import Inertial
 from aerodima.workbench.rig.rig_layout import (
@@ -117,7 +117,7 @@ class PendulumModel:
     jet: Jet
     wind_speed: float
     density: float
-    pivot: tuple[float, float, float]
+    pivot: Vector3
 
     @classmethod
     def from_scenario(
@@ -132,10 +132,9 @@ class PendulumModel:
         """
         bodies = _bodies(scenario)
         strips = _strips(scenario, law, sections)
-        motor = scenario.robot_motor
         rotor = scenario.maxon.reflected_inertia
         if scenario.is_robot:
-            rotor = motor.rotor_inertia * motor.gear_ratio**2
+            rotor = scenario.robot_motor.reflected_inertia
         inertia = along = across = 0.0
         for body in bodies:
             inertia += body.inertia + body.mass * (body.along**2 + body.across**2)
@@ -273,16 +272,11 @@ def air_torque(scenario: RigScenario, law: SectionLaw | None = None) -> Torque |
     strips = pendulum.strips
     if not strips:
         return None
-    density = pendulum.density
 
     def torque(angle: float, rate: float) -> float:
-        # `strip_load` without what a swing does not feel, since a fit evaluates it most.
         total = 0.0
         for strip in strips:
-            (y, z), line, distances, areas = section_airflow(pendulum, strip, angle, rate)
-            if areas[0] != 0.0:
-                _, f_y, f_z, m_x, _, _ = strip.law.line_force(line, distances, areas, density)
-                total = total + m_x + y * f_z - z * f_y
+            total += strip_load(pendulum, strip, angle, rate)[3]
         return -total
 
     return torque

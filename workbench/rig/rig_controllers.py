@@ -16,7 +16,7 @@ class CurrentController(LeafSystem):
     it go.
 
     current = hold + kp (angle - goal) + kd rate, since a positive current pushes upstream. `hold`
-    is the current that holds the goal in the wind, so that the rest is a rest.
+    is the current that holds the goal in the wind, so that the rest is a rest. The motor limits it.
 
     Input ports:
         rig_state (2): angle rad, rate rad/s, as the encoder reports them.
@@ -33,7 +33,6 @@ class CurrentController(LeafSystem):
         super().__init__()
         self.set_name("current_controller")
         self._experiment = scenario.experiment
-        self._limit = scenario.maxon.current_limit
         self._hold_start = hold_start
         self._hold_target = hold_target
         self._state = self.DeclareVectorInputPort("rig_state", 2)
@@ -52,8 +51,7 @@ class CurrentController(LeafSystem):
         else:
             goal = experiment.target
             hold = self._hold_target
-        current = hold + experiment.kp * (angle - goal) + experiment.kd * rate
-        return min(max(current, -self._limit), self._limit)
+        return hold + experiment.kp * (angle - goal) + experiment.kd * rate
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         state = vector_of(self._state, context)

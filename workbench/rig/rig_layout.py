@@ -8,6 +8,7 @@ from aerodima.workbench.aero.coefficient_files import PolarTable, load_coefficie
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.section_laws import NormalForceLaw, SectionLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.scenario.rig_scenario import MountParameters, RigScenario
 
 DOWN = (0.0, 0.0, -1.0)
@@ -16,7 +17,7 @@ UPSTREAM = (0.0, 1.0, 0.0)
 """Direction in world axes against the wind, which blows to -y."""
 
 
-def pivot_position(mount: MountParameters) -> np.ndarray:
+def pivot_position(mount: MountParameters) -> FloatArray:
     """p_WP: the point of the motor axis above the bar (3), m."""
     return np.array(
         [mount.com_x + mount.pivot_x, mount.com_y + mount.pivot_y, mount.com_z + mount.pivot_z]

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from aerodima.workbench.car.tail_plant import ROD_RADIUS
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.sdf_model import Inertial, SdfModel
 from aerodima.workbench.rig.rig_layout import pivot_position
@@ -77,7 +78,7 @@ def cheetah_rig_sdf(scenario: RigScenario) -> SdfModel:
     bar = scenario.bar
     maxon = scenario.maxon
     _set_link(model, "bar", bar_properties(bar), pivot)
-    size = f"{bar.width:.9g} {bar.width:.9g} {bar.tail_distance:.9g}"
+    size = (bar.width, bar.width, bar.tail_distance)
     model.set_shape("bar", "bar", (0, 0, -bar.tail_distance / 2), size=size)
     model.set_rotor("swing", maxon.reflected_inertia / maxon.gear_ratio**2, maxon.gear_ratio)
     model.set_joint("swing", effort=maxon.torque_constant * maxon.current_limit)
@@ -93,7 +94,7 @@ def cheetah_rig_sdf(scenario: RigScenario) -> SdfModel:
     side = tail.minor_axis / 2
     if scenario.experiment.axis == "minor":
         facing, side = side, facing
-    radii = f"{facing:.9g} {side:.9g} {tail.length / 2:.9g}"
+    radii = (facing, side, tail.length / 2)
     model.set_shape("tail", "tail", (0, 0, -tail.length / 2), radii=radii)
     return model
 
@@ -105,8 +106,8 @@ def robot_rig_sdf(scenario: RigScenario) -> SdfModel:
     motor = scenario.robot_motor
     _set_link(model, "mount", mount_properties(scenario.mount), (0.0, 0.0, 0.0))
     _set_link(model, "tail", robot_tail_properties(tail), pivot_position(scenario.mount))
-    model.set_shape("tail", "rod", (0, 0, -tail.length / 2), length=f"{tail.length:.9g}")
-    scale = f"{tail.sail_width:.9g} {tail.sail_width:.9g} {tail.sail_length:.9g}"
+    model.set_shape("tail", "rod", (0, 0, -tail.length / 2), length=tail.length)
+    scale = (tail.sail_width, tail.sail_width, tail.sail_length)
     model.set_shape("tail", "sail", (0, 0, -tail.length + tail.sail_length / 2), scale=scale)
     model.set_rotor("swing", motor.rotor_inertia, motor.gear_ratio)
     model.set_joint("swing", effort=motor.torque_limit)
@@ -117,7 +118,7 @@ def _set_link(
     model: SdfModel,
     link: str,
     inertial: Inertial,
-    position: Sequence[float] | np.ndarray,
+    position: Sequence[float] | FloatArray,
     roll: float = 0.0,
 ) -> None:
     model.set_link_position(link, [*position], roll)

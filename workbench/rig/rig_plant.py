@@ -22,27 +22,33 @@ from pydrake.systems.framework import (
     Context,
     Diagram,
     DiagramBuilder,
+    InputPort,
     LeafSystem,
     OutputPort,
     System,
 )
-from pydrake.systems.primitives import Adder
 
 from aerodima.workbench.aero.added_mass import AddedMass, add_added_mass
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import Air
 from aerodima.workbench.aero.tail_force import add_tail_force, connect_spatial_forces
 from aerodima.workbench.aero.wind import WindModel, add_wind
+from aerodima.workbench.car.ak70 import JointFriction
 from aerodima.workbench.car.car_plant import add_plant, parse_model
-from aerodima.workbench.car.laws import joint_friction
 from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.core.port_wiring import add_and_connect, declare_spatial_forces, vector_of
-from aerodima.workbench.core.system_lifetime import weak_callback
+from aerodima.workbench.core.port_wiring import (
+    add_and_connect,
+    concatenate,
+    declare_output,
+    declare_spatial_forces,
+    vector_of,
+)
+from aerodima.workbench.core.quantity import check_range
 from aerodima.workbench.rig.rig_layout import bar_layout, rig_jet, rig_law, tail_layout
 from aerodima.workbench.rig.rig_model import cheetah_rig_sdf, robot_rig_sdf
 from aerodima.workbench.scenario.rig_scenario import RigScenario
-from aerodima.workbench.scenario.tail_parameters import FrictionParameters
 
 
 @dataclass(frozen=True)
@@ -53,8 +59,7 @@ class RigPlant:
         plant: finalised, continuous.
         scene_graph: for a viewer; None without.
         tail_force: aerodynamic system of the tail; None for the bare bar.
-        torques: adder whose first input port takes the motor's torque (1), N m, along the joint
-            axis.
+        motor_torque: input port of the motor's torque (1), N m, along the joint axis.
         wrench: port (6) of the wrench of the support on the rig at W: force N, torque N m, in W
             axes.
     """
@@ -62,7 +67,7 @@ class RigPlant:
     plant: MultibodyPlant
     scene_graph: SceneGraph | None
     tail_force: System | None
-    torques: Adder
+    motor_torque: InputPort
     wrench: OutputPort
 
 
@@ -77,7 +82,7 @@ class RigReaction:
     """
 
     acceleration: float
-    wrench: np.ndarray
+    wrench: FloatArray
 
 
 def add_rig_plant(
@@ -103,11 +108,13 @@ def add_rig_plant(
     added = _added_mass(plant, scenario)
     plant.Finalize()
     plant.GetJointByName("swing").set_default_angle(scenario.experiment.angle)
-    torques = _add_torques(builder, plant, scenario)
+    state = plant.get_state_output_port()
+    friction = JointFriction(scenario.joint_friction, 1)
+    add_and_connect(builder, friction, rates=concatenate(builder, "joint_rate", [(state, [1])]))
+    builder.Connect(friction.get_output_port(), plant.get_actuation_input_port())
     tail_force = _add_air(builder, plant, scenario)
     if added is not None:
         added.add_to_builder(builder)
-        state = plant.get_state_output_port()
         balance = add_and_connect(
             builder, SpanwiseBalance(plant, added), "spanwise_balance", plant_state=state
         )
@@ -116,20 +123,8 @@ def add_rig_plant(
     support = add_and_connect(
         builder, SupportWrench(int(sensor.index())), "support", reaction_forces=reactions
     )
-    return RigPlant(plant, scene, tail_force, torques, support.get_output_port())
-
-
-def _add_torques(builder: DiagramBuilder, plant: MultibodyPlant, scenario: RigScenario) -> Adder:
-    """Friction and an open input for the motor, added into the actuation."""
-    law = scenario.joint_friction
-    friction = add_and_connect(
-        builder, JointFriction(law), "friction", joint_state=plant.get_state_output_port()
-    )
-    torques = Adder(2, 1)
-    builder.AddNamedSystem("torques", torques)
-    builder.Connect(friction.get_output_port(), torques.get_input_port(1))
-    builder.Connect(torques.get_output_port(), plant.get_actuation_input_port())
-    return torques
+    motor_torque = friction.GetInputPort("motor_torques")
+    return RigPlant(plant, scene, tail_force, motor_torque, support.get_output_port())
 
 
 def _add_air(
@@ -170,6 +165,10 @@ def _added_mass(plant: MultibodyPlant, scenario: RigScenario) -> AddedMass | Non
 class Rig:
     """A rig as a diagram that is built once and evaluated many times.
 
+    Attributes:
+        scenario: of the rig.
+        plant: of the diagram.
+
     Args:
         scenario: which rig, tail, wind and coefficients.
 
@@ -181,17 +180,13 @@ class Rig:
         self.scenario = scenario
         builder = DiagramBuilder()
         self._rig = add_rig_plant(builder, scenario)
+        self.plant = self._rig.plant
         self._diagram: Diagram = _export_torque(builder, self._rig)
         self._context = self._diagram.CreateDefaultContext()
-        self._plant_context = self._rig.plant.GetMyMutableContextFromRoot(self._context)
+        self._plant_context = self.plant.GetMyMutableContextFromRoot(self._context)
         self._torque = self._diagram.GetInputPort("motor_torque")
         self._wrench = self._diagram.GetOutputPort("wrench")
-        self._acceleration = self._rig.plant.get_generalized_acceleration_output_port()
-
-    @property
-    def plant(self) -> MultibodyPlant:
-        """The plant, to look at."""
-        return self._rig.plant
+        self._acceleration = self.plant.get_generalized_acceleration_output_port()
 
     def reaction(self, angle: float, rate: float, torque: float) -> RigReaction:
         """Acceleration and wrench at a state and a motor torque; friction and air as in the
@@ -227,8 +222,7 @@ class Rig:
             limit = scenario.robot_motor.torque_limit / scenario.robot.torque_constant
         else:
             limit = scenario.maxon.current_limit
-        if not abs(current) <= limit:
-            raise UserError(f"current: {current:g} A; allowed: within +-{limit:g} A")
+        check_range("current", current, -limit, limit, "A")
         return -current * current_constant(scenario)
 
     def holding_current(self, angle: float) -> float:
@@ -238,7 +232,7 @@ class Rig:
             UserError: it is beyond the limit of the motor, or the angle outside its range.
         """
         free = self.reaction(angle, 0.0, 0.0).acceleration
-        torque = -free * float(self._rig.plant.CalcMassMatrix(self._plant_context)[0, 0])
+        torque = -free * float(self.plant.CalcMassMatrix(self._plant_context)[0, 0])
         current = -torque / current_constant(self.scenario)
         try:
             self.torque_of(current)
@@ -261,14 +255,11 @@ class Rig:
 
     def set_state(self, angle: float, rate: float, torque: float) -> None:
         """Puts the rig into a state; see `reaction`."""
-        limit = self.scenario.mount.angle_limit
-        if not abs(angle) <= limit + 1e-9:
-            raise UserError(
-                f"angle: {angle:g} rad; allowed: within mount.angle_limit, +-{limit:g} rad"
-            )
-        if not (math.isfinite(rate) and math.isfinite(torque)):
-            raise UserError(f"rate {rate:g} rad/s, torque {torque:g} N m; allowed: finite numbers")
-        self._rig.plant.SetPositionsAndVelocities(self._plant_context, np.array([angle, rate]))
+        limit = self.scenario.mount.angle_limit + 1e-9
+        check_range("angle, see mount.angle_limit", angle, -limit, limit, "rad")
+        check_range("rate", rate, -math.inf, math.inf, "rad/s")
+        check_range("torque", torque, -math.inf, math.inf, "N m")
+        self.plant.SetPositionsAndVelocities(self._plant_context, np.array([angle, rate]))
         self._torque.FixValue(self._context, np.array([torque]))
 
 
@@ -278,7 +269,7 @@ def current_constant(scenario: RigScenario) -> float:
 
 
 def _export_torque(builder: DiagramBuilder, rig: RigPlant) -> Diagram:
-    builder.ExportInput(rig.torques.get_input_port(0), "motor_torque")
+    builder.ExportInput(rig.motor_torque, "motor_torque")
     builder.ExportOutput(rig.wrench, "wrench")
     return builder.Build()
 
@@ -301,9 +292,7 @@ class SupportWrench(LeafSystem):
         self._reactions = self.DeclareAbstractInputPort(
             "reaction_forces", Value[list[SpatialForce]]()
         )
-        self.DeclareVectorOutputPort(
-            "wrench", 6, weak_callback(self._calc), {self._reactions.ticket()}
-        )
+        declare_output(self, "wrench", 6, self._calc)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         reactions: Any = self._reactions.Eval(context)
@@ -332,7 +321,7 @@ class SpanwiseBalance(LeafSystem):
         (self._body,) = plant.GetBodyIndices(added.instance)
         self._mass = plant.get_body(self._body).default_mass()
         self._state = self.DeclareVectorInputPort("plant_state", 2)
-        declare_spatial_forces(self, self._calc, {self._state.ticket()})
+        declare_spatial_forces(self, self._calc)
 
     def _calc(self, context: Context, output: Any) -> None:
         plant = self._plant
@@ -350,29 +339,3 @@ class SpanwiseBalance(LeafSystem):
         force.p_BoBq_B = np.zeros(3)
         force.F_Bq_W = SpatialForce(np.zeros(3), -self._mass * distance * state[1] ** 2 * axis)
         output.set_value([force])
-
-
-class JointFriction(LeafSystem):
-    """Friction torque of a joint, by `joint_friction`.
-
-    Input ports:
-        joint_state (2): angle rad, rate rad/s.
-    Output ports:
-        torque (1): N m, opposing the rate.
-    """
-
-    def __init__(self, law: FrictionParameters):
-        super().__init__()
-        self._law = law
-        self._state = self.DeclareVectorInputPort("joint_state", 2)
-        self.DeclareVectorOutputPort(
-            "torque",
-            1,
-            weak_callback(self._calc_torque),
-            prerequisites_of_calc={self._state.ticket()},
-        )
-
-    def _calc_torque(self, context: Context, output: BasicVector) -> None:
-        rate = float(vector_of(self._state, context)[1])
-        law = self._law
-        output[0] = joint_friction(rate, law.coulomb, law.viscous, law.tanh_gain)

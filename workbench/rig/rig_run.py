@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
 from aerodima.workbench.car.run_view import Check, LiveView
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.core.port_wiring import vector_of
+from aerodima.workbench.core.port_wiring import add_and_connect, vector_of
 from aerodima.workbench.core.system_lifetime import break_reference_cycles
 from aerodima.workbench.logs.recorder import (
     RunRecorder,
@@ -98,14 +98,14 @@ def assemble_rig(
             commander.GetOutputPort("tail_command"), station.GetInputPort("tail_command")
         )
         return builder, station
+    target = 0.0
     if experiment.actuated:
         target = rig.holding_current(experiment.target)
-    else:
-        target = 0.0
-    controller = builder.AddSystem(
-        CurrentController(scenario, rig.holding_current(experiment.angle), target)
+    controller = add_and_connect(
+        builder,
+        CurrentController(scenario, rig.holding_current(experiment.angle), target),
+        rig_state=station.GetOutputPort("rig_state"),
     )
-    builder.Connect(station.GetOutputPort("rig_state"), controller.GetInputPort("rig_state"))
     builder.Connect(
         controller.GetOutputPort("current_command"), station.GetInputPort("current_command")
     )

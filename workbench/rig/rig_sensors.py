@@ -36,21 +36,21 @@ class SensorErrors:
         stream: noise of the samples, n numbers each.
     """
 
-    offset: np.ndarray
-    bias: np.ndarray
-    drift: np.ndarray
-    noise: np.ndarray
-    limits: np.ndarray
+    offset: FloatArray
+    bias: FloatArray
+    drift: FloatArray
+    noise: FloatArray
+    limits: FloatArray
     stream: CounterNoise
 
     def readings(
-        self, values: np.ndarray, time: FloatArray | float, noise: np.ndarray
-    ) -> np.ndarray:
+        self, values: FloatArray, time: FloatArray | float, noise: FloatArray
+    ) -> FloatArray:
         """Readings (..., n) of true values at times (..., 1), s; numbers (..., n) of the stream."""
         shifted = values - self.offset + self.bias + self.drift * time
         return np.clip(shifted + self.noise * noise, -self.limits, self.limits)
 
-    def first_readings(self, values: np.ndarray, count: int, rate: float) -> np.ndarray:
+    def first_readings(self, values: FloatArray, count: int, rate: float) -> FloatArray:
         """The first readings of a log at once (count, n): the same numbers as a `RigSensor` gives
         one by one.
 
@@ -93,7 +93,7 @@ class RigSensor(SampledSensor):
         value (n): true one; of the force sensor the wrench of the support on the rig at W, W axes.
     Output ports:
         reading (n): of the force sensor force N, torque N m; of the current A.
-        sample_time (1), age (1): s, see `SampledSensor`.
+        sample_time (1): s, see `SampledSensor`.
 
     Args:
         name: of the system.
@@ -113,7 +113,7 @@ class RigSensor(SampledSensor):
         self._errors = errors
         self._value = self.DeclareVectorInputPort("value", size)
 
-    def measure(self, context: Context, index: int) -> np.ndarray:
+    def measure(self, context: Context, index: int) -> FloatArray:
         """Takes one sample (n,)."""
         value = vector_of(self._value, context)
         noise = self._errors.stream.at(index)

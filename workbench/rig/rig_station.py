@@ -17,7 +17,7 @@ from pydrake.systems.framework import (
 )
 
 from aerodima.workbench.car.ak70 import MitMotor
-from aerodima.workbench.car.car_sensors import MotorEncoder, MotorReply
+from aerodima.workbench.car.car_sensors import MotorEncoder
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_contract import add_status, export_interface, export_outputs
 from aerodima.workbench.core.port_wiring import PortSlice, add_and_connect, concatenate
@@ -69,9 +69,9 @@ def make_rig_station(
     rig = add_rig_plant(builder, scenario, scene_graph=meshcat is not None)
     state = rig.plant.get_state_output_port()
     drive = _add_ak70 if scenario.is_robot else _add_maxon
-    motor, rig_state, motor_age = drive(builder, scenario, state)
+    motor, rig_state, motor_sample = drive(builder, scenario, state)
     torque = motor.GetOutputPort("torque")
-    builder.Connect(torque, rig.torques.get_input_port(0))
+    builder.Connect(torque, rig.motor_torque)
 
     step = scenario.simulation.step
     rate = scenario.robot.command_rate if scenario.is_robot else scenario.encoder.rate
@@ -82,14 +82,14 @@ def make_rig_station(
     errors = force_errors(sensor, scenario.sensor_offsets, scenario.seed)
     force = RigSensor("force_sensor", sensor.rate, errors, step)
     add_and_connect(builder, force, value=rig.wrench)
-    ages = {"motor_age": motor_age, "force_age": force.GetOutputPort("age")}
+    samples = {"motor_age": motor_sample, "force_age": force.GetOutputPort("sample_time")}
     healthy = ("motor_fault", "force_fault", "operator_age", "operator_fault")
 
     ports = {
         "rig_state": rig_state,
         "motor_current": current.GetOutputPort("reading"),
         "force_torque": force.GetOutputPort("reading"),
-        "status": add_status(builder, RIG_STATUS, ages, healthy),
+        "status": add_status(builder, RIG_STATUS, samples, healthy),
         "state_truth": state,
         "wrench_truth": rig.wrench,
         "motor_torque_truth": torque,
@@ -122,8 +122,8 @@ def _named_station(builder: DiagramBuilder) -> Diagram:
 
 
 Drive = tuple[System, OutputPort, OutputPort]
-"""Motor with the ports `torque` and `current`; reported angle and rate (2); age of that sample (1),
-s."""
+"""Motor with the ports `torque` and `current`; reported angle and rate (2); when that sample was
+taken (1), s."""
 
 
 def _add_maxon(builder: DiagramBuilder, scenario: RigScenario, state: OutputPort) -> Drive:
@@ -134,7 +134,7 @@ def _add_maxon(builder: DiagramBuilder, scenario: RigScenario, state: OutputPort
     encoder = RigEncoder(scenario.encoder, scenario.count_angle, scenario.simulation.step)
     add_and_connect(builder, encoder, joint_angle=angle)
     parts = [encoder.GetOutputPort(name) for name in ("angle", "rate")]
-    return maxon, concatenate(builder, "rig_state", parts), encoder.GetOutputPort("age")
+    return maxon, concatenate(builder, "rig_state", parts), encoder.GetOutputPort("sample_time")
 
 
 def _add_ak70(builder: DiagramBuilder, scenario: RigScenario, state: OutputPort) -> Drive:
@@ -143,9 +143,8 @@ def _add_ak70(builder: DiagramBuilder, scenario: RigScenario, state: OutputPort)
     motor = MitMotor(settings, scenario.robot.torque_constant)
     add_and_connect(builder, motor, "ak70", joint_state=state)
     builder.ExportInput(motor.GetInputPort("tail_command"), "tail_command")
-    reply = MotorReply(settings.position_range, settings.speed_range)
-    replies = MotorEncoder(scenario.robot.command_rate, reply, step=scenario.simulation.step)
+    replies = MotorEncoder(scenario.robot.command_rate, settings, step=scenario.simulation.step)
     both_joints = concatenate(builder, "joint_twice", [(state, [0, 0, 1, 1])])
     add_and_connect(builder, replies, joints=both_joints)
     parts: list[PortSlice] = [(replies.GetOutputPort(name), [0]) for name in ("angles", "rates")]
-    return motor, concatenate(builder, "rig_state", parts), replies.GetOutputPort("age")
+    return motor, concatenate(builder, "rig_state", parts), replies.GetOutputPort("sample_time")

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata
 from aerodima.workbench.rig.rig_log import RIG_COLUMN_NAMES, known_truth, rig_log_metadata
 from aerodima.workbench.rig.rig_plant import Rig
@@ -74,7 +75,7 @@ def simulate_static_log(
     return run_log_from_metadata(pd.DataFrame(table, columns=list(RIG_COLUMN_NAMES)), metadata)
 
 
-def _hold(rig: Rig, angle: float) -> tuple[float, np.ndarray]:
+def _hold(rig: Rig, angle: float) -> tuple[float, FloatArray]:
     """Current (A) that holds an angle (rad), and the wrench of the support then (6)."""
     current = rig.holding_current(angle)
     return current, rig.reaction_at_current(angle, 0.0, current).wrench

@@ -1,7 +1,5 @@
 """A swing of the pendulum over time, and how it answers to the torque of its motor."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -10,7 +10,7 @@ origin at the force sensor's measuring point, z up, x along the motor axis, the 
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -26,20 +26,20 @@ from aerodima.workbench.scenario.tail_parameters import (
 
 WRENCH_AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 """Order of forces and torques."""
-_COM = quantity("m", "centre of mass in W", ge=-1, le=1)
-_PIVOT = quantity("m", "pivot from the mount's centre of mass", ge=-1, le=1)
-_MOMENT = quantity("kg m2", "about the centre of mass, W axes", gt=0, le=10)
-_PRODUCT = quantity("kg m2", "element of the inertia matrix", ge=-10, le=10)
-_FORCE_OFFSET = quantity("N", "to add to a reading", ge=-1000, le=1000)
-_TORQUE_OFFSET = quantity("N m", "to add to a reading", ge=-100, le=100)
-_FORCE_BIAS = quantity("N", "standard deviation of the constant bias of a log", ge=0, le=1000)
-_TORQUE_BIAS = quantity("N m", "standard deviation of the constant bias of a log", ge=0, le=100)
+_COM = quantity("m", "centre of mass in W", "[-1, 1]")
+_PIVOT = quantity("m", "pivot from the mount's centre of mass", "[-1, 1]")
+_MOMENT = quantity("kg m2", "about the centre of mass, W axes", "(0, 10]")
+_PRODUCT = quantity("kg m2", "element of the inertia matrix", "[-10, 10]")
+_FORCE_OFFSET = quantity("N", "to add to a reading", "[-1000, 1000]")
+_TORQUE_OFFSET = quantity("N m", "to add to a reading", "[-100, 100]")
+_FORCE_BIAS = quantity("N", "standard deviation of the constant bias of a log", "[0, 1000]")
+_TORQUE_BIAS = quantity("N m", "standard deviation of the constant bias of a log", "[0, 100]")
 
 
 class MountParameters(QuantityModel):
     """Mounting structure between force sensor and motor axis (thesis Tables 4.5 and 4.6)."""
 
-    mass: float = quantity("kg", "mounting structure with the motor", gt=0, le=50)
+    mass: float = quantity("kg", "mounting structure with the motor", "(0, 50]")
     com_x: float = _COM
     com_y: float = _COM
     com_z: float = _COM
@@ -52,22 +52,22 @@ class MountParameters(QuantityModel):
     pivot_x: float = _PIVOT
     pivot_y: float = _PIVOT
     pivot_z: float = _PIVOT
-    angle_limit: float = quantity("rad", "range of the angle to either side", gt=0, le=3.1416)
+    angle_limit: float = quantity("rad", "range of the angle to either side", "(0, 3.1416]")
 
 
 class BarParameters(QuantityModel):
     """Steel bar on the motor axis, carrying the tail (thesis Tables 4.5 and 4.6, section 4.6)."""
 
-    mass: float = quantity("kg", "bar", gt=0, le=10)
-    com_distance: float = quantity("m", "centre of mass below the pivot", gt=0, le=2)
+    mass: float = quantity("kg", "bar", "(0, 10]")
+    com_distance: float = quantity("m", "centre of mass below the pivot", "(0, 2]")
     tail_distance: float = quantity(
-        "m", "end of the bar, where the tail is mounted, below the pivot", gt=0, le=2
+        "m", "end of the bar, where the tail is mounted, below the pivot", "(0, 2]"
     )
-    inertia_xx: float = quantity("kg m2", "about the centre of mass", gt=0, le=1)
-    inertia_yy: float = quantity("kg m2", "about the centre of mass", gt=0, le=1)
-    inertia_zz: float = quantity("kg m2", "about the centre of mass, along the bar", gt=0, le=1)
-    width: float = quantity("m", "width across the wind", gt=0, le=1)
-    drag_coefficient: float = quantity("1", "C_D of the part in the jet", ge=0, le=10)
+    inertia_xx: float = quantity("kg m2", "about the centre of mass", "(0, 1]")
+    inertia_yy: float = quantity("kg m2", "about the centre of mass", "(0, 1]")
+    inertia_zz: float = quantity("kg m2", "about the centre of mass, along the bar", "(0, 1]")
+    width: float = quantity("m", "width across the wind", "(0, 1]")
+    drag_coefficient: float = quantity("1", "C_D of the part in the jet", "[0, 10]")
 
 
 class CheetahTailParameters(QuantityModel):
@@ -75,14 +75,14 @@ class CheetahTailParameters(QuantityModel):
     it (Table 4.4).
     """
 
-    length: float = quantity("m", "root to tip", gt=0, le=3)
+    length: float = quantity("m", "root to tip", "(0, 3]")
     major_axis: float = quantity(
-        "m", "mean major width; reference width of both orientations (ERRATA E2)", gt=0, le=1
+        "m", "mean major width; reference width of both orientations (ERRATA E2)", "(0, 1]"
     )
-    minor_axis: float = quantity("m", "mean minor width", gt=0, le=1)
-    mass: float = quantity("kg", "tail", gt=0, le=5)
-    com_distance: float = quantity("m", "centre of mass beyond the root", gt=0, le=3)
-    gap: float = quantity("m", "root beyond the end of the bar", ge=0, le=0.5)
+    minor_axis: float = quantity("m", "mean minor width", "(0, 1]")
+    mass: float = quantity("kg", "tail", "(0, 5]")
+    com_distance: float = quantity("m", "centre of mass beyond the root", "(0, 3]")
+    gap: float = quantity("m", "root beyond the end of the bar", "[0, 0.5]")
     fx_offset: float = _FORCE_OFFSET
     fy_offset: float = _FORCE_OFFSET
     fz_offset: float = _FORCE_OFFSET
@@ -100,44 +100,40 @@ class MaxonParameters(QuantityModel):
     """Maxon DCX35L with its gearbox, driven by current (design section 6)."""
 
     torque_constant: float = quantity(
-        "N m/A", "torque at the gearbox output per ampere, k_t N", gt=0, le=10
+        "N m/A", "torque at the gearbox output per ampere, k_t N", "(0, 10]"
     )
-    gear_ratio: float = quantity("1", "rotor turns per output turn", ge=1, le=1000)
-    reflected_inertia: float = quantity(
-        "kg m2", "N^2 I_rotor, about the motor axis only", ge=0, le=1
-    )
-    current_limit: float = quantity("A", "largest current to either side", gt=0, le=200)
-    current_noise: float = quantity(
-        "A", "standard deviation of a logged current sample", ge=0, le=10
-    )
+    gear_ratio: float = quantity("1", "rotor turns per output turn", "[1, 1000]")
+    reflected_inertia: float = quantity("kg m2", "N^2 I_rotor, about the motor axis only", "[0, 1]")
+    current_limit: float = quantity("A", "largest current to either side", "(0, 200]")
+    current_noise: float = quantity("A", "standard deviation of a logged current sample", "[0, 10]")
 
 
 class RigEncoderParameters(QuantityModel):
     """Incremental encoder on the rotor (thesis section 4.7)."""
 
-    pulses: int = quantity("1", "pulses per rotor turn", ge=1, le=100000)
-    quadrature: int = quantity("1", "counts per pulse", ge=1, le=4)
-    rate: float = quantity("Hz", "samples per second", gt=0, le=100000)
+    pulses: int = quantity("1", "pulses per rotor turn", "[1, 100000]")
+    quadrature: int = quantity("1", "counts per pulse", "[1, 4]")
+    rate: float = quantity("Hz", "samples per second", "(0, 100000]")
     rate_window: float = quantity(
-        "s", "time over which counts are subtracted for the rate", gt=0, le=1
+        "s", "time over which counts are subtracted for the rate", "(0, 1]"
     )
 
 
 class TunnelParameters(QuantityModel):
     """The jet, and how the rig stands in it (design section 5, ERRATA E21)."""
 
-    jet_edge_depth: float = quantity("m", "upper edge of the jet below the pivot, h0", ge=-2, le=2)
-    jet_slope: float = quantity("1", "rise of that edge per metre downstream", ge=-1, le=1)
-    psi3: float = quantity("rad", "wind direction from -y, turned about z", ge=-0.5, le=0.5)
+    jet_edge_depth: float = quantity("m", "upper edge of the jet below the pivot, h0", "[-2, 2]")
+    jet_slope: float = quantity("1", "rise of that edge per metre downstream", "[-1, 1]")
+    psi3: float = quantity("rad", "wind direction from -y, turned about z", "[-0.5, 0.5]")
     misalignment: float = quantity(
-        "rad", "tail axis from the bar's, positive downstream", ge=-0.5, le=0.5
+        "rad", "tail axis from the bar's, positive downstream", "[-0.5, 0.5]"
     )
 
 
 class ForceSensorParameters(QuantityModel):
     """Axia80-M20 under the rig (thesis section 4.3, Table 4.8; errors: design section 11)."""
 
-    rate: float = quantity("Hz", "samples per second", gt=0, le=100000)
+    rate: float = quantity("Hz", "samples per second", "(0, 100000]")
     fx_accuracy: float = _FORCE_BIAS
     fy_accuracy: float = _FORCE_BIAS
     fz_accuracy: float = _FORCE_BIAS
@@ -145,14 +141,14 @@ class ForceSensorParameters(QuantityModel):
     ty_accuracy: float = _TORQUE_BIAS
     tz_accuracy: float = _TORQUE_BIAS
     noise_fraction: float = quantity(
-        "1", "standard deviation of a sample's noise over that accuracy", ge=0, le=10
+        "1", "standard deviation of a sample's noise over that accuracy", "[0, 10]"
     )
     drift_fraction: float = quantity(
-        "1/s", "standard deviation of a log's drift over that accuracy", ge=0, le=1
+        "1/s", "standard deviation of a log's drift over that accuracy", "[0, 1]"
     )
-    force_range_xy: float = quantity("N", "largest F_x and F_y reading", gt=0, le=1e5)
-    force_range_z: float = quantity("N", "largest F_z reading", gt=0, le=1e5)
-    torque_range: float = quantity("N m", "largest torque reading", gt=0, le=1e4)
+    force_range_xy: float = quantity("N", "largest F_x and F_y reading", "(0, 1e5]")
+    force_range_z: float = quantity("N", "largest F_z reading", "(0, 1e5]")
+    torque_range: float = quantity("N m", "largest torque reading", "(0, 1e4]")
 
     @property
     def accuracies(self) -> tuple[float, ...]:
@@ -170,11 +166,6 @@ class ForceSensorParameters(QuantityModel):
         )
 
 
-def _deviation(unit: str, of: str, max_value: float) -> Any:
-    """Field of a standard deviation in a unit; 0 is exact."""
-    return quantity(unit, of, ge=0, le=max_value)
-
-
 class RigUncertaintyParameters(QuantityModel):
     """Standard deviations of the rig's constants and of its instruments' errors: what every
     interval of a fit holds.
@@ -183,36 +174,36 @@ class RigUncertaintyParameters(QuantityModel):
     their value.
     """
 
-    mount_mass: float = _deviation("kg", "of mount.mass", 1)
-    mount_com_x: float = _deviation("m", "of mount.com_x, the pivot staying where it is", 0.1)
-    mount_com_y: float = _deviation("m", "of mount.com_y, the pivot staying where it is", 0.1)
-    pivot_x: float = _deviation("m", "of the pivot from the sensor's measuring point", 0.1)
-    pivot_y: float = _deviation("m", "of the pivot from the sensor's measuring point", 0.1)
-    pivot_z: float = _deviation(
-        "m", "of the height of the pivot over the sensor's measuring point", 0.1
+    mount_mass: float = quantity("kg", "of mount.mass", "[0, 1]")
+    mount_com_x: float = quantity("m", "of mount.com_x, the pivot staying where it is", "[0, 0.1]")
+    mount_com_y: float = quantity("m", "of mount.com_y, the pivot staying where it is", "[0, 0.1]")
+    pivot_x: float = quantity("m", "of the pivot from the sensor's measuring point", "[0, 0.1]")
+    pivot_y: float = quantity("m", "of the pivot from the sensor's measuring point", "[0, 0.1]")
+    pivot_z: float = quantity(
+        "m", "of the height of the pivot over the sensor's measuring point", "[0, 0.1]"
     )
-    bar_mass: float = _deviation("kg", "of bar.mass", 1)
-    bar_com: float = _deviation("m", "of bar.com_distance", 0.1)
-    bar_inertia: float = _deviation("kg m2", "of bar.inertia_xx", 0.1)
-    bar_width: float = _deviation("m", "of bar.width", 0.1)
-    bar_drag: float = _deviation("1", "of bar.drag_coefficient", 2)
-    tail_mass: float = _deviation("kg", "of the tail's mass", 1)
-    tail_com: float = _deviation("m", "of the tail's com_distance", 0.2)
-    tail_gap: float = _deviation("m", "of the tail's gap", 0.1)
-    tail_length: float = _deviation("m", "of the tail's length", 0.1)
-    tail_width: float = _deviation("m", "of the tail's reference width", 0.1)
-    rotor_inertia: float = _deviation("kg m2", "of maxon.reflected_inertia", 0.1)
-    torque_constant: float = _deviation("N m/A", "of maxon.torque_constant", 1)
-    jet_edge_depth: float = _deviation("m", "of tunnel.jet_edge_depth", 0.2)
-    wind_speed: float = _deviation("1", "of the wind speed, a part of it", 0.2)
-    air_density: float = _deviation("kg/m3", "of environment.air_density", 0.5)
-    coulomb: float = _deviation("N m", "of friction.coulomb, where it is not fitted", 1)
-    viscous: float = _deviation("N m s/rad", "of friction.viscous, where it is not fitted", 1)
-    encoder_zero: float = _deviation("rad", "angle of a reading of zero", 0.5)
-    encoder_gain: float = _deviation("1", "of the encoder's scale, a part of it", 0.2)
-    current_bias: float = _deviation("A", "of a logged current", 10)
-    current_delay: float = _deviation("s", "by which a logged current comes late", 0.1)
-    force_gain: float = _deviation("1", "of the force sensor's scale, a part of it", 0.2)
+    bar_mass: float = quantity("kg", "of bar.mass", "[0, 1]")
+    bar_com: float = quantity("m", "of bar.com_distance", "[0, 0.1]")
+    bar_inertia: float = quantity("kg m2", "of bar.inertia_xx", "[0, 0.1]")
+    bar_width: float = quantity("m", "of bar.width", "[0, 0.1]")
+    bar_drag: float = quantity("1", "of bar.drag_coefficient", "[0, 2]")
+    tail_mass: float = quantity("kg", "of the tail's mass", "[0, 1]")
+    tail_com: float = quantity("m", "of the tail's com_distance", "[0, 0.2]")
+    tail_gap: float = quantity("m", "of the tail's gap", "[0, 0.1]")
+    tail_length: float = quantity("m", "of the tail's length", "[0, 0.1]")
+    tail_width: float = quantity("m", "of the tail's reference width", "[0, 0.1]")
+    rotor_inertia: float = quantity("kg m2", "of maxon.reflected_inertia", "[0, 0.1]")
+    torque_constant: float = quantity("N m/A", "of maxon.torque_constant", "[0, 1]")
+    jet_edge_depth: float = quantity("m", "of tunnel.jet_edge_depth", "[0, 0.2]")
+    wind_speed: float = quantity("1", "of the wind speed, a part of it", "[0, 0.2]")
+    air_density: float = quantity("kg/m3", "of environment.air_density", "[0, 0.5]")
+    coulomb: float = quantity("N m", "of friction.coulomb, where it is not fitted", "[0, 1]")
+    viscous: float = quantity("N m s/rad", "of friction.viscous, where it is not fitted", "[0, 1]")
+    encoder_zero: float = quantity("rad", "angle of a reading of zero", "[0, 0.5]")
+    encoder_gain: float = quantity("1", "of the encoder's scale, a part of it", "[0, 0.2]")
+    current_bias: float = quantity("A", "of a logged current", "[0, 10]")
+    current_delay: float = quantity("s", "by which a logged current comes late", "[0, 0.1]")
+    force_gain: float = quantity("1", "of the force sensor's scale, a part of it", "[0, 0.2]")
 
 
 class RigAeroParameters(QuantityModel):
@@ -221,15 +212,15 @@ class RigAeroParameters(QuantityModel):
     source: Literal["published", "constant"] = quantity(
         "1", "tables in models/coefficients, or the constants here"
     )
-    drag: float = quantity("1", "C_D with source constant", ge=0, le=10)
-    lift: float = quantity("1", "C_L with source constant, towards the root", ge=-10, le=10)
-    normal_force: float = quantity("1", "C_N of the robot tail with source constant", ge=0, le=10)
+    drag: float = quantity("1", "C_D with source constant", "[0, 10]")
+    lift: float = quantity("1", "C_L with source constant, towards the root", "[-10, 10]")
+    normal_force: float = quantity("1", "C_N of the robot tail with source constant", "[0, 10]")
     lift_blend: float = quantity(
-        "rad", "angle of attack within which the lift changes sides; 0 jumps", ge=0, le=0.7
+        "rad", "angle of attack within which the lift changes sides; 0 jumps", "[0, 0.7]"
     )
-    sections: int = quantity("1", "equal sections of the exposed length", ge=1, le=200)
+    sections: int = quantity("1", "equal sections of the exposed length", "[1, 200]")
     added_mass: float = quantity(
-        "kg", "added mass of each of five parts of the whole tail", ge=-1, le=10
+        "kg", "added mass of each of five parts of the whole tail", "[-1, 10]"
     )
 
 
@@ -239,45 +230,43 @@ class ExperimentParameters(QuantityModel):
     kind: Literal["static", "swing", "bar_swing", "robot_swing"] = quantity(
         "1", "experiment, as in the log's metadata"
     )
-    tail: int = quantity("1", "cheetah tail", ge=1, le=3)
+    tail: int = quantity("1", "cheetah tail", "[1, 3]")
     axis: Literal["major", "minor"] = quantity(
         "1", "orientation of the tail: which width faces the wind"
     )
-    wind_speed: float = quantity("m/s", "wind, towards -y", ge=0, le=40)
+    wind_speed: float = quantity("m/s", "wind, towards -y", "[0, 40]")
     angle: float = quantity(
-        "rad", "angle that is held, or from which a swing starts", ge=-1.75, le=1.75
+        "rad", "angle that is held, or from which a swing starts", "[-1.75, 1.75]"
     )
-    target: float = quantity("rad", "angle to which a swing goes", ge=-1.75, le=1.75)
+    target: float = quantity("rad", "angle to which a swing goes", "[-1.75, 1.75]")
     wind_off: float = quantity(
-        "s", "static hold: rest without wind at the start of the log", ge=0, le=60
+        "s", "static hold: rest without wind at the start of the log", "[0, 60]"
     )
-    rest: float = quantity("s", "how long the start angle is held before a swing", ge=0, le=60)
-    duration: float = quantity("s", "length of the log", gt=0, le=600)
+    rest: float = quantity("s", "how long the start angle is held before a swing", "[0, 60]")
+    duration: float = quantity("s", "length of the log", "(0, 600]")
     actuated: bool = quantity("1", "swings: true drives the motor to the target, false lets go")
-    kp: float = quantity(
-        "A/rad", "position gain of the current controller in a swing", ge=0, le=1000
-    )
+    kp: float = quantity("A/rad", "position gain of the current controller in a swing", "[0, 1000]")
     kd: float = quantity(
-        "A s/rad", "velocity gain of the current controller in a swing", ge=0, le=1000
+        "A s/rad", "velocity gain of the current controller in a swing", "[0, 1000]"
     )
 
 
 class RobotRigParameters(QuantityModel):
     """The robot's tail on the rig (thesis section 6.3): the AK70-10 in place of Maxon and bar."""
 
-    kp: float = quantity("N m/rad", "position gain of the AK70-10", ge=0, le=500)
-    kd: float = quantity("N m s/rad", "velocity gain of the AK70-10", ge=0, le=5)
+    kp: float = quantity("N m/rad", "position gain of the AK70-10", "[0, 500]")
+    kd: float = quantity("N m s/rad", "velocity gain of the AK70-10", "[0, 5]")
     command_rate: float = quantity(
-        "Hz", "commands to the motor and replies per second", gt=0, le=10000
+        "Hz", "commands to the motor and replies per second", "(0, 10000]"
     )
-    torque_constant: float = quantity("N m/A", "torque at the output per ampere", gt=0, le=10)
+    torque_constant: float = quantity("N m/A", "torque at the output per ampere", "(0, 10]")
 
 
 class RigSimulationParameters(QuantityModel):
     """Numerics of the continuous plant."""
 
-    step: float = quantity("s", "fixed step of the integrator", ge=1e-5, le=0.01)
-    log_rate: float = quantity("Hz", "rows per second in the log, at most 1/step", gt=0, le=20000)
+    step: float = quantity("s", "fixed step of the integrator", "[1e-5, 0.01]")
+    log_rate: float = quantity("Hz", "rows per second in the log, at most 1/step", "(0, 20000]")
 
 
 class RigScenario(ScenarioFile):

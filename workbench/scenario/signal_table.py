@@ -36,7 +36,6 @@ UNARMED_SOURCES = ("sail", "imu", "speed", "operator")
 STATUS_SOURCES = ("tail_pitch", "tail_roll", *UNARMED_SOURCES)
 RIG_STATUS_SOURCES = ("motor", "force", "operator")
 _AXES = ("x", "y", "z")
-_TAIL_PARTS = ("tail_pitch", "tail_roll", "sail")
 
 
 @dataclass(frozen=True)

@@ -81,7 +81,7 @@ class Knots(_Strict):
                 raise ValueError(f"{name}: {len(samples)} values must be {count}, one per time_s")
         return self
 
-    def states(self, joint: Joint) -> tuple[np.ndarray, np.ndarray]:
+    def states(self, joint: Joint) -> tuple[FloatArray, FloatArray]:
         """Return positions (rad) and rates (rad/s) of one joint at the knots, shape (knots,)."""
         return (
             np.asarray(getattr(self, f"{joint}_position_rad")),
@@ -248,15 +248,12 @@ def write_swing(swing: SwingFile, path: Path | str, force: bool = False) -> Path
     return write_atomically(Path(path), text, force, SwingFileError)
 
 
-def car_mismatches(
-    swing: SwingFile, scenario: Mapping[str, Any], tolerance: float = 1e-9
-) -> list[str]:
+def car_mismatches(swing: SwingFile, scenario: Mapping[str, Any]) -> list[str]:
     """List how the car of a resolved scenario differs from the one that the swing was made for.
 
     Args:
         swing: the file; a swing without `car` fits any car.
         scenario: resolved scenario as a dict.
-        tolerance: relative difference that counts as equal.
     """
     lines = []
     for name, made_for in swing.car.items():
@@ -264,7 +261,7 @@ def car_mismatches(
         value = (scenario.get(section) or {}).get(key)
         if value is None:
             lines.append(f"{name}: made for {made_for:g}, the scenario has no such parameter")
-        elif not math.isclose(float(value), made_for, rel_tol=tolerance, abs_tol=1e-12):
+        elif not math.isclose(float(value), made_for, rel_tol=1e-9, abs_tol=1e-12):
             lines.append(f"{name}: made for {made_for:g}, the scenario has {float(value):g}")
     return lines
 

@@ -229,6 +229,11 @@ class TailMotorParameters(QuantityModel):
         "1", "relative error of the torque that a command gives", "(-1, 1]"
     )
 
+    @property
+    def reflected_inertia(self) -> float:
+        """Compute the inertia of the rotor about the joint, kg m2."""
+        return self.rotor_inertia * self.gear_ratio**2
+
 
 class FrictionParameters(QuantityModel):
     """Joint friction of the robot tail (thesis eq. 4.12 with the right sign, ERRATA E14, E15; Table

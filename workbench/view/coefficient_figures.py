@@ -1,7 +1,5 @@
 """Pictures of a coefficient set: curves with percentile bands, and what was measured."""
 
-from __future__ import annotations
-
 import math
 import textwrap
 from itertools import cycle

@@ -7,8 +7,6 @@ and the errors add up: a picture of what happened, not a measurement of where. F
 and not drawn.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 

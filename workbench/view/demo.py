@@ -60,7 +60,7 @@ Turns = tuple[tuple[str, float], ...]
 
 @dataclass(frozen=True)
 class DemoPlan:
-    """Which turns are run and which of them are shown in full.
+    """Turns that are run, and those of them that are shown in full.
 
     Args:
         turns: tail mode, of `none`, `held`, `swing`, `designed` (scenarios `turn_<mode>`), and

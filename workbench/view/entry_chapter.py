@@ -35,7 +35,7 @@ class ShownCandidate(StrictModel):
 
 
 class ShownEntry(StrictModel):
-    """What is shown: manoeuvre, car and floor by their names in the table, with scenario, settings
+    """The shown case: manoeuvre, car and floor by their names in the table, with scenario, settings
     and speed.
     """
 

@@ -56,12 +56,12 @@ def png(figure: Figure) -> bytes:
     The canvas is asked itself: `Figure.savefig` draws every figure twice, once only to lay it out.
     """
     buffer = io.BytesIO()
-    own_dpi = figure.get_dpi()
+    previous_dpi = figure.get_dpi()
     canvas: Any = FigureCanvasAgg(figure)
     figure.set_dpi(_DPI)
     try:
         with styled():
             canvas.print_png(buffer, metadata={"Software": None})
     finally:
-        figure.set_dpi(own_dpi)
+        figure.set_dpi(previous_dpi)
     return buffer.getvalue()

@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from aerodima.workbench.car.turn_signals import TurnSignals, turn_signals
 from aerodima.workbench.car.verdict import FLIP_TILT
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.core.deprecation import renamed
 from aerodima.workbench.core.errors import LogError, UserError
@@ -125,7 +124,7 @@ def _turning_in(run_log: RunLog, signals: TurnSignals) -> float:
     return _first(signals, signals.yaw_rate > trigger, signals.window[0])
 
 
-def _first(signals: TurnSignals, condition: NDArray[np.bool_], otherwise: float) -> float:
+def _first(signals: TurnSignals, condition: BoolArray, otherwise: float) -> float:
     """Finds the first time from the start of the turn on at which a condition holds, s."""
     rows = np.flatnonzero(condition & signals.from_start)
     if rows.size:

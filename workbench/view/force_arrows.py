@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.scenario.signal_table import WHEELS
 from aerodima.workbench.view.viewer import WORLD
@@ -26,11 +25,11 @@ WHEEL_SCALE = 0.02
 """Length of the arrow of a wheel, m per N: a wheel at rest carries about 15 N."""
 SHOWN_LENGTH = 0.015
 """Arrows shorter than this (m) are left out."""
-_SHAFT_RADIUS = 0.007
+SHAFT_RADIUS = 0.007
 """Radius of the shaft of an arrow, m."""
-_HEAD_RADIUS = 0.018
+HEAD_RADIUS = 0.018
 """Radius of the head of an arrow, m."""
-_HEAD_LENGTH = 0.05
+HEAD_LENGTH = 0.05
 """Length of the head of an arrow, m."""
 
 
@@ -51,7 +50,7 @@ class ForceArrow:
     lengths: FloatArray
 
     @property
-    def shown(self) -> NDArray[np.bool_]:
+    def shown(self) -> BoolArray:
         """Says whether the arrow is long enough to be drawn, shape (n,)."""
         return np.linalg.norm(self.lengths, axis=1) > SHOWN_LENGTH
 
@@ -131,8 +130,8 @@ class DrawnArrow:
     def make(cls, meshcat: Meshcat, name: str, colour: Colour) -> DrawnArrow:
         """Adds the arrow of a force to the world that moves under the camera."""
         arrow = cls(f"{WORLD}/forces/{name}")
-        shaft = Cylinder(_SHAFT_RADIUS, 1.0)
-        head = MeshcatCone(_HEAD_LENGTH, _HEAD_RADIUS, _HEAD_RADIUS)
+        shaft = Cylinder(SHAFT_RADIUS, 1.0)
+        head = MeshcatCone(HEAD_LENGTH, HEAD_RADIUS, HEAD_RADIUS)
         meshcat.SetObject(f"{arrow.path}/shaft", shaft, Rgba(*colour))
         meshcat.SetObject(f"{arrow.path}/head", head, Rgba(*colour))
         return arrow
@@ -147,9 +146,9 @@ class DrawnArrow:
             frame: number of the frame of an animation.
         """
         whole = float(np.linalg.norm(length))
-        shaft = max(whole - _HEAD_LENGTH, 1e-3)
+        shaft = max(whole - HEAD_LENGTH, 1e-3)
         middle = np.array([0.0, 0.0, shaft / 2])
-        tip = np.array([0.0, 0.0, shaft + _HEAD_LENGTH])
+        tip = np.array([0.0, 0.0, shaft + HEAD_LENGTH])
         # The cone has its point at the origin and opens along z.
         turned = RotationMatrix.MakeXRotation(np.pi)
         X_WA = RigidTransform(shortest_turn(length / whole), point)

@@ -17,7 +17,13 @@ from scipy.spatial import ConvexHull
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.exporters import SceneMessage, stamp_of
 from aerodima.workbench.logs.schema import Json, RunLog
-from aerodima.workbench.view.force_arrows import ForceArrow, shortest_turn
+from aerodima.workbench.view.force_arrows import (
+    HEAD_LENGTH,
+    HEAD_RADIUS,
+    SHAFT_RADIUS,
+    ForceArrow,
+    shortest_turn,
+)
 from aerodima.workbench.view.logged_run import LoggedRun, add_logged_run
 from aerodima.workbench.view.recording import frame_rows
 from aerodima.workbench.view.scene_shapes import plant_shapes, scene_bodies, shape_pose
@@ -32,12 +38,6 @@ FORCES = "/scene/forces"
 WORLD_FRAME = "world"
 _FLOOR = (0.90, 0.91, 0.92)
 """Red, green, blue from 0 to 1."""
-_SHAFT = 0.014
-"""Diameter of the shaft of an arrow, m."""
-_HEAD = 0.036
-"""Diameter of the head of an arrow, m."""
-_HEAD_LENGTH = 0.05
-"""Length of the head of an arrow, m."""
 
 
 def foxglove_scene(run_log: RunLog) -> Iterator[SceneMessage]:
@@ -156,10 +156,10 @@ def _forces(arrows: list[ForceArrow], row: int, time: float) -> Any:
         turn = shortest_turn(arrow.lengths[row] / length) @ along_x
         look = _look(RigidTransform(turn, arrow.points[row]), arrow.colour)
         _entity(update, arrow.name, WORLD_FRAME, time).arrows.add(
-            shaft_length=max(length - _HEAD_LENGTH, 1e-3),
-            shaft_diameter=_SHAFT,
-            head_length=_HEAD_LENGTH,
-            head_diameter=_HEAD,
+            shaft_length=max(length - HEAD_LENGTH, 1e-3),
+            shaft_diameter=2.0 * SHAFT_RADIUS,
+            head_length=HEAD_LENGTH,
+            head_diameter=2.0 * HEAD_RADIUS,
             **look,
         )
     return update

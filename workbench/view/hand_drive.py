@@ -21,7 +21,8 @@ from pydrake.systems.analysis import Simulator
 from aerodima.workbench.car.car_diagram import assemble, plant_facts
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
 from aerodima.workbench.control.manoeuvre import DriverInput, ThrottleLine, throttle_line
-from aerodima.workbench.control.tail_law import Observation, TailLaw
+from aerodima.workbench.control.tail_law import LawStep, Observation, TailLaw
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.system_lifetime import break_reference_cycles
 from aerodima.workbench.logs.recorder import RunRecorder, open_log, recorded_columns
 from aerodima.workbench.logs.schema import DRIVEN_BY, run_metadata
@@ -82,7 +83,7 @@ PAD_ACCELERATION = 4.0
 
 @dataclass
 class ManualInput:
-    """What the driver asks for now.
+    """Commands of the driver now.
 
     Attributes:
         steering: rad, positive to the left.
@@ -106,7 +107,7 @@ class ManualInput:
 
 @dataclass(frozen=True)
 class DisplayState:
-    """What the driver sees of the run.
+    """State of the run that the driver sees.
 
     Attributes:
         time: simulated since this attempt began, s.
@@ -122,7 +123,7 @@ class DisplayState:
 
 
 class Controls(Protocol):
-    """Where the driver's commands come from, and where the driver sees what became of them."""
+    """Source of the driver's commands, and display of what became of them."""
 
     def poll(self) -> ManualInput:
         """Reads what the driver asks for now."""
@@ -185,13 +186,11 @@ class ManualOverrideLaw:
         self.rate = law.rate
         self.memory_size = law.memory_size + 1
 
-    def start(self) -> np.ndarray:
+    def start(self) -> FloatArray:
         """Joins the memory of the law and the last angle of the hand, NaN before there is one."""
         return np.append(self._law.start(), math.nan)
 
-    def step(
-        self, memory: np.ndarray, observation: Observation
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    def step(self, memory: FloatArray, observation: Observation) -> LawStep:
         """Steps the law, and moves the tail by hand; see `TailLaw`."""
         after, pitch, roll, state = self._law.step(memory[:-1], observation)
         wanted = self._schedule.command.tail_roll

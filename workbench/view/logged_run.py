@@ -6,8 +6,6 @@ The plant of a car is rebuilt from the scenario in its log, that of any other di
 shapes in its log.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,6 +4,7 @@ diagram.
 
 from __future__ import annotations
 
+import math
 import re
 import shutil
 import subprocess
@@ -21,7 +22,9 @@ from matplotlib.patches import Patch
 from aerodima.workbench.aero.tail_geometry import TailGeometry
 from aerodima.workbench.aero.tail_pieces import unit_vector
 from aerodima.workbench.car.clearance import PARTS, RangeOfMotion
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.quantity import NO_UNIT, check_range
 from aerodima.workbench.view.figure_style import (
     BLACK,
     BLUE,
@@ -120,7 +123,7 @@ def plot_tail(geometry: TailGeometry) -> Figure:
     return figure
 
 
-def _view(axes: Axes, geometry: TailGeometry, sideways: np.ndarray, up: np.ndarray) -> None:
+def _view(axes: Axes, geometry: TailGeometry, sideways: FloatArray, up: FloatArray) -> None:
     """Draws arm, plates, sections and centres on a plane."""
     plane = np.column_stack([sideways, up])
     size = float(np.ptp(geometry.points, axis=0).max())
@@ -161,7 +164,7 @@ def _view(axes: Axes, geometry: TailGeometry, sideways: np.ndarray, up: np.ndarr
     axes.autoscale_view()
 
 
-def _direction(vector: np.ndarray) -> str:
+def _direction(vector: FloatArray) -> str:
     """Names an axis of T, or writes its numbers."""
     for name, unit in zip("xyz", np.eye(3), strict=True):
         if np.allclose(vector, unit):
@@ -173,7 +176,7 @@ def _direction(vector: np.ndarray) -> str:
 
 @dataclass(frozen=True)
 class DiagramPicture:
-    """What Graphviz draws; a notebook shows it as a picture, or without Graphviz a line.
+    """Picture that Graphviz draws; a notebook shows it, or without Graphviz a line.
 
     Attributes:
         text: in Graphviz's language.
@@ -224,6 +227,5 @@ def draw_diagram(diagram: System, depth: int = 1) -> DiagramPicture:
     Raises:
         UserError: depth below 1.
     """
-    if depth < 1:
-        raise UserError(f"draw_diagram: depth is {depth}; must be at least 1")
+    check_range("draw_diagram: depth", depth, 1, math.inf, NO_UNIT)
     return DiagramPicture(diagram.GetGraphvizString(max_depth=depth))

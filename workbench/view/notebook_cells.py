@@ -1,4 +1,4 @@
-"""What a notebook shows live: a replay or Meshcat inside the page, and sliders that call a function
+"""Live cells of a notebook: a replay or Meshcat inside the page, and sliders that call a function
 again.
 """
 
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.quantity import check_range
 
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
@@ -56,8 +57,7 @@ def live_frame(shown: RunLog | Meshcat, height: int = 480) -> LiveFrame:
     from aerodima.workbench.logs.schema import RunLog
     from aerodima.workbench.view.captions import run_caption
 
-    if not 100 <= height <= 4000:
-        raise UserError(f"live_frame: height is {height}; must be 100 to 4000 pixels")
+    check_range("live_frame: height", height, 100, 4000, "pixels")
     if isinstance(shown, RunLog):
         from aerodima.workbench.view.replay_page import replay_page
 

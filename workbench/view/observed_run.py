@@ -1,14 +1,11 @@
 """A user's diagram, watched: following camera, arrows of the air, and a run log of its plant."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
@@ -18,8 +15,10 @@ from aerodima.workbench.aero.section_watch import SectionWatch
 from aerodima.workbench.car.car_diagram import plant_facts, truth_signals
 from aerodima.workbench.car.roll_estimator import RollEstimator
 from aerodima.workbench.control.controller_systems import TailController, TurnDriver
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.atomic_write import refuse_existing
 from aerodima.workbench.core.errors import LogError, UserError
+from aerodima.workbench.core.quantity import NO_UNIT, check_range
 from aerodima.workbench.logs.recorder import (
     LogSink,
     RunRecorder,
@@ -54,8 +53,7 @@ class ObservedRun:
     """
 
     def __init__(self, path: Path | None, force: bool) -> None:
-        if path is not None:
-            refuse_existing(path, force, LogError)
+        refuse_existing(path, force, LogError)
         self._path = path
         self._force = force
         self._columns: list[str] = []
@@ -73,7 +71,7 @@ class ObservedRun:
             )
         return self._sink.run_log()
 
-    def append(self, row: np.ndarray) -> None:
+    def append(self, row: FloatArray) -> None:
         """Takes a row of the recorder; UserError outside the `with` block."""
         if self._sink is None or self._over:
             raise UserError(
@@ -174,8 +172,7 @@ def observe(
             0, an existing log.
     """
     for what, value in (("rate", rate), ("air_scale", air_scale)):
-        if not (math.isfinite(value) and value > 0.0):
-            raise UserError(f"observe: {what} is {value:g}, but it must be a finite number above 0")
+        check_range(f"observe: {what}", value, 0.0, math.inf, NO_UNIT, above_low=True)
     run = ObservedRun(None if log is None else Path(log), force)
     watched = WatchedPlant.find(builder, plant, base)
     truth = watched.add_truth(builder)

@@ -15,7 +15,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.core.array_types import FloatArray, IntArray
-from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.quantity import NO_UNIT, check_range
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.view.force_arrows import Colour, DrawnArrow, ForceArrow
 from aerodima.workbench.view.logged_run import LoggedRun, Place, add_logged_run
@@ -83,8 +83,7 @@ def record_run(run_log: RunLog, meshcat: Meshcat, rate: float = 1.0) -> LoggedRu
 
 def check_rate(rate: float) -> None:
     """Raises UserError when a replay is asked for slower or faster than `RATES`."""
-    if not RATES[0] <= rate <= RATES[1]:
-        raise UserError(f"--rate: {rate:g}; must be {RATES[0]:g} to {RATES[1]:g}")
+    check_range("--rate", rate, *RATES, NO_UNIT)
 
 
 def frame_rows(time: FloatArray, rate: float) -> tuple[IntArray, float]:

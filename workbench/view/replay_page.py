@@ -12,7 +12,8 @@ from typing import Any
 
 from aerodima.workbench.core.atomic_write import refuse_existing
 from aerodima.workbench.core.errors import LogError, UserError
-from aerodima.workbench.core.text_table import shown_value
+from aerodima.workbench.core.quantity import NO_UNIT, check_range
+from aerodima.workbench.core.text_table import value_rows
 from aerodima.workbench.logs.schema import PLANT_RUN, TAIL_LAW, Facts, Json, RunLog
 from aerodima.workbench.metrics.run_summary import metrics_of_runs, of_plants
 from aerodima.workbench.view.captions import readings, run_caption
@@ -152,8 +153,7 @@ def scenario_differences(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
     Raises:
         LogError: fewer than 2 or more than `MAX_RUNS` runs.
     """
-    if not 2 <= len(run_logs) <= MAX_RUNS:
-        raise LogError(f"{len(run_logs)} run(s) to compare; must be 2 to {MAX_RUNS}")
+    check_range("number of runs", len(run_logs), 2, MAX_RUNS, NO_UNIT, error=LogError)
     flat = [
         _flat(run_log.scenario) | {TAIL_LAW: run_log.extra.get(TAIL_LAW)} for run_log in run_logs
     ]
@@ -208,8 +208,7 @@ def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> Page:
 
 def _value_table(what: str, names: Sequence[str], rows: Mapping[str, Sequence[Any]]) -> Table:
     """Makes a table with a column per run."""
-    cells = [[key, *map(shown_value, values)] for key, values in rows.items()]
-    return Table([what, *names], cells)
+    return Table([what, *names], value_rows(rows.items()))
 
 
 def replays_in_step(

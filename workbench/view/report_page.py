@@ -54,7 +54,7 @@ Text: TypeAlias = str | Link | tuple[str | Link, ...]
 
 @dataclass(frozen=True)
 class Finding:
-    """What a chapter comes to, set off from the rest."""
+    """Result of a chapter, set off from the rest."""
 
     parts: Sequence["Part"]
 
@@ -153,7 +153,7 @@ class Preformatted:
 
 @dataclass(frozen=True)
 class Templated:
-    """What has a template of its own, with the values that it names."""
+    """Part with a template of its own, and the values that it names."""
 
     template: str
     values: Facts

@@ -33,6 +33,8 @@ from aerodima.workbench.view.figure_style import (
 
 _BEFORE = 0.5
 """Shown before the turn, s."""
+_AFTER = 1.4
+"""Shown after the turn, s."""
 _DASHED = (0, (5, 2))
 """Matplotlib's line style of a true signal."""
 _SHORT = (0, (4, 1.5))
@@ -65,8 +67,8 @@ _PLANT_PANELS: tuple[_Panel, ...] = (
 
 @dataclass(frozen=True)
 class _Line:
-    """How a column is drawn: its name in the legend, colour and line, and the car's filter it is
-    shown after.
+    """Look of a column: its name in the legend, colour and line, and the car's filter it is shown
+    after.
     """
 
     label: str
@@ -116,7 +118,7 @@ _TURN_PANELS: Sequence[tuple[str, str, Sequence[_Line]]] = (
 """Title, label and lines of each panel."""
 
 
-def plot_turn(run_log: RunLog, title: str = "", after: float = 1.4) -> Figure:
+def plot_turn(run_log: RunLog, title: str = "") -> Figure:
     """Draws a turn over time: yaw rate and lateral acceleration of the IMU, speed, roll, tail
     angle, wheel loads.
 
@@ -126,7 +128,6 @@ def plot_turn(run_log: RunLog, title: str = "", after: float = 1.4) -> Figure:
     Args:
         run_log: of a run with a turn.
         title: above the figure; none when empty.
-        after: shown after the end of the turn, s.
 
     Raises:
         LogError: the log ends before the turn does.
@@ -137,7 +138,7 @@ def plot_turn(run_log: RunLog, title: str = "", after: float = 1.4) -> Figure:
     with styled():
         figure, grid = new_figure(11.0, 7.6, 3, 2, sharex=True)
         start = max(run_log.time[0], window[0] - _BEFORE)
-        end = min(run_log.time[-1], window[1] + after)
+        end = min(run_log.time[-1], window[1] + _AFTER)
         for axes, (heading, label, lines) in zip(grid.flat, _TURN_PANELS, strict=True):
             axes.set(ylabel=label, title=heading, xlim=(start, end))
             shade_turn(axes, window)

@@ -5,8 +5,6 @@ A mesh is kept as the convex hull of at most `MAX_POINTS` of its points, a capsu
 and two spheres. Half spaces are left out: a replay has a floor of its own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import product
 from typing import Any

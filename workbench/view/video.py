@@ -18,6 +18,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.quantity import NO_UNIT, check_range
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.view.captions import RESULT_COLOURS, run_caption, state_caption
 from aerodima.workbench.view.offscreen import OffscreenRun
@@ -74,8 +75,7 @@ def write_video(
     refuse_existing(path, force, UserError)
     write = _encoder(path)
     check_rate(rate)
-    if not 1 <= len(runs) <= MAX_RUNS:
-        raise UserError(f"--video: {len(runs)} runs; must be 1 to {MAX_RUNS}")
+    check_range("--video: number of runs", len(runs), 1, MAX_RUNS, NO_UNIT)
     film = Film(runs, rate, start)
     return write_atomically(path, partial(write, film=film, progress=progress), force, UserError)
 

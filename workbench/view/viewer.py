@@ -17,6 +17,7 @@ from pydrake.systems.framework import Context, Diagram
 from aerodima.workbench.car.car_station import simulated_car
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.quantity import NO_UNIT, check_range
 
 Area = tuple[float, float, float, float]
 """A floor: x from, x to, y from, y to, m."""
@@ -52,8 +53,8 @@ def open_meshcat(port: int | None = None) -> Meshcat:
     Raises:
         UserError: the port is in use or not in that range, or none is free.
     """
-    if port is not None and not PORTS[0] <= port <= PORTS[1]:
-        raise UserError(f"--port: {port}; must be {PORTS[0]} to {PORTS[1]}")
+    if port is not None:
+        check_range("--port", port, *PORTS, NO_UNIT)
     meshcat = _start(port)
     for path in ("/Grid", "/Axes"):
         meshcat.SetProperty(path, "visible", False)

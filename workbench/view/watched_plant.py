@@ -33,7 +33,7 @@ from aerodima.workbench.car.ground_truth import (
 )
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
-from aerodima.workbench.core.port_wiring import vector_of
+from aerodima.workbench.core.port_wiring import add_and_connect, vector_of
 from aerodima.workbench.logs.recorder import Signals, output_ports, signals_of
 from aerodima.workbench.logs.schema import Json
 from aerodima.workbench.metrics.run_summary import TAILS
@@ -132,11 +132,8 @@ class WatchedPlant:
                 f"observe: plant '{self.plant.get_name()}' is observed already; once is enough"
             )
         truth = PlantTruth(self.plant, self.base, list(self.bodies.values()), self.tails)
-        builder.AddNamedSystem(name, truth)
-        builder.Connect(self.state, truth.GetInputPort("plant_state"))
-        for tail in self.tails:
-            builder.Connect(tail.GetOutputPort("wrench"), truth.GetInputPort(tail.get_name()))
-        return truth
+        wrenches = {tail.get_name(): tail.GetOutputPort("wrench") for tail in self.tails}
+        return add_and_connect(builder, truth, name, plant_state=self.state, **wrenches)
 
     def show(
         self, builder: DiagramBuilder, truth: PlantTruth, meshcat: Meshcat, air_scale: float
@@ -160,12 +157,10 @@ class WatchedPlant:
             if entry["body"] in reach:
                 distances = np.linalg.norm(shape_points(entry), axis=1)
                 reach[entry["body"]] = max(reach[entry["body"]], float(distances.max()))
-        live = builder.AddNamedSystem(
-            "live_scene", LiveScene(meshcat, names, [*reach.values()], air_scale)
-        )
-        for port, source in output_ports(truth).items():
-            if live.HasInputPort(port):
-                builder.Connect(source, live.GetInputPort(port))
+        live = LiveScene(meshcat, names, [*reach.values()], air_scale)
+        sources = output_ports(truth).items()
+        inputs = {port: source for port, source in sources if live.HasInputPort(port)}
+        add_and_connect(builder, live, "live_scene", **inputs)
 
     def signals(self, truth: PlantTruth) -> Signals:
         """Lists the recorded ports with the names of their columns."""
@@ -244,10 +239,10 @@ def _copy_tail(
     builder: DiagramBuilder, tail: Any, state: OutputPort, wind: OutputPort | None
 ) -> System:
     """Adds a tail force of a station once more, in this builder, where its ports can be read."""
-    copy = builder.AddNamedSystem(tail.get_name(), tail.reporter())
-    builder.Connect(state, copy.GetInputPort("plant_state"))
+    inputs = {"plant_state": state}
     if wind is not None:
-        builder.Connect(wind, copy.GetInputPort("wind_velocity"))
+        inputs["wind_velocity"] = wind
+    copy: System = add_and_connect(builder, tail.reporter(), tail.get_name(), **inputs)
     return copy
 
 

@@ -13,7 +13,6 @@ from aerodima.optimisation.calibrate.calibration_plan import FIGURES, LIFT, CarP
 from aerodima.optimisation.calibrate.turn_runs import (
     AFTER,
     BEFORE,
-    STEP,
     Motion,
     WorkItem,
     _motions,
@@ -24,6 +23,7 @@ from aerodima.optimisation.calibrate.turn_runs import (
 )
 from aerodima.optimisation.calibrate.validation_page import calibrate
 from aerodima.optimisation.studies.runs import CachedRunner
+from aerodima.workbench.car.reduced.rollout import STEP
 from aerodima.workbench.car.reduced.states import RATES, STATES, V, W
 from aerodima.workbench.car.reduced.turns import Turns
 from aerodima.workbench.scenario.ensemble import load_ensemble

@@ -14,7 +14,7 @@ from aerodima.workbench.aero.coefficient_files import (
     load_coefficients,
 )
 from aerodima.workbench.aero.polar_law import PolarLaw, RegularTable
-from aerodima.workbench.aero.section_laws import NormalForceLaw, SpeedLine, SpeedTable
+from aerodima.workbench.aero.section_laws import NormalForceLaw, SpeedTable, speed_line
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.resources import models_dir, published_table
 from tests.refusals import assert_refused
@@ -51,7 +51,7 @@ def test_a_cell_with_a_seed_corner_is_not_measured():
 def test_speed_functions_hold_their_edge_values():
     table = SpeedTable((3.0, 5.0, 9.0), (1.0, 2.0, 0.0))
     assert [table(v) for v in (0.0, 4.0, 7.0, 20.0)] == [1.0, 1.5, 1.0, 0.0]
-    line = SpeedLine(0.1, 1.0, (3.0, 15.0))
+    line = speed_line(0.1, 1.0, (3.0, 15.0))
     assert [line(v) for v in (0.0, 10.0, 50.0)] == pytest.approx([1.3, 2.0, 2.5])
     assert line.covers(15.0)
     assert not line.covers(2.9)
@@ -147,8 +147,8 @@ def test_the_cheetah_sets_say_which_nodes_are_measured():
     """
     one = load_coefficients("cheetah_tail_1_major")
     assert len(one.nodes) == 18
-    assert len(one.measured_nodes()) == 8
-    assert len(load_coefficients("cheetah_tail_3_minor").measured_nodes()) == 6
+    assert (one.nodes.status == "measured").sum() == 8
+    assert (load_coefficients("cheetah_tail_3_minor").nodes.status == "measured").sum() == 6
     law = one.law()
     assert law.covers(10.0, math.radians(30.0))
     assert not law.covers(25.0, math.radians(25.0))

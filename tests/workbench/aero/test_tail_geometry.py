@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.aero.tail_geometry import Plate, TailArm, TailGeometry
-from aerodima.workbench.aero.tail_mass import inertia_of_inertial, inertial_of_inertia
+from aerodima.workbench.aero.tail_mass import inertial_of_inertia
 from aerodima.workbench.car.tail_file import read_tail, write_tail
 from aerodima.workbench.car.tail_plant import tail_geometry, tail_sdf
 from aerodima.workbench.core.errors import ModelError
@@ -210,7 +210,7 @@ def test_known_mass_and_inertia_replace_those_of_the_densities():
     total = geometry.inertial
     assert total.mass == pytest.approx(0.2 + 0.06 * 0.7)
     assert total.com[1] == pytest.approx(0.2 * 0.01 / total.mass)
-    assert_allclose(inertial_of_inertia(inertia_of_inertial(known)).matrix, known.matrix, **EXACT)
+    assert_allclose(inertial_of_inertia(known.about_origin()).matrix, known.matrix, **EXACT)
 
 
 def test_plates_that_overlap_are_refused_and_those_that_touch_or_cross_are_not():

@@ -40,11 +40,11 @@ RUNS = {
 }
 
 
-def run(scenario, lean):
+def run(scenario, minimal):
     """State of the plant at every step, and every output of the contract at 100 Hz, by name of the
     port.
     """
-    car = assemble(scenario, lean=lean)
+    car = assemble(scenario, minimal=minimal)
     rates = {"plant_state_truth": 1.0 / scenario.simulation.step} | dict.fromkeys(
         STATION_OUTPUTS, 100.0
     )
@@ -67,7 +67,7 @@ def test_station_moves_alike_with_and_without_its_truth_over_a_whole_run(case):
     """With it the plant samples its output ports, and what drives it is kept by a `SampledHold`."""
     name, settings = RUNS[case]
     scenario = load_scenario(name, settings)
-    expected, found = (run(scenario, lean) for lean in (False, True))
+    expected, found = (run(scenario, minimal) for minimal in (False, True))
     moved = expected["plant_state_truth"]
     assert moved.shape[1] > 1300
     assert np.abs(moved - moved[:, :1]).max() > 1.0

@@ -6,14 +6,17 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.math import RigidTransform
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Integrator
 
 from aerodima.workbench.car.car_diagram import assemble
 from aerodima.workbench.car.car_station import make_car_station, simulated_car
 from aerodima.workbench.car.ground_truth import BODY_TRUTH, TAIL_TRUTH
-from aerodima.workbench.car.laws import knuckle_angles
+from aerodima.workbench.car.laws import knuckle_motion
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_contract import add_status
+from aerodima.workbench.core.port_wiring import constant
 from aerodima.workbench.scenario.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.scenario.signal_table import (
     IMU,
@@ -97,6 +100,20 @@ def test_status_needs_every_field_once():
     )
 
 
+def test_status_tells_ages_beside_a_continuous_state():
+    builder = DiagramBuilder()
+    sampled = {"motor_age": constant(builder, "motor", [0.25])}
+    healthy = [name for name in RIG_STATUS.fields if name not in ("armed", *sampled)]
+    port = builder.ExportOutput(add_status(builder, RIG_STATUS, sampled, healthy), "status")
+    way = builder.AddSystem(Integrator(1))
+    builder.Connect(constant(builder, "speed", [1.0]), way.get_input_port())
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(1.5)
+    status = simulator.get_system().get_output_port(port).Eval(simulator.get_context())
+    ages = {"armed": 1.0, "motor_age": 1.25}
+    assert list(status) == [ages.get(name, 0.0) for name in RIG_STATUS.fields]
+
+
 def test_tail_state_names_pitch_and_roll_with_their_signs():
     car = stand("held", tail_motor={"position_range": 12.5}, controller={"pitch_angle": 0.3})
     car.turn("tail_roll", 0.8)
@@ -140,7 +157,8 @@ def test_each_knuckle_gets_its_own_angle_of_the_linkage():
     angles = [car.angle(f"front_{side}_steering") for side in ("left", "right")]
     # The servo gives way by 200 N m/rad: a few milliradians, where the linkage parts the wheels
     # by 100.
-    assert_allclose(angles, knuckle_angles(0.3, car.scenario.servo, car.scenario.car), atol=0.01)
+    expected = knuckle_motion(0.3, 0.0, car.scenario.servo, car.scenario.car)[:2]
+    assert_allclose(angles, expected, atol=0.01)
 
 
 def test_status_of_a_simulated_car_is_fresh_armed_and_without_fault():

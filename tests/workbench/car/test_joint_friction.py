@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from aerodima.workbench.car.ak70 import JointFriction
 from aerodima.workbench.car.laws import joint_friction
-from aerodima.workbench.rig.rig_plant import JointFriction
 from aerodima.workbench.scenario.tail_parameters import FrictionParameters
 
 LAW = FrictionParameters(coulomb=0.161, viscous=0.057, tanh_gain=10.0)
@@ -19,8 +19,11 @@ def test_equation_4_12_with_the_sign_of_the_errata(rate):
     assert torque(rate) == pytest.approx(-(0.161 * np.tanh(10.0 * rate) + 0.057 * rate))
 
 
-def test_friction_reads_the_rate_and_not_the_angle():
-    system = JointFriction(LAW)
+def test_friction_adds_to_the_torque_of_a_motor_of_which_nan_counts_as_none():
+    system = JointFriction(LAW, 2)
     context = system.CreateDefaultContext()
-    system.get_input_port().FixValue(context, np.array([1.0, 0.5]))
-    assert system.get_output_port().Eval(context) == [torque(0.5)]
+    system.GetInputPort("rates").FixValue(context, np.array([0.5, -1.0]))
+    system.GetInputPort("motor_torques").FixValue(context, np.array([1.5, np.nan]))
+    assert system.get_output_port().Eval(context) == pytest.approx(
+        [1.5 + torque(0.5), torque(-1.0)], abs=0.0
+    )

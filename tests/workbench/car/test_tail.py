@@ -19,6 +19,7 @@ from aerodima.workbench.car.tail_plant import (
     added_mass_layout,
     arm_inertia,
     ground_partner_friction,
+    inertia_about_joints,
     tail_sdf,
 )
 from aerodima.workbench.scenario.scenario import scenario_from_dict
@@ -179,7 +180,8 @@ def test_inertia_that_the_motors_count_with_is_that_of_the_plant_and_its_added_m
     ]
     felt = np.linalg.inv(inverse[np.ix_(joints, joints)])
     rotor = motor.rotor_inertia * motor.gear_ratio**2
-    assert_allclose(np.diag(np.array(arm.about_joints(roll)) + rotor), felt, rtol=1e-6, atol=1e-9)
+    expected = np.diag(np.array(inertia_about_joints(arm, roll)) + rotor)
+    assert_allclose(expected, felt, rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize("added", [0.03, -0.039])

@@ -12,7 +12,12 @@ from aerodima.workbench.car.car_air import sail_layout, sail_strips
 from aerodima.workbench.car.car_plant import add_car_plant
 from aerodima.workbench.car.ground_truth import TAIL_TRUTH
 from aerodima.workbench.car.tail_file import read_tail, write_tail
-from aerodima.workbench.car.tail_plant import arm_inertia, tail_geometry, tail_sdf
+from aerodima.workbench.car.tail_plant import (
+    arm_inertia,
+    inertia_about_joints,
+    tail_geometry,
+    tail_sdf,
+)
 from aerodima.workbench.core.errors import ModelError, ScenarioError
 from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 from aerodima.workbench.scenario.scenario import load_scenario
@@ -118,9 +123,8 @@ def test_motors_count_with_the_inertia_of_a_tail_that_is_bent_sideways(files, ro
     joints = [plant.GetJointByName(f"tail_{name}").velocity_start() for name in ("pitch", "roll")]
     rotor = car.tail_motor.rotor_inertia * car.tail_motor.gear_ratio**2
     found = np.diag(plant.CalcMassMatrix(context))[joints] - rotor
-    assert_allclose(
-        arm_inertia(car.tail, car.tail_motor, car.car).about_joints(roll), found, rtol=1e-6
-    )
+    arm = arm_inertia(car.tail, car.tail_motor, car.car)
+    assert_allclose(inertia_about_joints(arm, roll), found, rtol=1e-6)
 
 
 def test_wrong_uses_of_a_tail_file_are_refused(files, tmp_path):

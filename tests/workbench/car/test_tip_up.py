@@ -4,10 +4,16 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.car.tip_up import LIFT_COLUMNS, lateral_acceleration, tip_up
+from aerodima.workbench.car.turn_signals import turn_signals
 from aerodima.workbench.car.verdict import side_lift
 from tests.workbench.made_up_runs import both_sides, made_up_run, times
 
 LEFT_FRONT, RIGHT_FRONT, LEFT_REAR, RIGHT_REAR = range(4)
+
+
+def tip_up_in_turn(run):
+    signals = turn_signals(run, "truth")
+    return tip_up(run, [(*signals.window, signals.sign)])
 
 
 @pytest.mark.parametrize("side", [(LEFT_FRONT, LEFT_REAR), (RIGHT_FRONT, RIGHT_REAR)])
@@ -45,14 +51,14 @@ def test_lateral_acceleration_is_speed_times_rate_of_the_course_into_each_turn()
 @both_sides
 def test_a_turned_path_is_lateral_acceleration_and_a_spin_is_none(direction, side):
     yaw = side * 1.5 * np.clip(times() - 2.0, 0.0, 0.64)
-    assert tip_up(
+    assert tip_up_in_turn(
         made_up_run({"yaw_truth_rad": yaw}, direction)
     ).lateral_acceleration_m_per_s2 == pytest.approx(4.5)
     spin = {
         "velocity_x_truth_m_per_s": 3.0 * np.cos(yaw),
         "velocity_y_truth_m_per_s": -3.0 * np.sin(yaw),
     }
-    found = tip_up(made_up_run({"yaw_truth_rad": yaw, **spin}, direction))
+    found = tip_up_in_turn(made_up_run({"yaw_truth_rad": yaw, **spin}, direction))
     assert found.lateral_acceleration_m_per_s2 == pytest.approx(0.0, abs=1e-9)
 
 
@@ -60,15 +66,15 @@ def test_a_turned_path_is_lateral_acceleration_and_a_spin_is_none(direction, sid
 def test_a_run_counts_from_the_start_of_its_steering(direction):
     steered = times() >= 2.0
     run = made_up_run({}, direction)
-    assert tip_up(run).side_lift_m is None
-    assert tip_up(run).touched_when_steered == ""
+    assert tip_up_in_turn(run).side_lift_m is None
+    assert tip_up_in_turn(run).touched_when_steered == ""
     for column in LIFT_COLUMNS:
         run.table[column] = np.where(steered, 0.003, 0.5)
     run.table["ground_contact_tail_truth_n"] = np.where(steered, 0.0, 5.0)
-    found = tip_up(run)
+    found = tip_up_in_turn(run)
     assert (found.side_lift_m, found.touched_when_steered) == (0.003, "")
     run.table["ground_contact_tail_truth_n"] = 5.0
-    assert tip_up(run).touched_when_steered == "tail"
+    assert tip_up_in_turn(run).touched_when_steered == "tail"
 
 
 def test_the_board_counts_while_the_car_is_steered_and_the_tail_always():
@@ -87,5 +93,5 @@ def test_the_last_yaw_rate_is_that_of_the_end_where_nothing_is_steered():
     run = made_up_run(
         {"gyro_z_truth_rad_per_s": np.where(times() > end - 0.201, -0.3, 2.0)}, "left"
     )
-    assert tip_up(run).last_yaw_rate_rad_per_s == pytest.approx(-0.3)
+    assert tip_up_in_turn(run).last_yaw_rate_rad_per_s == pytest.approx(-0.3)
     assert tip_up(run, [(end - 0.5, end - 0.1, 1)]).last_yaw_rate_rad_per_s is None

@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import expm
 
 from aerodima.workbench import load_scenario, simulate
-from aerodima.workbench.car.car_model import slip_speed
+from aerodima.workbench.car.car_model import stiction_tolerance
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.turn_plans import TurnPlans
 from aerodima.workbench.car.reduced.turns import drive_turns
@@ -57,7 +57,7 @@ def test_steady_circle_is_that_of_the_neutral_bicycle(speed):
     )
     assert rate * scenario.car.wheelbase / ahead == pytest.approx(math.tan(STEERED), rel=0.04)
     used = ahead * rate / (FRICTION * scenario.environment.gravity)
-    slip = slip_speed(scenario.car, speed) * used / math.sqrt(1.0 - used**2)
+    slip = stiction_tolerance(scenario.car, speed) * used / math.sqrt(1.0 - used**2)
     assert left == pytest.approx(-slip, rel=0.06)
 
 

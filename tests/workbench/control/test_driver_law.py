@@ -6,10 +6,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from aerodima.workbench.control.driver_law import (
+    DriverView,
     FishhookDriver,
     PathDriver,
     ScheduledDriver,
-    Seen,
     make_driver,
     refuse_simulated_only,
 )
@@ -30,7 +30,8 @@ def driven(law, roll_rate, side=1.0, length=3.0):
     inputs = []
     for tick in range(round(100 * length)):
         before = memory.copy()
-        after, given = law.step(memory, Seen(0.01 * tick, roll_rate=side * roll_rate(0.01 * tick)))
+        seen = DriverView(0.01 * tick, roll_rate=side * roll_rate(0.01 * tick))
+        after, given = law.step(memory, seen)
         assert_array_equal(memory, before, err_msg="a law must not change its arguments")
         memory = after
         inputs.append((given.steering_angle, given.planned_turn))
@@ -99,7 +100,7 @@ def test_a_schedule_is_a_driver_that_looks_at_nothing():
     assert isinstance(law, ScheduledDriver)
     assert law.sources == ()
     for time in (0.0, 0.35, 1.0, 1.9, 4.0):
-        memory, given = law.step(law.start(), Seen(time))
+        memory, given = law.step(law.start(), DriverView(time))
         assert memory.size == 0
         assert given == schedule.at(time)
 
@@ -111,7 +112,7 @@ def test_a_schedule_is_a_driver_that_looks_at_nothing():
 def test_a_driver_names_what_it_looks_at_and_starts_without_seeing_it(name, sources):
     law = make_driver(load_scenario(name))
     assert law.sources == sources
-    memory, given = law.step(law.start(), Seen(0.0))
+    memory, given = law.step(law.start(), DriverView(0.0))
     assert given.steering_angle == 0.0
     assert given.planned_turn == 1.0
     assert memory.shape == law.start().shape
@@ -127,7 +128,7 @@ def bicycle(scenario, law):
     memory = law.start()
     for tick in range(round(scenario.manoeuvre.duration / step)):
         if tick % 5 == 0:
-            seen = Seen(tick * step, (x, y), heading, heading, speed, yaw_rate)
+            seen = DriverView(tick * step, (x, y), heading, heading, speed, yaw_rate)
             memory, given = law.step(memory, seen)
         most = scenario.servo.rate * step
         angle += min(max(given.steering_angle - angle, -most), most)
@@ -173,7 +174,7 @@ def test_path_driver_reacts_late_and_turns_the_wheel_no_faster_than_hands_do():
     delay.
     """
     law = make_driver(load_scenario("entry_corner", ["manoeuvre.driver_rate=2"]))
-    beside = Seen(0.0, (0.0, 0.3), 0.0, 0.0, 2.0, 0.0)
+    beside = DriverView(0.0, (0.0, 0.3), 0.0, 0.0, 2.0, 0.0)
     angles = steered(law, *(beside._replace(time=0.01 * tick) for tick in range(40)))
     assert angles[:6] == [0.0] * 6
     assert angles[6] < 0.0, "to the right, back to the path"
@@ -182,14 +183,14 @@ def test_path_driver_reacts_late_and_turns_the_wheel_no_faster_than_hands_do():
 
 def test_path_driver_steers_no_further_than_the_angle_of_the_manoeuvre():
     law = make_driver(load_scenario("entry_corner", ["manoeuvre.steer_angle=0.2"]))
-    beside = Seen(0.0, (0.0, 0.3), 0.5, 0.5, 2.0, 0.0)
+    beside = DriverView(0.0, (0.0, 0.3), 0.5, 0.5, 2.0, 0.0)
     angles = steered(law, *(beside._replace(time=0.01 * tick) for tick in range(50)))
     assert min(angles) == angles[-1] == -0.2
 
 
 def test_path_driver_without_yaw_rate_takes_it_for_none():
     law = make_driver(load_scenario("entry_corner", ["manoeuvre.driver_delay=0"]))
-    seen = Seen(0.0, (1.0, 0.05), 0.1, 0.1, 2.0, 0.0)
+    seen = DriverView(0.0, (1.0, 0.05), 0.1, 0.1, 2.0, 0.0)
     assert steered(law, seen._replace(yaw_rate=math.nan)) == steered(law, seen)
 
 
@@ -200,7 +201,7 @@ def test_path_driver_steers_more_when_the_car_lacks_curvature():
     )
     x, y = law.path.centre(law.path.bend + 0.8)
     heading = 0.8 / law.path.radius
-    seen = Seen(0.0, (float(x), float(y)), heading, heading, 2.0, 0.0)
+    seen = DriverView(0.0, (float(x), float(y)), heading, heading, 2.0, 0.0)
     # The angle of the kinematic car on this circle; and after ten time constants.
     for share, expected in ((1.0, 1.0), (0.5, 1.0 + 0.5 * law.correction)):
         now = seen._replace(yaw_rate=share * 2.0 / law.path.radius)
@@ -232,7 +233,7 @@ def test_path_driver_wants_the_curvature_of_where_the_car_is_after_his_delay(ahe
         turned = bent * along
         x = law.path.bend + math.sin(turned) / bent
         y = 0.05 + (1.0 - math.cos(turned)) / bent
-        return Seen(0.0, (x, y), turned, turned, speed, bent * speed)
+        return DriverView(0.0, (x, y), turned, turned, speed, bent * speed)
 
     there = prompt.wanted_curvature(seen(ahead + speed * delayed.delay), bent)
     found = delayed.wanted_curvature(seen(ahead), bent)
@@ -261,4 +262,4 @@ def test_a_real_car_drives_by_time_and_imu_and_starts_at_rest(name):
 def test_a_real_car_follows_a_path_only_by_a_driver_of_ones_own():
     lane_change = load_scenario("entry_lane_change", AT_REST)
     assert_refused(lambda: refuse_simulated_only(lane_change), UserError, "manoeuvre.kind", "path")
-    refuse_simulated_only(lane_change, own_driver=True)
+    refuse_simulated_only(lane_change, user_driver=True)

@@ -14,7 +14,7 @@ from aerodima.workbench.control.feedback_law import (
     GYRO_Z,
     ROLL,
     FeedbackLaw,
-    Seen,
+    FeedbackSignals,
     respond,
 )
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
@@ -164,11 +164,15 @@ def test_arrays_of_cars_get_what_each_car_gets():
     roll, rate, yaw, steering = rng.normal(0.0, [[0.2], [1.0], [2.0], [0.3]], (4, 50))
     tail = rng.uniform(-1.4, 1.4, 50)
     together = respond(
-        GAINS, 0.27, 100.0, tail, Seen(roll, rate, yaw, 4.0, steering, np.ones(50, bool))
+        GAINS, 0.27, 100.0, tail, FeedbackSignals(roll, rate, yaw, 4.0, steering, np.ones(50, bool))
     )
     for k in range(50):
         own = respond(
-            GAINS, 0.27, 100.0, tail[k], Seen(roll[k], rate[k], yaw[k], 4.0, steering[k], True)
+            GAINS,
+            0.27,
+            100.0,
+            tail[k],
+            FeedbackSignals(roll[k], rate[k], yaw[k], 4.0, steering[k], True),
         )
         assert [float(value) for value in own] == pytest.approx(
             [float(values[k]) for values in together]

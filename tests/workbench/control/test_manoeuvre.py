@@ -10,10 +10,9 @@ from aerodima.workbench.control.manoeuvre import (
     SlalomSchedule,
     SpeedRamp,
     ThrottleLine,
-    angle_to_straighten,
     make_schedule,
     run_time,
-    steering_time,
+    turn_length,
 )
 from aerodima.workbench.core.errors import UserError
 from tests.refusals import assert_refused
@@ -186,10 +185,10 @@ def test_wheels_are_straightened_from_what_is_left_of_a_larger_first_level():
     """At 2 rad/s, from 0.5 rad: none is left after 0.2 s; 0.3 rad after 0.1 s; all of it without a
     second level.
     """
-    assert angle_to_straighten(0.1, 0.5, 2.0) == 0.1
-    left = [angle_to_straighten(0.1, 0.5, 2.0, 0.5, first_hold) for first_hold in (0.2, 0.4, 0.5)]
-    assert left == pytest.approx([0.1, 0.3, 0.5])
-    assert angle_to_straighten(0.1, 0.5, 2.0, 0.5, 0.0) == 0.1, "no time at the first level"
+    assert turn_length(2.0, 0.1, 0.5) == 0.55
+    ends = [turn_length(2.0, 0.1, 0.5, 0.5, first_hold) for first_hold in (0.2, 0.4, 0.5)]
+    assert ends == pytest.approx([0.55, 0.65, 0.75])
+    assert turn_length(2.0, 0.1, 0.5, 0.5, 0.0) == 0.55, "no time at the first level"
 
 
 def test_two_turns_are_the_same_pulse_twice_with_straight_wheels_in_between():
@@ -203,7 +202,7 @@ def test_two_turns_are_the_same_pulse_twice_with_straight_wheels_in_between():
     once = steering(make_schedule(scenario()), ticks)
     assert_array_equal(angles[150:300], once[150:300])
     assert_array_equal(angles[300:450], once[150:300])
-    assert steering_time(0.5, 2, 1.0) == 2.0
+    assert turn_length(2.0, 0.1, 0.5, repeats=2, gap=1.0) == 2.05
     withdrawn = [float(tick) for tick in ticks if twice.at(tick).planned_turn == 0.0]
     assert withdrawn == pytest.approx(0.01 * np.arange(280, 290))
     single = make_schedule(scenario())

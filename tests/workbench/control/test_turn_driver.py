@@ -71,7 +71,7 @@ def test_a_law_sees_pose_and_rates_of_its_ports():
     driver.GetInputPort("pose").FixValue(
         context, [np.cos(half), 0.0, 0.0, np.sin(half), 4.0, 5.0, 0.0, 2.0]
     )
-    seen = driver.seen(context)
+    seen = driver.view(context)
     assert (seen.position, seen.speed, seen.roll_rate, seen.yaw_rate) == ((4.0, 5.0), 2.0, 0.2, 0.3)
     assert seen.heading == pytest.approx(np.pi / 3.0)
     assert seen.course == pytest.approx(np.pi / 2.0)
@@ -82,7 +82,7 @@ def test_a_standing_car_has_the_course_of_its_heading():
     context = driver.CreateDefaultContext()
     driver.GetInputPort("imu").FixValue(context, np.zeros(9))
     driver.GetInputPort("pose").FixValue(context, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -0.01, 0.01])
-    assert driver.seen(context).course == 0.0
+    assert driver.view(context).course == 0.0
 
 
 def test_memory_of_a_law_is_state_and_a_reset_context_repeats_a_run():

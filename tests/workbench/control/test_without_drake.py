@@ -36,11 +36,11 @@ for tick, yaw_rate in enumerate((0.0, 0.0, 1.5)):
 assert states == ["HOLD", "HOLD", "SWING"], states
 assert TAIL_COMMAND.read(roll).velocity == 8.0
 
-from aerodima.workbench.control.driver_law import Seen, make_driver
+from aerodima.workbench.control.driver_law import DriverView, make_driver
 from aerodima.workbench.scenario.scenario import load_scenario
 
 law = make_driver(load_scenario("entry_lane_change"))
-_, given = law.step(law.start(), Seen(0.0, (0.0, 0.0), 0.0, 0.0, 2.0, 0.0))
+_, given = law.step(law.start(), DriverView(0.0, (0.0, 0.0), 0.0, 0.0, 2.0, 0.0))
 assert given.planned_turn == 1.0
 print("runs")
 """

@@ -160,7 +160,7 @@ class Watching:
 def test_a_law_sees_what_the_driver_did_at_the_tick_before_at_one_rate_and_at_two(rate, later):
     law = Watching(rate)
     scenario = scenario_at(0.004, **{"manoeuvre.speed_ramp": 0.5, "manoeuvre.turn_start": 1.0})
-    simulator = Simulator(assemble(scenario, tail_law=law, lean=True).builder.Build())
+    simulator = Simulator(assemble(scenario, tail_law=law, minimal=True).builder.Build())
     simulator.AdvanceTo(1.05)
     first = next(time for time, angle in law.seen if angle != 0.0)
     assert first == pytest.approx(1.0 + later, abs=1e-9)
@@ -168,7 +168,7 @@ def test_a_law_sees_what_the_driver_did_at_the_tick_before_at_one_rate_and_at_tw
 
 def test_a_law_of_ones_own_ticks_on_a_car_without_tail_too():
     law = Watching(100.0)
-    car = assemble(load_scenario("turn_none"), tail_law=law, lean=True)
+    car = assemble(load_scenario("turn_none"), tail_law=law, minimal=True)
     Simulator(car.builder.Build()).AdvanceTo(0.1)
     assert len(law.seen) == 11
 

@@ -80,7 +80,7 @@ def test_numbers_that_are_set_are_the_numbers_of_the_document(rod):
     rod.set_inertial("rod", inertial)
     assert rod.inertial("rod") == inertial
     rod.set_contact("rod", "tip", 2e4, 3.0, 0.7)
-    rod.set_shape("rod", "tip", (1, 2, 3), radius="0.25")
+    rod.set_shape("rod", "tip", (1, 2, 3), radius=0.25)
     rod.set_joint("hinge", lower=-0.5, upper=0.75, effort=9, damping=0.1)
     rod.set_rotor("hinge", 4.14e-5, 10)
     rod.set_controller_gains("hinge", 200, 2)
@@ -139,8 +139,8 @@ def test_fixed_joint_has_no_axis(rod):
         (lambda m: m.inertial("rud"), ("'rud'", "rod")),
         (lambda m: m.set_joint("hinj", effort=1), ("'hinj'", "hinge")),
         (lambda m: m.set_joint("hinge", spring_stiffness=1), ("<spring_stiffness>",)),
-        (lambda m: m.set_shape("rod", "top", radius="1"), ("'rod'", "'top'")),
-        (lambda m: m.set_shape("rod", "tip", length="1"), ("'rod'", "'tip'", "<length>")),
+        (lambda m: m.set_shape("rod", "top", radius=1.0), ("'rod'", "'top'")),
+        (lambda m: m.set_shape("rod", "tip", length=1.0), ("'rod'", "'tip'", "<length>")),
     ],
     ids=["link", "joint", "element", "shape", "size"],
 )

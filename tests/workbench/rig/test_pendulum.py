@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.rig.pendulum import (
     PendulumModel,
     air_torque,
@@ -11,6 +12,7 @@ from aerodima.workbench.rig.pendulum import (
 )
 from aerodima.workbench.rig.rig_plant import Rig
 from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
+from tests.refusals import assert_refused
 
 VARIANTS = [
     ("flick", {}),
@@ -48,3 +50,9 @@ def test_it_moves_as_the_plant(name, changes):
         torque = rng.uniform(-5, 5)
         expected = rig.reaction(angle, rate, torque).acceleration
         assert motion(angle, rate, torque) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+def test_added_mass_that_leaves_no_inertia_is_refused():
+    pendulum = PendulumModel.from_scenario(scenario("flick", {}))
+    least = f"{pendulum.min_added_mass:.4g} kg"
+    assert_refused(lambda: equation_of_motion(pendulum, [], -0.033), FitError, "-0.033", least)

@@ -97,7 +97,7 @@ def test_missing_encoder_is_one_line(brief, tmp_path, monkeypatch):
         (7, "run.gif", 1.0, ["7", "1 to 6"]),
         (0, "run.gif", 1.0, ["0", "1 to 6"]),
         (1, "run.avi", 1.0, ["'.avi'", ".mp4", ".gif", ".webp"]),
-        (1, "run.gif", 0.0, ["--rate", "0.02 to 20"]),
+        (1, "run.gif", 0.0, ["--rate", "0.02", "20"]),
     ],
 )
 def test_wrong_number_ending_or_rate(brief, tmp_path, number, name, rate, named):

@@ -17,8 +17,6 @@ stop of a joint is a stiff spring; tail and cage do not feel the ground (the tai
 answer).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

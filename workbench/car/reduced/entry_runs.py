@@ -5,8 +5,6 @@ The law sees the IMU late, as on the full car, but without noise and bias, and t
 delay.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -33,12 +31,16 @@ from aerodima.workbench.car.verdict import (
     stays_upright,
     touches_ground,
 )
-from aerodima.workbench.control.driver_law import PathDriver, ScheduledDriver, make_driver
-from aerodima.workbench.control.driver_law import Seen as SeenByDriver
-from aerodima.workbench.control.feedback_law import Seen, respond
+from aerodima.workbench.control.driver_law import (
+    DriverView,
+    PathDriver,
+    ScheduledDriver,
+    make_driver,
+)
+from aerodima.workbench.control.feedback_law import FeedbackSignals, respond
 from aerodima.workbench.control.manoeuvre import run_time
 from aerodima.workbench.control.paths import beyond_lane
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.scenario.scenario import Scenario
 
 STRAIGHT = 0.01
@@ -64,7 +66,7 @@ class EntryResult:
         progress: share of a path that lay behind the car at its first failure.
     """
 
-    completed: np.ndarray
+    completed: BoolArray
     lateral_acceleration: FloatArray
     progress: FloatArray
 
@@ -200,8 +202,9 @@ class EntryRollout(Rollout):
         state = self.state
         gains = self._gains
         roll, roll_rate, yaw_rate = self._measure()
-        seen = Seen(roll, roll_rate, yaw_rate, state[RATES][V][0], self._steering_command, True)
-        response = respond(gains, self._wheelbase, self._rate, self._reference, seen)
+        speed = state[RATES][V][0]
+        signals = FeedbackSignals(roll, roll_rate, yaw_rate, speed, self._steering_command, True)
+        response = respond(gains, self._wheelbase, self._rate, self._reference, signals)
         self._reference = self._steers_tail * response.reference
         swung = np.stack([self._reference, 0.0 * self._reference, gains.kp, gains.kd])
         pitch = self._pitch
@@ -215,9 +218,9 @@ class EntryRollout(Rollout):
         else:
             x, y, _, yaw = state[:4]
             course, speed = over_ground(state, 0.0 * x)
-            seen_by_driver: Any = (time, (x, y), yaw, course, speed, yaw_rate, roll_rate)
+            view: Any = (time, (x, y), yaw, course, speed, yaw_rate, roll_rate)
             self._memory, self._steering_command = self._driver.steer(
-                self._memory, SeenByDriver(*seen_by_driver)
+                self._memory, DriverView(*view)
             )
 
     def step(self, time: Any, planned: Any, counts: Any, share: Any) -> None:

@@ -1,7 +1,5 @@
 """The ground in the equations of motion: tyres, wheels, drive and anti-ramp board."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

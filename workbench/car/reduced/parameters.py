@@ -275,7 +275,7 @@ def _tail(scenario: Scenario) -> dict[str, Any]:
     return {
         "has_tail": float(has_tail),
         "mount": (tail.mount_x, 0.0, tail.mount_height),
-        "rotor_inertia": motor.rotor_inertia * motor.gear_ratio**2,
+        "rotor_inertia": motor.reflected_inertia,
         "coulomb": friction.coulomb,
         "viscous": friction.viscous,
         "tanh_gain": friction.tanh_gain,

@@ -3,8 +3,6 @@
 `compiled.steps.run` steps a rollout: its `tick` asks the laws, its `step` drives and judges.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -23,10 +21,10 @@ from aerodima.workbench.car.reduced.states import (
 )
 from aerodima.workbench.car.tail_plant import SAIL_TIP_MARGIN
 from aerodima.workbench.car.verdict import is_beyond_flip, velocity_over_ground
-from aerodima.workbench.core.array_types import FloatArray, IntArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray, IntArray
 
 STEP = 0.002
-"""Length of a step, s."""
+"""Length of a step, s: that of the plant in `models/parameters/simulation.yaml`."""
 
 
 class Rollout:
@@ -82,7 +80,7 @@ class Rollout:
         self.gone = self.gone | is_beyond_flip(up_in_body(self.state)[2])
 
 
-def tick_flags(index: IntArray, rate: float, length: float) -> np.ndarray:
+def tick_flags(index: IntArray, rate: float, length: float) -> BoolArray:
     """Returns which steps of a length (s) begin with a tick of a controller of this rate, Hz."""
     return index % round(1.0 / (length * rate)) == 0
 

@@ -1,7 +1,5 @@
 """States of the reduced car by index, what drives it, and vectors of many cars at once."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -40,7 +38,7 @@ EPS_SQRT = 1e-12
 
 
 class Commands(NamedTuple):
-    """What drives the cars.
+    """Inputs of the cars.
 
     Attributes:
         steering: angles of the front wheels, left and right (2, n), rad.

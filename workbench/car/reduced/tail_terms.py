@@ -1,7 +1,5 @@
 """The tail in the equations of motion: arm, air, motors, friction and stops."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from aerodima.workbench.aero.section_laws import LineMotion, plate_force

@@ -27,7 +27,7 @@ TRIGGERS = ("steering", "yaw_rate")
 
 @dataclass(frozen=True)
 class TurnPlans:
-    """What n cars do in their turn to the left; the last axis of every array is the car.
+    """Steering and swings of n cars in a turn to the left; the last axis of every array is the car.
 
     Attributes:
         pulse: `PULSE` of each car's schedule.

@@ -2,8 +2,6 @@
 asks of them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,9 +30,9 @@ from aerodima.workbench.car.verdict import (
 )
 from aerodima.workbench.control.manoeuvre import (
     TICK_TOLERANCE,
-    angle_to_straighten,
     pulse_angle,
     ramp_speed,
+    turn_length,
     wheel_angle,
 )
 from aerodima.workbench.control.swing_law import (
@@ -46,7 +44,7 @@ from aerodima.workbench.control.swing_law import (
     roll_command,
 )
 from aerodima.workbench.control.tail_law import EPSILON
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray
 
 WITHIN = (np.arange(8.0)[:, None] + 0.5) / 8.0
 """Instants of a step, in its length: the wheels' angle in a step is the mean over them, so that it
@@ -76,8 +74,8 @@ class Turns:
             wheels in them (steps, 4, n), N.
     """
 
-    survived: np.ndarray
-    clean: np.ndarray
+    survived: BoolArray
+    clean: BoolArray
     heading: FloatArray
     peak_roll: FloatArray
     trigger: FloatArray
@@ -116,11 +114,8 @@ class TurnRollout(Rollout):
         self._since, self._start_roll = np.zeros((2, n))
         self.trigger = np.full(n, np.nan)
         pulse = plans.pulse
-        rate = plans.servo_rate
-        angle = angle_to_straighten(
-            pulse.steer_angle, pulse.hold, rate, pulse.first_angle, pulse.first_hold
-        )
-        self._straight = pulse.hold + angle / rate
+        levels = (pulse.steer_angle, pulse.hold, pulse.first_angle, pulse.first_hold)
+        self._straight = turn_length(plans.servo_rate, *levels)
         self.begin_turn()
 
     def begin_turn(self) -> None:
@@ -214,7 +209,7 @@ class TurnRollout(Rollout):
         settles = np.isnan(self._settled_yaw) & has_settled(time, self._restless)
         self._settled_yaw = np.where(settles, state[3], self._settled_yaw)
 
-    def results(self) -> dict[str, FloatArray]:
+    def results(self) -> dict[str, Any]:
         """Returns the fields of `Turns` but for the histories."""
         state = self.state
         tilt = np.arccos(np.clip(up_in_body(state)[2], -1.0, 1.0))

@@ -12,6 +12,7 @@ from aerodima.optimisation.studies.rollover_threshold import FRICTION
 from aerodima.optimisation.swing.motion_search import steered_swing
 from aerodima.workbench import Observation, UserError, load_scenario, metrics_of, simulate
 from aerodima.workbench.car.reduced.parameters import VehicleParams
+from aerodima.workbench.car.reduced.rollout import STEP
 from aerodima.workbench.car.reduced.states import STATES
 from aerodima.workbench.car.reduced.turn_plans import TurnPlans
 from aerodima.workbench.car.reduced.turns import TurnRollout, drive_turns
@@ -35,7 +36,7 @@ def test_the_law_commands_what_the_one_on_the_car_does(changes):
     own = SwingLaw(SwingSettings.from_scenario(scenario))
     cars = VehicleParams.from_scenarios([scenario])
     state = np.zeros((len(STATES), 1))
-    batch = TurnRollout(cars, TurnPlans.from_scenarios([scenario]), state, 0.002)
+    batch = TurnRollout(cars, TurnPlans.from_scenarios([scenario]), state, STEP)
     memory = own.start()
     seen = 0.0
     for tick in range(200):
@@ -55,6 +56,7 @@ def test_critical_friction_is_that_of_the_full_car():
     full = {"none": 0.5375, "held": 0.4875, "swing": 0.8875}
     scenarios = [load_scenario("turn_designed", (f"tail.mode={mode}",)) for mode in full]
     found = screened_friction(scenarios, LimitSearch(FRICTION, 0.4, 1.0, 0.1, 0.0125))
+    assert all(scenario.simulation.step == STEP for scenario in scenarios)
     assert [each.survived for each in found] == pytest.approx(list(full.values()), rel=0.05)
 
 

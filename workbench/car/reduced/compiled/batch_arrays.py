@@ -1,6 +1,4 @@
-"""Where the arrays of a batch are."""
-
-from __future__ import annotations
+"""Places of the arrays of a batch."""
 
 from collections.abc import Iterator
 from typing import Any

@@ -3,8 +3,6 @@
 The numbers of some cars stay in the cache while they are stepped; see README.md.
 """
 
-from __future__ import annotations
-
 import ctypes
 import math
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Steps of a batch, tick by tick where it has ticks, compiled where `llvmlite` is installed."""
 
-from __future__ import annotations
-
 import sys
 from functools import cache
 from typing import Any
@@ -9,13 +7,13 @@ from typing import Any
 import numpy as np
 
 from aerodima.workbench.car.reduced.compiled.batch_arrays import attributes
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray
 
 _COMPILED: dict[tuple[Any, ...], Any] = {}
 """Code by class, shapes and constants of a batch."""
 
 
-def run(batch: Any, ticks: np.ndarray, *given: np.ndarray, keep: bool = False) -> list[FloatArray]:
+def run(batch: Any, ticks: BoolArray, *given: np.ndarray, keep: bool = False) -> list[FloatArray]:
     """Steps the cars of a batch.
 
     Args:
@@ -57,7 +55,7 @@ def run(batch: Any, ticks: np.ndarray, *given: np.ndarray, keep: bool = False) -
 
 
 def run_in_numpy(
-    batch: Any, ticks: np.ndarray, *given: np.ndarray, keep: bool = False
+    batch: Any, ticks: BoolArray, *given: FloatArray, keep: bool = False
 ) -> list[FloatArray]:
     """Does what `run` does, one step after the other, without compiling anything."""
     kept = []
