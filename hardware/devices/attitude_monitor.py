@@ -1,4 +1,4 @@
-"""Whether the attitude of the IMU follows its gyro: either may fail while the other one lives."""
+"""Monitor of attitude against gyro of the IMU: either may fail while the other one lives."""
 
 import math
 

@@ -22,7 +22,7 @@ from aerodima.optimisation.judge.candidate import (
 from aerodima.optimisation.judge.entry_speed import Case, Manoeuvre, Surface
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.core.key_errors import nearest
-from aerodima.workbench.core.quantity import check_range
+from aerodima.workbench.core.ranges import check_range
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
 from aerodima.workbench.scenario.ensemble import Member

@@ -24,7 +24,7 @@ import numpy as np
 
 from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.core.errors import SweepError
-from aerodima.workbench.core.quantity import NO_UNIT, check_range
+from aerodima.workbench.core.ranges import NO_UNIT, check_range
 
 _MIN_STEP = 1e-12
 """Least step of a search, in the unit of its factor."""

@@ -31,7 +31,7 @@ from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, conten
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SweepError
-from aerodima.workbench.core.quantity import NO_UNIT, check_range
+from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 
 RANGES = {

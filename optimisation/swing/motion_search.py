@@ -34,7 +34,7 @@ from aerodima.workbench.car.laws import torque_speed_limits
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.deprecation import renamed
 from aerodima.workbench.core.errors import SwingError
-from aerodima.workbench.core.quantity import NO_UNIT, check_range
+from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.scenario.ensemble import Member
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario

@@ -26,7 +26,7 @@ from aerodima.optimisation.studies.rollover_threshold import (
 from aerodima.optimisation.studies.runs import CachedRunner, step_settings
 from aerodima.workbench.core.errors import SweepError, UserError
 from aerodima.workbench.core.key_errors import nearest
-from aerodima.workbench.core.quantity import NO_UNIT, check_range
+from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.core.yaml_files import (
     StrictModel,
     checked,

@@ -52,7 +52,7 @@ from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX, connect_spatia
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.port_wiring import add_and_connect
-from aerodima.workbench.core.quantity import check_range
+from aerodima.workbench.core.ranges import check_range
 
 _CONTINUOUS_RATE = 100.0
 """Rate of the keeper in a continuous plant, rad/s."""

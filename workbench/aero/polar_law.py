@@ -25,7 +25,7 @@ from aerodima.workbench.aero.section_laws import (
     require_increasing,
 )
 from aerodima.workbench.core.errors import ModelError
-from aerodima.workbench.core.quantity import check_range
+from aerodima.workbench.core.ranges import check_range
 
 Coefficient = Callable[[Scalar, Scalar], Scalar]
 _LIFT_END = math.radians(10.0)

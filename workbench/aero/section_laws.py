@@ -20,7 +20,7 @@ from pydrake.math import arctan2
 
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
-from aerodima.workbench.core.quantity import check_range
+from aerodima.workbench.core.ranges import check_range
 
 check_from_zero = partial(check_range, low=0.0, high=math.inf, error=ModelError)
 check_above_zero = partial(check_from_zero, above_low=True)

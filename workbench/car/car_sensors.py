@@ -15,7 +15,8 @@ from pydrake.systems.framework import Context
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.elementwise import rotation_rows
 from aerodima.workbench.core.port_wiring import vector_of
-from aerodima.workbench.core.quantity import NO_UNIT, STANDARD_GRAVITY, check_range
+from aerodima.workbench.core.quantity import STANDARD_GRAVITY
+from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.core.sampled import TURN, AngleEncoder, CounterNoise, SampledSensor
 from aerodima.workbench.scenario.signal_table import IMU
 from aerodima.workbench.scenario.tail_parameters import TailMotorParameters

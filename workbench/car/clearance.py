@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.quantity import NO_UNIT, check_range
+from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.tail_parameters import TailParameters
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.quantity import check_range
+from aerodima.workbench.core.ranges import check_range
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from aerodima.workbench.cli import options as cli
 from aerodima.workbench.cli.log_commands import run_names
 from aerodima.workbench.core.atomic_write import refuse_existing
 from aerodima.workbench.core.errors import LogError, UserError
-from aerodima.workbench.core.quantity import NO_UNIT, check_range
+from aerodima.workbench.core.ranges import NO_UNIT, check_range
 
 if TYPE_CHECKING:
     from aerodima.workbench.logs.schema import RunLog

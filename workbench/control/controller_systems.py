@@ -37,7 +37,7 @@ from aerodima.workbench.core.port_wiring import (
     concatenate,
     vector_of,
 )
-from aerodima.workbench.core.quantity import check_range
+from aerodima.workbench.core.ranges import check_range
 from aerodima.workbench.scenario.signal_table import (
     IMU,
     PLANNED_TURN,

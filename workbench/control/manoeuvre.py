@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from aerodima.workbench.core.elementwise import clip, maximum, minimum, where
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.core.quantity import NO_UNIT, check_range
+from aerodima.workbench.core.ranges import NO_UNIT, check_range
 
 TICK_TOLERANCE = 1e-9
 """s; a tick that falls on an instant of the schedule up to rounding counts as having reached it."""

@@ -16,7 +16,7 @@ import numpy as np
 from aerodima.workbench.control.manoeuvre import side_of
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.core.quantity import check_range
+from aerodima.workbench.core.ranges import check_range
 
 SCALE = 0.1
 """Length of the model over that of the full-size car."""

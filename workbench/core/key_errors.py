@@ -7,7 +7,8 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from aerodima.workbench.core.quantity import NO_UNIT, unit_of
+from aerodima.workbench.core.quantity import unit_of
+from aerodima.workbench.core.ranges import NO_UNIT
 
 Place = tuple[str | int, ...]
 

@@ -6,10 +6,9 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from aerodima.workbench.core.errors import ScenarioError, UserError
+from aerodima.workbench.core.errors import ScenarioError
+from aerodima.workbench.core.ranges import NO_UNIT
 
-NO_UNIT = "1"
-"""Unit of a dimensionless number, a name, a flag or a count."""
 STANDARD_GRAVITY = 9.80665
 """Acceleration that a sensor calls 1 g, m/s2 (CGPM 1901)."""
 RATE_TOLERANCE = 1e-9
@@ -75,39 +74,6 @@ def unit_of(model: type[BaseModel], key: str) -> str:
     if isinstance(extra, dict):
         return str(extra.get("unit", NO_UNIT))
     return NO_UNIT
-
-
-def check_range(
-    name: str,
-    value: float,
-    low: float,
-    high: float,
-    unit: str,
-    *,
-    above_low: bool = False,
-    error: type[UserError] = UserError,
-) -> None:
-    """Raise `error` unless `value` is finite and within [low, high].
-
-    Args:
-        name: where the value comes from, e.g. "controller.swing_speed".
-        value: in the unit of the limits.
-        low: smallest value allowed.
-        high: largest value allowed; may be infinite.
-        unit: printed after the value.
-        above_low: refuse `low` itself.
-        error: class of the error raised.
-    """
-    if math.isfinite(value) and low <= value <= high and not (above_low and value == low):
-        return
-    shown = "" if unit == NO_UNIT else f" {unit}"
-    relation = ">" if above_low else ">="
-    limits = ["finite"]
-    if low > -math.inf:
-        limits.append(f"{relation} {low:g}{shown}")
-    if high < math.inf:
-        limits.append(f"<= {high:g}{shown}")
-    raise error(f"{name}: {value:g}{shown} must be {', '.join(limits)}")
 
 
 def check_rate(rate: float, step: float | None, name: str) -> None:

@@ -9,7 +9,8 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem, State
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.event_order import EventPriority, period_of
 from aerodima.workbench.core.port_wiring import DiscreteVector, vector_of
-from aerodima.workbench.core.quantity import RATE_TOLERANCE, check_range, check_rate
+from aerodima.workbench.core.quantity import RATE_TOLERANCE, check_rate
+from aerodima.workbench.core.ranges import check_range
 
 TURN = 2.0 * math.pi
 """One revolution, rad."""

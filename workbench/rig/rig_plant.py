@@ -45,7 +45,7 @@ from aerodima.workbench.core.port_wiring import (
     declare_spatial_forces,
     vector_of,
 )
-from aerodima.workbench.core.quantity import check_range
+from aerodima.workbench.core.ranges import check_range
 from aerodima.workbench.rig.rig_layout import bar_layout, rig_jet, rig_law, tail_layout
 from aerodima.workbench.rig.rig_model import cheetah_rig_sdf, robot_rig_sdf
 from aerodima.workbench.scenario.rig_scenario import RigScenario

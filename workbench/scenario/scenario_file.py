@@ -15,7 +15,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from aerodima.workbench.core.errors import ScenarioError
 from aerodima.workbench.core.key_errors import nearest
-from aerodima.workbench.core.quantity import NO_UNIT, check_rate, unit_of
+from aerodima.workbench.core.quantity import check_rate, unit_of
+from aerodima.workbench.core.ranges import NO_UNIT
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.yaml_files import (
     ModelT,

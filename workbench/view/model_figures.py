@@ -24,7 +24,7 @@ from aerodima.workbench.aero.tail_pieces import unit_vector
 from aerodima.workbench.car.clearance import PARTS, RangeOfMotion
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.core.quantity import NO_UNIT, check_range
+from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.view.figure_style import (
     BLACK,
     BLUE,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.core.quantity import check_range
+from aerodima.workbench.core.ranges import check_range
 
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat

@@ -15,7 +15,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.core.array_types import FloatArray, IntArray
-from aerodima.workbench.core.quantity import NO_UNIT, check_range
+from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.view.force_arrows import Colour, DrawnArrow, ForceArrow
 from aerodima.workbench.view.logged_run import LoggedRun, Place, add_logged_run

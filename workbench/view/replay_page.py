@@ -12,7 +12,7 @@ from typing import Any
 
 from aerodima.workbench.core.atomic_write import refuse_existing
 from aerodima.workbench.core.errors import LogError, UserError
-from aerodima.workbench.core.quantity import NO_UNIT, check_range
+from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.core.text_table import value_rows
 from aerodima.workbench.logs.schema import PLANT_RUN, TAIL_LAW, Facts, Json, RunLog
 from aerodima.workbench.metrics.run_summary import metrics_of_runs, of_plants

@@ -18,7 +18,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.core.quantity import NO_UNIT, check_range
+from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.view.captions import RESULT_COLOURS, run_caption, state_caption
 from aerodima.workbench.view.offscreen import OffscreenRun

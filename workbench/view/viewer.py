@@ -17,7 +17,7 @@ from pydrake.systems.framework import Context, Diagram
 from aerodima.workbench.car.car_station import simulated_car
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.core.quantity import NO_UNIT, check_range
+from aerodima.workbench.core.ranges import NO_UNIT, check_range
 
 Area = tuple[float, float, float, float]
 """A floor: x from, x to, y from, y to, m."""

@@ -7,7 +7,8 @@ import pytest
 from pydantic import ValidationError
 
 from aerodima.workbench.core.errors import ScenarioError
-from aerodima.workbench.core.quantity import NO_UNIT, QuantityModel, quantity, unit_of
+from aerodima.workbench.core.quantity import QuantityModel, quantity, unit_of
+from aerodima.workbench.core.ranges import NO_UNIT
 from aerodima.workbench.core.yaml_files import checked
 from tests.refusals import assert_refused
 
