@@ -138,45 +138,34 @@ def sail_motion(
         p_BoSo_B: where the joint axes cross, in the chassis frame, m.
     """
     rows = rotation_rows(quaternion)
-    (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = rows
+    x_B, y_B, z_B = zip(*rows, strict=True)
     pitch, roll, turn = angles
-    c = math.cos(pitch)
-    s = math.sin(pitch)
-    # Hub: x and z of the chassis turned about its y.
-    hx = r00 * c - r02 * s
-    hy = r10 * c - r12 * s
-    hz = r20 * c - r22 * s
-    ux = r00 * s + r02 * c
-    uy = r10 * s + r12 * c
-    uz = r20 * s + r22 * c
-    c = math.cos(roll)
-    s = math.sin(roll)
-    # Rod: y and z of the hub turned about its x.
-    lx = r01 * c + ux * s
-    ly = r11 * c + uy * s
-    lz = r21 * c + uz * s
-    ax = ux * c - r01 * s
-    ay = uy * c - r11 * s
-    az = uz * c - r21 * s
-    x_S = (hx, hy, hz)
-    y_S = (lx, ly, lz)
-    if turn != 0.0:
-        c = math.cos(turn)
-        s = math.sin(turn)
-        x_S = (hx * c + lx * s, hy * c + ly * s, hz * c + lz * s)
-        y_S = (lx * c - hx * s, ly * c - hy * s, lz * c - hz * s)
+    middle, x_H = _turned(z_B, x_B, pitch)
+    y_R, a = _turned(y_B, middle, roll)
+    x_S, y_S = _turned(x_H, y_R, turn)
     dx, dy, dz = rotated(rows, p_BoSo_B)
     wx, wy, wz, vx, vy, vz = velocity
     p_rate, r_rate, t_rate = rates
-    w_x = wx + p_rate * r01 + r_rate * hx + t_rate * ax
-    w_y = wy + p_rate * r11 + r_rate * hy + t_rate * ay
-    w_z = wz + p_rate * r21 + r_rate * hz + t_rate * az
+    axes_W = (y_B, x_H, a)
+    w_x, w_y, w_z = (
+        w + p_rate * p + r_rate * r + t_rate * t
+        for w, p, r, t in zip((wx, wy, wz), *axes_W, strict=True)
+    )
     v_x = vx + wy * dz - wz * dy
     v_y = vy + wz * dx - wx * dz
     v_z = vz + wx * dy - wy * dx
-    R_WS = ((x_S[0], y_S[0], ax), (x_S[1], y_S[1], ay), (x_S[2], y_S[2], az))
-    axes_W = ((r01, r11, r21), (hx, hy, hz), (ax, ay, az))
+    R_WS = tuple(zip(x_S, y_S, a, strict=True))
     return SailMotion(R_WS, (w_x, w_y, w_z), (v_x, v_y, v_z), (dx, dy, dz), axes_W)
+
+
+def _turned(one: Vector3, other: Vector3, angle: float) -> tuple[Vector3, Vector3]:
+    """Turns two unit vectors in their plane by an angle, rad, the first one towards the second."""
+    c = math.cos(angle)
+    s = math.sin(angle)
+    one_x, one_y, one_z = one
+    x, y, z = other
+    ahead = (one_x * c + x * s, one_y * c + y * s, one_z * c + z * s)
+    return ahead, (x * c - one_x * s, y * c - one_y * s, z * c - one_z * s)
 
 
 def generalised_force(
