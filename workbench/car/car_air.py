@@ -223,10 +223,10 @@ class TailAerodynamics(LeafSystem):
         for layout, law in self._lines:
             line = layout.motion(sail.R_WS, sail.w_WS, sail.v_WSo, wind)
             load = law.line_force(line, layout.distances, layout.areas, self._density)
-            loads.append(load)
             if any(layout.p_BoRo_B):
                 shift = cross(rotated(sail.R_WS, layout.p_BoRo_B), load[:3])
-                loads.append((0.0, 0.0, 0.0, *shift))
+                load = (*load[:3], *(m + d for m, d in zip(load[3:], shift, strict=True)))
+            loads.append(load)
         total = [sum(parts) for parts in zip(*loads, strict=True)]
         force = generalised_force(sail, total[:3], total[3:])
         output.SetFromVector(np.array(force))
