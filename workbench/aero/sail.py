@@ -33,12 +33,13 @@ a real centre of pressure moves with delta, and the shell does not shade the boa
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from aerodima.workbench.aero.section_laws import (
     CrossedPlatesLaw,
     NormalForceLaw,
     SectionLaw,
+    add_cross,
     rotated,
 )
 from aerodima.workbench.aero.sections import SectionLayout
@@ -143,19 +144,16 @@ def sail_motion(
     middle, x_H = _turned(z_B, x_B, pitch)
     y_R, a = _turned(y_B, middle, roll)
     x_S, y_S = _turned(x_H, y_R, turn)
-    dx, dy, dz = rotated(rows, p_BoSo_B)
-    wx, wy, wz, vx, vy, vz = velocity
-    p_rate, r_rate, t_rate = rates
     axes_W = (y_B, x_H, a)
-    w_x, w_y, w_z = (
-        w + p_rate * p + r_rate * r + t_rate * t
-        for w, p, r, t in zip((wx, wy, wz), *axes_W, strict=True)
+    p_BoSo_W = rotated(rows, p_BoSo_B)
+    w_WB = velocity[:3]
+    p_rate, r_rate, t_rate = rates
+    w_WS: Any = tuple(
+        w + p_rate * p + r_rate * r + t_rate * t for w, p, r, t in zip(w_WB, *axes_W, strict=True)
     )
-    v_x = vx + wy * dz - wz * dy
-    v_y = vy + wz * dx - wx * dz
-    v_z = vz + wx * dy - wy * dx
-    R_WS = tuple(zip(x_S, y_S, a, strict=True))
-    return SailMotion(R_WS, (w_x, w_y, w_z), (v_x, v_y, v_z), (dx, dy, dz), axes_W)
+    v_WSo = add_cross(velocity[3:], w_WB, p_BoSo_W)
+    R_WS: Any = tuple(zip(x_S, y_S, a, strict=True))
+    return SailMotion(R_WS, w_WS, v_WSo, p_BoSo_W, axes_W)
 
 
 def _turned(one: Vector3, other: Vector3, angle: float) -> tuple[Vector3, Vector3]:
@@ -182,11 +180,5 @@ def generalised_force(
         Moment on the chassis about its origin (3) in W, N m; force on it (3) in W, N; torque about
         the axes of pitch, roll and sail (3), N m.
     """
-    fx, fy, fz = force
-    mx, my, mz = moment
-    dx, dy, dz = motion.p_BoSo_W
-    pitch, roll, turn = rotated(motion.axes_W, moment)
-    about_x = mx + dy * fz - dz * fy
-    about_y = my + dz * fx - dx * fz
-    about_z = mz + dx * fy - dy * fx
-    return about_x, about_y, about_z, fx, fy, fz, pitch, roll, turn
+    about_origin = add_cross(moment, motion.p_BoSo_W, force)
+    return *about_origin, *force, *rotated(motion.axes_W, moment)

@@ -74,6 +74,20 @@ def cross(a: Vector, b: Vector) -> tuple[Scalar, Scalar, Scalar]:
     return a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x
 
 
+def add_cross(
+    v: Sequence[Scalar], a: Sequence[Scalar], b: Sequence[Scalar]
+) -> tuple[Scalar, Scalar, Scalar]:
+    """v + a x b: a velocity w x p further on, or a moment about another point."""
+    v_x, v_y, v_z = v
+    a_x, a_y, a_z = a
+    b_x, b_y, b_z = b
+    return (
+        v_x + a_y * b_z - a_z * b_y,
+        v_y + a_z * b_x - a_x * b_z,
+        v_z + a_x * b_y - a_y * b_x,
+    )
+
+
 def rotated(rows: Sequence[Vector], vector: Vector) -> tuple[Scalar, Scalar, Scalar]:
     """Rotates a vector by a matrix, three rows of which the first three numbers count."""
     x_row, y_row, z_row = rows
@@ -125,10 +139,10 @@ def angle_of_attack(v: Vector, a: Vector) -> Scalar:
 
     Computed with atan2 (ERRATA E27 shows where the thesis form fails).
     """
-    return _direction(dot(v, a), length(cross(v, a)))
+    return polar_angle(dot(v, a), length(cross(v, a)))
 
 
-def _direction(y: Scalar, x: Scalar) -> Scalar:
+def polar_angle(y: Scalar, x: Scalar) -> Scalar:
     """Angle of the vector (x, y), rad; 0 of the zero vector."""
     if isinstance(y, float):
         return math.atan2(y, x)
@@ -161,7 +175,7 @@ def wind_direction(
             weight = area * squared**0.5
             along_normal = along_normal + weight * v_n
             across = across + weight * v_b
-    return _direction(across, along_normal)
+    return polar_angle(across, along_normal)
 
 
 def float_of(value: Scalar) -> float:

@@ -152,11 +152,11 @@ class TailForceParts(SystemParts):
         plant.SetPositionsAndVelocities(kinematics, self._state.Eval(context))
         X_WB = plant.EvalBodyPoseInWorld(kinematics, body).GetAsMatrix34().tolist()
         V_WB = plant.EvalBodySpatialVelocityInWorld(kinematics, body)
-        w_x, w_y, w_z, v_x, v_y, v_z = V_WB.get_coeffs().tolist()
+        velocity = V_WB.get_coeffs().tolist()
         wind = None
         if self._wind.HasValue(context):
             wind = self._wind.Eval(context).tolist()
-        return X_WB, self.layout.motion(X_WB, (w_x, w_y, w_z), (v_x, v_y, v_z), wind)
+        return X_WB, self.layout.motion(X_WB, velocity[:3], velocity[3:], wind)
 
     def _exposed(self, X_WB: Any, a: Any) -> tuple[Any, Any]:
         """Distances and areas of the sections; with a jet those of the exposed part, areas 0
