@@ -141,6 +141,7 @@ def sail_motion(
     rows = rotation_rows(quaternion)
     x_B, y_B, z_B = zip(*rows, strict=True)
     pitch, roll, turn = angles
+    # Hub H turns about y of the chassis, rod R about x of the hub, sail S about z of the rod.
     middle, x_H = _turned(z_B, x_B, pitch)
     y_R, a = _turned(y_B, middle, roll)
     x_S, y_S = _turned(x_H, y_R, turn)
