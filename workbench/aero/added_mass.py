@@ -60,6 +60,8 @@ _RATE_TIMES_STEP = 0.2
 """Rate of the keeper times the time step of a discrete plant."""
 _POSITION_SAMPLES = 64
 """Positions at which the inertia is checked."""
+Slides = tuple[tuple[Joint, float], ...]
+"""Per slide the joint and the mass that it frees, kg."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,7 @@ class AddedMass:
         mass_per_part: m_added, kg.
         instance: model instance of the weightless bodies.
         middle: frame at the middle of the parts, z along the tail axis.
-        slides: per slide the joint and the mass that it frees, kg.
+        slides: of the weightless bodies.
     """
 
     plant: MultibodyPlant
@@ -82,7 +84,7 @@ class AddedMass:
     mass_per_part: float
     instance: ModelInstanceIndex
     middle: Frame
-    slides: tuple[tuple[Joint, float], ...]
+    slides: Slides
 
     def add_to_builder(
         self,
@@ -224,13 +226,11 @@ def add_added_mass(
         mass, np.zeros(3), UnitInertia(moment / mass, moment / mass, 0.0), skip_validity_check=True
     )
     row = plant.AddRigidBody(name, instance, inertia)
+    slides: Slides = ()
     if mass_per_part < 0.0 or not spanwise_free:
         plant.WeldFrames(middle, row.body_frame())
-        slides: tuple[tuple[Joint, float], ...]
-        if mass < 0.0 and spanwise_free:
+        if spanwise_free:
             slides = _free_across(plant, instance, middle, -mass, name)
-        else:
-            slides = ()
     else:
         joint = plant.AddJoint(
             PrismaticJoint(f"{name}_slide", middle, row.body_frame(), np.eye(3)[2])
@@ -241,7 +241,7 @@ def add_added_mass(
 
 def _free_across(
     plant: MultibodyPlant, instance: ModelInstanceIndex, middle: Any, mass: float, name: str
-) -> tuple[tuple[Joint, float], ...]:
+) -> Slides:
     """A point of positive mass that slides across the axis: it adds inertia along the axis only."""
     x, y, _ = np.eye(3)
     at_point = SpatialInertia(mass, np.zeros(3), UnitInertia(0.0, 0.0, 0.0))

@@ -10,7 +10,6 @@ from functools import cached_property, partial
 from typing import Any, ClassVar
 
 import numpy as np
-from pydrake.math import arctan2
 
 from aerodima.workbench.aero.section_laws import (
     STILL,
@@ -21,6 +20,7 @@ from aerodima.workbench.aero.section_laws import (
     cross,
     dot,
     float_of,
+    polar_angle,
     require_finite,
     require_increasing,
 )
@@ -211,10 +211,7 @@ class PolarLaw(SectionLaw):
         lift: Any = self.lift
         if callable(drag) or callable(lift):
             size = spanwise if spanwise >= 0.0 else -spanwise
-            if isinstance(size, float):
-                gamma = math.atan2(size, across)
-            else:
-                gamma = arctan2(size, across)
+            gamma = polar_angle(size, across)
             if self._one_grid:
                 cell = drag.cell(speed, gamma)
                 drag = drag.at(cell)

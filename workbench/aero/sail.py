@@ -33,12 +33,13 @@ a real centre of pressure moves with delta, and the shell does not shade the boa
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from aerodima.workbench.aero.section_laws import (
     CrossedPlatesLaw,
     NormalForceLaw,
     SectionLaw,
+    add_cross,
     rotated,
 )
 from aerodima.workbench.aero.sections import SectionLayout
@@ -138,45 +139,32 @@ def sail_motion(
         p_BoSo_B: where the joint axes cross, in the chassis frame, m.
     """
     rows = rotation_rows(quaternion)
-    (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = rows
+    x_B, y_B, z_B = zip(*rows, strict=True)
     pitch, roll, turn = angles
-    c = math.cos(pitch)
-    s = math.sin(pitch)
-    # Hub: x and z of the chassis turned about its y.
-    hx = r00 * c - r02 * s
-    hy = r10 * c - r12 * s
-    hz = r20 * c - r22 * s
-    ux = r00 * s + r02 * c
-    uy = r10 * s + r12 * c
-    uz = r20 * s + r22 * c
-    c = math.cos(roll)
-    s = math.sin(roll)
-    # Rod: y and z of the hub turned about its x.
-    lx = r01 * c + ux * s
-    ly = r11 * c + uy * s
-    lz = r21 * c + uz * s
-    ax = ux * c - r01 * s
-    ay = uy * c - r11 * s
-    az = uz * c - r21 * s
-    x_S = (hx, hy, hz)
-    y_S = (lx, ly, lz)
-    if turn != 0.0:
-        c = math.cos(turn)
-        s = math.sin(turn)
-        x_S = (hx * c + lx * s, hy * c + ly * s, hz * c + lz * s)
-        y_S = (lx * c - hx * s, ly * c - hy * s, lz * c - hz * s)
-    dx, dy, dz = rotated(rows, p_BoSo_B)
-    wx, wy, wz, vx, vy, vz = velocity
+    # Hub H turns about y of the chassis, rod R about x of the hub, sail S about z of the rod.
+    middle, x_H = _turned(z_B, x_B, pitch)
+    y_R, a = _turned(y_B, middle, roll)
+    x_S, y_S = _turned(x_H, y_R, turn)
+    axes_W = (y_B, x_H, a)
+    p_BoSo_W = rotated(rows, p_BoSo_B)
+    w_WB = velocity[:3]
     p_rate, r_rate, t_rate = rates
-    w_x = wx + p_rate * r01 + r_rate * hx + t_rate * ax
-    w_y = wy + p_rate * r11 + r_rate * hy + t_rate * ay
-    w_z = wz + p_rate * r21 + r_rate * hz + t_rate * az
-    v_x = vx + wy * dz - wz * dy
-    v_y = vy + wz * dx - wx * dz
-    v_z = vz + wx * dy - wy * dx
-    R_WS = ((x_S[0], y_S[0], ax), (x_S[1], y_S[1], ay), (x_S[2], y_S[2], az))
-    axes_W = ((r01, r11, r21), (hx, hy, hz), (ax, ay, az))
-    return SailMotion(R_WS, (w_x, w_y, w_z), (v_x, v_y, v_z), (dx, dy, dz), axes_W)
+    w_WS: Any = tuple(
+        w + p_rate * p + r_rate * r + t_rate * t for w, p, r, t in zip(w_WB, *axes_W, strict=True)
+    )
+    v_WSo = add_cross(velocity[3:], w_WB, p_BoSo_W)
+    R_WS: Any = tuple(zip(x_S, y_S, a, strict=True))
+    return SailMotion(R_WS, w_WS, v_WSo, p_BoSo_W, axes_W)
+
+
+def _turned(one: Vector3, other: Vector3, angle: float) -> tuple[Vector3, Vector3]:
+    """Turns two unit vectors in their plane by an angle, rad, the first one towards the second."""
+    c = math.cos(angle)
+    s = math.sin(angle)
+    one_x, one_y, one_z = one
+    x, y, z = other
+    ahead = (one_x * c + x * s, one_y * c + y * s, one_z * c + z * s)
+    return ahead, (x * c - one_x * s, y * c - one_y * s, z * c - one_z * s)
 
 
 def generalised_force(
@@ -193,11 +181,5 @@ def generalised_force(
         Moment on the chassis about its origin (3) in W, N m; force on it (3) in W, N; torque about
         the axes of pitch, roll and sail (3), N m.
     """
-    fx, fy, fz = force
-    mx, my, mz = moment
-    dx, dy, dz = motion.p_BoSo_W
-    pitch, roll, turn = rotated(motion.axes_W, moment)
-    about_x = mx + dy * fz - dz * fy
-    about_y = my + dz * fx - dx * fz
-    about_z = mz + dx * fy - dy * fx
-    return about_x, about_y, about_z, fx, fy, fz, pitch, roll, turn
+    about_origin = add_cross(moment, motion.p_BoSo_W, force)
+    return *about_origin, *force, *rotated(motion.axes_W, moment)

@@ -56,6 +56,11 @@ class LineMotion(NamedTuple):
     a: Vector
     n: Vector
 
+    def velocity(self, distance: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+        """Relative velocity (3) of the air at a distance (m) from the root, m/s."""
+        u, k, _, _ = self
+        return u[0] + distance * k[0], u[1] + distance * k[1], u[2] + distance * k[2]
+
 
 def dot(a: Vector, b: Vector) -> Scalar:
     """Dot product of two vectors of three scalars."""
@@ -67,6 +72,20 @@ def cross(a: Vector, b: Vector) -> tuple[Scalar, Scalar, Scalar]:
     a_x, a_y, a_z = a
     b_x, b_y, b_z = b
     return a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x
+
+
+def add_cross(
+    v: Sequence[Scalar], a: Sequence[Scalar], b: Sequence[Scalar]
+) -> tuple[Scalar, Scalar, Scalar]:
+    """v + a x b: a velocity w x p further on, or a moment about another point."""
+    v_x, v_y, v_z = v
+    a_x, a_y, a_z = a
+    b_x, b_y, b_z = b
+    return (
+        v_x + a_y * b_z - a_z * b_y,
+        v_y + a_z * b_x - a_x * b_z,
+        v_z + a_x * b_y - a_y * b_x,
+    )
 
 
 def rotated(rows: Sequence[Vector], vector: Vector) -> tuple[Scalar, Scalar, Scalar]:
@@ -120,13 +139,16 @@ def angle_of_attack(v: Vector, a: Vector) -> Scalar:
 
     Computed with atan2 (ERRATA E27 shows where the thesis form fails).
     """
-    spanwise = dot(v, a)
-    across = length(cross(v, a))
-    if isinstance(spanwise, float):
-        return math.atan2(spanwise, across)
-    if float_of(spanwise) == 0.0 and float_of(across) == 0.0:
-        return 0.0 * spanwise
-    return arctan2(spanwise, across)
+    return polar_angle(dot(v, a), length(cross(v, a)))
+
+
+def polar_angle(y: Scalar, x: Scalar) -> Scalar:
+    """Angle of the vector (x, y), rad; 0 of the zero vector."""
+    if isinstance(y, float):
+        return math.atan2(y, x)
+    if float_of(y) == 0.0 and float_of(x) == 0.0:
+        return 0.0 * y
+    return arctan2(y, x)
 
 
 def wind_direction(
@@ -153,10 +175,7 @@ def wind_direction(
             weight = area * squared**0.5
             along_normal = along_normal + weight * v_n
             across = across + weight * v_b
-    still = float_of(along_normal) == 0.0 and float_of(across) == 0.0
-    if still:
-        return 0.0 * across
-    return arctan2(across, along_normal)
+    return polar_angle(across, along_normal)
 
 
 def float_of(value: Scalar) -> float:
@@ -319,11 +338,9 @@ class NormalForceLaw(SectionLaw):
         coefficient = self.coefficient
         if not callable(coefficient):
             return plate_force(line, distances, areas, density, coefficient, coefficient)
-        u, k, _, _ = line
         weighted = []
         for s, area in zip(distances, areas, strict=True):
-            v = (u[0] + s * k[0], u[1] + s * k[1], u[2] + s * k[2])
-            weighted.append(area * coefficient(length(v)))
+            weighted.append(area * coefficient(length(line.velocity(s))))
         return plate_force(line, distances, weighted, density, 1.0, 1.0)
 
     def covers(self, speed: float, angle: float) -> bool:

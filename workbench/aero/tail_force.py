@@ -23,6 +23,7 @@ from aerodima.workbench.aero.section_laws import (
     dot,
     float_of,
     length,
+    rotated,
     wind_direction,
 )
 from aerodima.workbench.aero.section_watch import (
@@ -151,11 +152,11 @@ class TailForceParts(SystemParts):
         plant.SetPositionsAndVelocities(kinematics, self._state.Eval(context))
         X_WB = plant.EvalBodyPoseInWorld(kinematics, body).GetAsMatrix34().tolist()
         V_WB = plant.EvalBodySpatialVelocityInWorld(kinematics, body)
-        w_x, w_y, w_z, v_x, v_y, v_z = V_WB.get_coeffs().tolist()
+        velocity = V_WB.get_coeffs().tolist()
         wind = None
         if self._wind.HasValue(context):
             wind = self._wind.Eval(context).tolist()
-        return X_WB, self.layout.motion(X_WB, (w_x, w_y, w_z), (v_x, v_y, v_z), wind)
+        return X_WB, self.layout.motion(X_WB, velocity[:3], velocity[3:], wind)
 
     def _exposed(self, X_WB: Any, a: Any) -> tuple[Any, Any]:
         """Distances and areas of the sections; with a jet those of the exposed part, areas 0
@@ -163,7 +164,8 @@ class TailForceParts(SystemParts):
         """
         if self._jet is None:
             return self.layout.distances, self.layout.areas
-        return self._jet.exposed_sections(self.layout, point_in_world(X_WB, self._p_BoRo_B), a)
+        p_WRo = tuple(dot(row, self._p_BoRo_B) + row[3] for row in X_WB)
+        return self._jet.exposed_sections(self.layout, p_WRo, a)
 
     def _line_force(self, context: Any) -> tuple[Any, Any]:
         X_WB, line = self._motion(context)
@@ -177,21 +179,18 @@ class TailForceParts(SystemParts):
 
     def _calc_wrench(self, context: Any, output: Any) -> None:
         X_WB, force = self._line_force(context)
-        p_WBo = [row[3] for row in X_WB]
-        root = point_in_world(X_WB, self._p_BoRo_B)
-        arm = [r - o for r, o in zip(root, p_WBo, strict=True)]
-        shifts = cross(arm, force[:3])
+        shifts = cross(rotated(X_WB, self._p_BoRo_B), force[:3])
         moment = [m + shift for m, shift in zip(force[3:], shifts, strict=True)]
-        output.SetFromVector([*force[:3], *moment, *p_WBo])
+        output.SetFromVector([*force[:3], *moment, *(row[3] for row in X_WB)])
 
     def _section_rows(self, context: Any) -> list[tuple[Any, ...]]:
         """Lists per section: relative velocity (3), area, |v_rel|, gamma, axis, normal."""
-        X_WB, (u, k, a, n) = self._motion(context)
+        X_WB, line = self._motion(context)
+        a = line.a
         rows = []
         for s, area in zip(*self._exposed(X_WB, a), strict=True):
-            v = (u[0] + s * k[0], u[1] + s * k[1], u[2] + s * k[2])
-            angle = angle_of_attack(v, a)
-            rows.append((v, area, length(v), angle, a, n))
+            v = line.velocity(s)
+            rows.append((v, area, length(v), angle_of_attack(v, a), a, line.n))
         return rows
 
     def _calc_sections(self, context: Any, output: Any) -> None:
@@ -227,11 +226,6 @@ TailForce_ = scalar_template("TailForce_", __name__, TailForceParts)
 TailForce = TailForce_[float]
 """Aerodynamic wrench on a body made of sections on a straight line, as a Drake system; see
 `add_tail_force`."""
-
-
-def point_in_world(X_WB: Any, p_BoQ_B: Any) -> tuple[Any, ...]:
-    """Returns p_WQ of a body-fixed point Q from the rows of [R | p]."""
-    return tuple(dot(row, p_BoQ_B) + row[3] for row in X_WB)
 
 
 def resolve_body(plant: Any, body: Any, place: str = "tail force") -> Any:

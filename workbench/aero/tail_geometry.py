@@ -408,8 +408,7 @@ class TailGeometry(TailPart):
             for piece in plate.pieces:
                 points.append(piece.corners)
                 if plate.kind == "half_shell":
-                    crowns = np.outer(piece.chords, piece.normal) / 2
-                    points.append(crowns + np.array([piece.start, piece.end]))
+                    points.append(piece.crown)
         return np.vstack(points)
 
     def section_layouts(self) -> list[SectionLayout]:

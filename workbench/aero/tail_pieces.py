@@ -53,6 +53,11 @@ class Piece:
         near, far = (chord / 2 * self.across for chord in self.chords)
         return np.array([self.start - near, self.start + near, self.end + far, self.end - far])
 
+    @property
+    def crown(self) -> FloatArray:
+        """Ends in T (2, 3), m, of the line along which a half shell is the deepest."""
+        return np.array([self.start, self.end]) + np.outer(self.chords, self.normal) / 2
+
 
 def trapezoid_centre(length: float, near: float, far: float) -> float:
     """Distance of a trapezoid's centroid from its near edge, m, by its length and widths, m."""

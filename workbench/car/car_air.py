@@ -219,24 +219,16 @@ class TailAerodynamics(LeafSystem):
 
     def _calc_force(self, context: Context, output: BasicVector) -> None:
         sail, wind = self._sail(context)
-        fx = fy = fz = mx = my = mz = 0.0
+        loads = []
         for layout, law in self._lines:
             line = layout.motion(sail.R_WS, sail.w_WS, sail.v_WSo, wind)
-            gx, gy, gz, kx, ky, kz = law.line_force(
-                line, layout.distances, layout.areas, self._density
-            )
+            load = law.line_force(line, layout.distances, layout.areas, self._density)
             if any(layout.p_BoRo_B):
-                dx, dy, dz = cross(rotated(sail.R_WS, layout.p_BoRo_B), (gx, gy, gz))
-                kx = kx + dx
-                ky = ky + dy
-                kz = kz + dz
-            fx = fx + gx
-            fy = fy + gy
-            fz = fz + gz
-            mx = mx + kx
-            my = my + ky
-            mz = mz + kz
-        force = generalised_force(sail, (fx, fy, fz), (mx, my, mz))
+                shift = cross(rotated(sail.R_WS, layout.p_BoRo_B), load[:3])
+                load = (*load[:3], *(m + d for m, d in zip(load[3:], shift, strict=True)))
+            loads.append(load)
+        total = [sum(parts) for parts in zip(*loads, strict=True)]
+        force = generalised_force(sail, total[:3], total[3:])
         output.SetFromVector(np.array(force))
 
     def _calc_wind_direction(self, context: Context, output: BasicVector) -> None:

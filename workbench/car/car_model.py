@@ -184,10 +184,8 @@ def _set_gearbox(model: SdfModel, car: CarParameters, tail: TailParameters) -> N
     length = car.gearbox_length
     width = car.gearbox_width
     height = car.gearbox_height
-    model.set_link_position("gearbox", (car.gearbox_x, 0, gearbox_height(car, tail)))
-    model.set_inertial(
-        "gearbox", Inertial.solid(car.gearbox_mass, UnitInertia.SolidBox(length, width, height))
-    )
+    inertial = Inertial.solid(car.gearbox_mass, UnitInertia.SolidBox(length, width, height))
+    model.place_link("gearbox", inertial, (car.gearbox_x, 0, gearbox_height(car, tail)))
     model.set_shape("gearbox", "gearbox", size=(length, width, height))
     reach = tail.mount_x - car.gearbox_x
     model.set_shape("gearbox", "shaft", (reach / 2, 0, height / 2), length=max(abs(reach), 0.001))
@@ -204,10 +202,8 @@ def _set_board(model: SdfModel, car: CarParameters) -> None:
     width = car.board_width
     thickness = car.board_thickness
     x, z = board_centre(car)
-    model.set_link_position("board", (x, 0, z))
-    model.set_inertial(
-        "board", Inertial.solid(car.board_mass, UnitInertia.SolidBox(length, width, thickness))
-    )
+    inertial = Inertial.solid(car.board_mass, UnitInertia.SolidBox(length, width, thickness))
+    model.place_link("board", inertial, (x, 0, z))
     model.set_shape("board", "board", size=(length, width, thickness))
     radius = thickness / 2
     for side, sign in (("left", 1), ("right", -1)):
@@ -216,10 +212,8 @@ def _set_board(model: SdfModel, car: CarParameters) -> None:
 
 
 def _set_drive_shaft(model: SdfModel, drive: DriveParameters, height: float) -> None:
-    model.set_link_position("drive_shaft", (0, 0, height))
-    model.set_inertial(
-        "drive_shaft", Inertial.solid(SHAFT_MASS, UnitInertia.SolidSphere(SHAFT_RADIUS))
-    )
+    inertial = Inertial.solid(SHAFT_MASS, UnitInertia.SolidSphere(SHAFT_RADIUS))
+    model.place_link("drive_shaft", inertial, (0, 0, height))
     model.set_rotor("drive_shaft_spin", drive.rotor_inertia, 1.0)
     model.set_joint("drive_shaft_spin", effort=drive.torque_limit)
 
@@ -237,8 +231,7 @@ def _set_axle(model: SdfModel, car: CarParameters, axle: str, statics: AxleStati
     for side, sign in (("left", 1), ("right", -1)):
         wheel = f"{axle}_{side}"
         position = (car.wheelbase if front else 0.0, sign * car.track / 2, statics.wheel_height)
-        model.set_link_position(f"{wheel}_upright", position)
-        model.set_inertial(f"{wheel}_upright", upright)
+        model.place_link(f"{wheel}_upright", upright, position)
         model.set_joint(
             f"{wheel}_suspension",
             lower=-car.suspension_travel,
@@ -248,10 +241,8 @@ def _set_axle(model: SdfModel, car: CarParameters, axle: str, statics: AxleStati
             spring_reference=statics.spring_reference,
         )
         if front:
-            model.set_link_position(f"{wheel}_knuckle", position)
-            model.set_inertial(f"{wheel}_knuckle", knuckle)
-        model.set_link_position(f"{wheel}_wheel", position)
-        model.set_inertial(f"{wheel}_wheel", wheel_inertial)
+            model.place_link(f"{wheel}_knuckle", knuckle, position)
+        model.place_link(f"{wheel}_wheel", wheel_inertial, position)
         model.set_shape(f"{wheel}_wheel", "rim", radius=0.6 * radius, length=width + 0.002)
         _set_tyre(model, f"{wheel}_wheel", car, tyre)
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.systems.framework import Context
 
+from aerodima.workbench.aero.section_laws import add_cross, rotated
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.elementwise import rotation_rows
 from aerodima.workbench.core.port_wiring import vector_of
@@ -60,9 +61,7 @@ def in_body(R_WB: Any, vector: Any) -> Vector:
     """A vector in W turned into the axes of a body with these rows of its rotation; numbers or
     arrays of one shape.
     """
-    (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = R_WB
-    x, y, z = vector
-    return r00 * x + r10 * y + r20 * z, r01 * x + r11 * y + r21 * z, r02 * x + r12 * y + r22 * z
+    return rotated(tuple(zip(*R_WB, strict=True)), vector)
 
 
 def felt_at(motion: ChassisMotion, p_BoImu_B: Any) -> tuple[Vector, Vector]:
@@ -77,15 +76,15 @@ def felt_at(motion: ChassisMotion, p_BoImu_B: Any) -> tuple[Vector, Vector]:
         p_BoImu_B: position (3) of the point, m.
     """
     wx, wy, wz = omega = in_body(motion.R_WB, motion.w_WB)
-    ax, ay, az = in_body(motion.R_WB, motion.alpha_WB)
-    x, y, z = in_body(motion.R_WB, motion.a_WB)
+    alpha = in_body(motion.R_WB, motion.alpha_WB)
+    x, y, z = add_cross(in_body(motion.R_WB, motion.a_WB), alpha, p_BoImu_B)
     px, py, pz = p_BoImu_B
     along = wx * px + wy * py + wz * pz
     square = wx * wx + wy * wy + wz * wz
     acceleration = (
-        x + ay * pz - az * py + wx * along - square * px,
-        y + az * px - ax * pz + wy * along - square * py,
-        z + ax * py - ay * px + wz * along - square * pz,
+        x + wx * along - square * px,
+        y + wy * along - square * py,
+        z + wz * along - square * pz,
     )
     return omega, acceleration
 

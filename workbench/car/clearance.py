@@ -163,14 +163,13 @@ def _make_obstacles(built: Any, turning: TailParameters | None) -> dict[Any, str
     the pairs of rod or sail with an obstacle.
     """
     from pydrake.geometry import (
+        Box,
         CollisionFilterDeclaration,
         Cylinder,
-        GeometryInstance,
         GeometrySet,
         ProximityProperties,
         Role,
     )
-    from pydrake.math import RigidTransform
 
     plant = built.plant
     graph = built.scene_graph
@@ -184,13 +183,9 @@ def _make_obstacles(built: Any, turning: TailParameters | None) -> dict[Any, str
         for index in plant.GetBodyIndices(instance):
             body = plant.get_body(index)
             if body.name() == "tail_sail" and turning is not None:
-                middle = RigidTransform(
-                    np.array([0.0, 0.0, turning.length - turning.sail_length / 2])
-                )
-                swept = GeometryInstance(
-                    middle, Cylinder(turning.sail_reach, turning.sail_length), "swept_sail"
-                )
-                swept.set_proximity_properties(ProximityProperties())
+                middle = turning.length - turning.sail_length / 2
+                shape = Cylinder(turning.sail_reach, turning.sail_length)
+                swept = _obstacle("swept_sail", shape, middle)
                 arm.append(
                     graph.RegisterGeometry(source, plant.GetBodyFrameIdOrThrow(index), swept)
                 )
@@ -206,7 +201,8 @@ def _make_obstacles(built: Any, turning: TailParameters | None) -> dict[Any, str
                     rest.append(geometry)
                 else:
                     parts[geometry] = part
-    parts[_register_ground(graph, source)] = "ground"
+    slab = _obstacle("range_of_motion_ground", Box(_GROUND_SIZE, _GROUND_SIZE, 1.0), -0.5)
+    parts[graph.RegisterAnchoredGeometry(source, slab)] = "ground"
     everything = GeometrySet([*parts, *arm, *rest])
     filters = CollisionFilterDeclaration()
     filters.ExcludeWithin(before).ExcludeBetween(before, everything)
@@ -216,18 +212,14 @@ def _make_obstacles(built: Any, turning: TailParameters | None) -> dict[Any, str
     return parts
 
 
-def _register_ground(graph: Any, source: Any) -> Any:
-    """Gives the ground a body with a proximity role; returns its geometry."""
-    from pydrake.geometry import Box, GeometryInstance, ProximityProperties
+def _obstacle(name: str, shape: Any, height: float) -> Any:
+    """Makes an obstacle that is not drawn, with its middle at a height, m."""
+    from pydrake.geometry import GeometryInstance, ProximityProperties
     from pydrake.math import RigidTransform
 
-    slab = GeometryInstance(
-        RigidTransform(np.array([0.0, 0.0, -0.5])),
-        Box(_GROUND_SIZE, _GROUND_SIZE, 1.0),
-        "range_of_motion_ground",
-    )
-    slab.set_proximity_properties(ProximityProperties())
-    return graph.RegisterAnchoredGeometry(source, slab)
+    obstacle = GeometryInstance(RigidTransform(np.array([0.0, 0.0, height])), shape, name)
+    obstacle.set_proximity_properties(ProximityProperties())
+    return obstacle
 
 
 def _part(body: str, geometry: str) -> str | None:

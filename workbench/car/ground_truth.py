@@ -152,15 +152,11 @@ class PlantTruth(_Kinematics):
         tip = tail.layout.p_BoTip_B
 
         def calc(context: Context, output: BasicVector) -> None:
-            wrench = vector_of(wrench_port, context)
-            force = wrench[:3]
-            moment = wrench[3:6]
-            p_WBo = wrench[6:]
+            force, moment, p_WBo = np.split(vector_of(wrench_port, context), 3)
             X_WB = self._plant.EvalBodyPoseInWorld(
                 self._kinematics_at(context), self._plant.get_body(body)
             )
-            R_WB = X_WB.rotation().matrix()
-            ends = [X_WB.translation() + R_WB @ place for place in (root, tip)]
+            ends = [X_WB.multiply(place) for place in (root, tip)]
             output.SetFromVector(
                 np.concatenate([force, moment + cross(p_WBo.tolist(), force.tolist()), *ends])
             )
@@ -284,7 +280,7 @@ class CarTruth(_Kinematics):
         output.SetFromVector(
             np.concatenate(
                 [
-                    X_WT.translation() + X_WT.rotation().matrix() @ self._p_ToTip_T,
+                    X_WT.multiply(self._p_ToTip_T),
                     plant.CalcCenterOfMassPositionInWorld(kinematics, self._instances[1:]),
                     momentum.translational(),
                     momentum.rotational(),

@@ -102,16 +102,14 @@ class OutcomeRecord:
             context: of the whole diagram.
             turn_end: s; from then on.
         """
-        state = self._states(context)
-        time = self._times(context)
+        state, time = self._log(context)
         if self._over(state, time, turn_end).any():
             return True
         return self._may_settle and self._is_calm(context, turn_end)
 
     def _is_calm(self, context: Context, since: float) -> bool:
         """Returns whether the car has been calm in the last instants, and not before `since`, s."""
-        state = self._states(context)
-        time = self._times(context)
+        state, time = self._log(context)
         first = int(np.searchsorted(time, max(since, time[-1] - self._look_back)))
         if first == time.size or np.sum(state[self._spin, -1] ** 2) > CALM_SPIN**2:
             return False
@@ -132,8 +130,7 @@ class OutcomeRecord:
             context: of the whole diagram, at the end of the run.
             stop_after: s; a flipped car ends the table from then on.
         """
-        state = self._states(context)
-        time = self._times(context)
+        state, time = self._log(context)
         over = self._over(state, time, stop_after)
         rows = slice(0, time.size)
         if over.any():
@@ -149,12 +146,10 @@ class OutcomeRecord:
             return table, {SETTLED: end}
         return table, {}
 
-    def _times(self, context: Context) -> FloatArray:
-        return np.arange(self._rows.FindLog(context).num_samples()) / self._rate
-
-    def _states(self, context: Context) -> FloatArray:
-        """Returns [q; v] of the plant at every step."""
-        return self._steps_log.FindLog(context).data()[: self._plant.num_multibody_states()]
+    def _log(self, context: Context) -> tuple[FloatArray, FloatArray]:
+        """Returns [q; v] of the plant at every step, and the time of each row, s."""
+        state = self._steps_log.FindLog(context).data()[: self._plant.num_multibody_states()]
+        return state, np.arange(self._rows.FindLog(context).num_samples()) / self._rate
 
     def _over(self, state: FloatArray, time: FloatArray, stop_after: float) -> BoolArray:
         """Returns at which rows the run of a car that has flipped is over."""
@@ -170,7 +165,8 @@ class OutcomeRecord:
 
     def _motion(self, context: Context, state: FloatArray, rows: slice) -> dict[str, FloatArray]:
         """All columns but the forces of the ground."""
-        time = self._times(context)[rows]
+        _, times = self._log(context)
+        time = times[rows]
         steps = self._steps(time)
         columns: dict[str, FloatArray] = {TIME: time}
         columns |= dict(zip(self._names, self._rows.FindLog(context).data()[:, rows], strict=True))

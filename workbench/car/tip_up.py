@@ -18,6 +18,7 @@ from aerodima.workbench.car.verdict import LAST, is_loaded, side_lift, touches_g
 from aerodima.workbench.control.paths import off_path, path_of
 from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.logs.signals import in_parts
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import GROUND_CONTACTS, WHEELS
 
@@ -68,9 +69,7 @@ def tip_up(run_log: RunLog, windows: Windows) -> TipUp:
     lifts = [run_log.signal(name)[steered] for name in LIFT_COLUMNS if name in run_log.table]
     last = signals.time[-1] - LAST
     time = run_log.time
-    turning = np.zeros(time.shape, bool)
-    for start, end, _ in windows:
-        turning |= (time >= start) & (time <= end)
+    turning = in_parts(time, [(start, end) for start, end, _ in windows])
     largest_lift = None
     if len(lifts) == len(WHEELS):
         largest_lift = float(np.max(side_lift(lifts)))

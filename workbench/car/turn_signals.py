@@ -111,9 +111,7 @@ class TurnSignals:
     @property
     def in_window(self) -> BoolArray:
         """Returns which samples lie in the window, both ends included."""
-        return (self.time >= self.window[0] - _TIME_MARGIN) & (
-            self.time <= self.window[1] + _TIME_MARGIN
-        )
+        return self.from_start & (self.time <= self.window[1] + _TIME_MARGIN)
 
     @property
     def from_start(self) -> BoolArray:

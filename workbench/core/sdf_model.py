@@ -118,6 +118,13 @@ class SdfModel:
             self._child(element, "pose").text = f"0 0 0 {self._text(roll)} 0 0"
         self._set_position(element, position)
 
+    def place_link(
+        self, link: str, inertial: Inertial, position: Sequence[float], roll: float | None = None
+    ) -> None:
+        """Set mass and inertia of a link, and where it is; see `set_link_position`."""
+        self.set_link_position(link, position, roll)
+        self.set_inertial(link, inertial)
+
     def set_shape(
         self, link: str, shape: str, position: Sequence[float] | None = None, **sizes: Size
     ) -> None:

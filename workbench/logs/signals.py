@@ -18,9 +18,8 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from aerodima.workbench.core.array_types import FloatArray, IntArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray, IntArray
 from aerodima.workbench.core.errors import FitError, LogError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.scenario.signal_table import TIME
@@ -31,7 +30,6 @@ _SAME_TIME = 1e-9
 """A sample this much after a time (fraction of the log's length) belongs to it."""
 _JITTER = 0.01
 """Steps that differ by more than this fraction of the mean one are resampled before filtering."""
-BoolArray = NDArray[np.bool_]
 Interval = tuple[float, float]
 MIN_REST_SAMPLES = 10
 """Samples that a resting part has at least."""

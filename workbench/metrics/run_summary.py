@@ -21,7 +21,7 @@ from aerodima.workbench.control.swing_library import NO_SWING
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
-from aerodima.workbench.logs.signals import check_signals, check_time
+from aerodima.workbench.logs.signals import check_signals, check_time, in_parts
 from aerodima.workbench.metrics.published_values import Platform, PublishedValues, published_values
 from aerodima.workbench.metrics.turn_metrics import Outcome, RunMetrics, metrics_of, outcome_from
 from aerodima.workbench.scenario.ensemble import BUILT
@@ -128,23 +128,24 @@ def plant_metrics(run_log: RunLog) -> dict[str, float | str | None]:
     used = [name for name in table.columns if name.startswith("com_") or name == "tilt_truth_rad"]
     check_signals(time, {name: run_log.signal(name) for name in used})
     com = run_log.vector("com", "truth_m")
-    velocity = run_log.vector("com_velocity", "truth_m_per_s")
     outcome = plant_outcome(run_log)
-    row: dict[str, Any] = {"outcome": None}
-    if outcome is not None:
-        row["outcome"] = outcome.result
-    row["duration_s"] = time[-1] - time[0]
-    row["path_m"] = np.sum(np.linalg.norm(np.diff(com[:, :2], axis=0), axis=1))
-    row["max_speed_m_per_s"] = np.max(np.linalg.norm(velocity, axis=1))
-    row["max_height_m"] = np.max(com[:, 2])
-    row["min_height_m"] = np.min(com[:, 2])
+    row: dict[str, Any] = {
+        "outcome": None if outcome is None else outcome.result,
+        "duration_s": time[-1] - time[0],
+        "path_m": np.sum(np.linalg.norm(np.diff(com[:, :2], axis=0), axis=1)),
+        "max_speed_m_per_s": np.max(plant_speed(run_log)),
+        "max_height_m": np.max(com[:, 2]),
+        "min_height_m": np.min(com[:, 2]),
+    }
     if "tilt_truth_rad" in table:
         tilt = run_log.signal("tilt_truth_rad")
         yaw = np.unwrap(run_log.signal("yaw_truth_rad"))
-        row["start_tilt_rad"] = tilt[0]
-        row["max_tilt_rad"] = np.max(tilt)
-        row["end_tilt_rad"] = tilt[-1]
-        row["heading_change_rad"] = yaw[-1] - yaw[0]
+        row |= {
+            "start_tilt_rad": tilt[0],
+            "max_tilt_rad": np.max(tilt),
+            "end_tilt_rad": tilt[-1],
+            "heading_change_rad": yaw[-1] - yaw[0],
+        }
     for name, _ in tails_of(run_log):
         row[f"{name}_max_n"] = np.max(air_force(run_log, name))
         row[f"{name}_impulse_n_s"] = np.linalg.norm(
@@ -250,7 +251,6 @@ def summarise(run_log: RunLog, name: str) -> RunSummary:
     window = turn_window(run_log)
     swinging = run_log.time[run_log.signal("controller_state") == SwingState.SWING]
     side = -1.0 if run_log.scenario["manoeuvre"]["direction"] == "right" else 1.0
-    in_window = (run_log.time >= window[0]) & (run_log.time <= window[1])
     trigger_time = None
     swing_end_time = None
     if swinging.size:
@@ -271,7 +271,7 @@ def summarise(run_log: RunLog, name: str) -> RunSummary:
         impulses=impulses,
         trigger_time=trigger_time,
         swing_end_time=swing_end_time,
-        peak_gyro=float(np.max(yaw_rate[in_window])),
+        peak_gyro=float(np.max(yaw_rate[in_parts(run_log.time, [window])])),
     )
 
 

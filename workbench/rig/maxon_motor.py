@@ -1,6 +1,5 @@
 """The Maxon motor of the cheetah rig, driven by current."""
 
-import numpy as np
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -41,10 +40,7 @@ class MaxonMotor(LeafSystem):
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
         command = vector_of(self._command, context)
-        output.SetFromVector(
-            np.array([-self._settings.torque_constant * self.current(float(command[0]))])
-        )
+        output[0] = -self._settings.torque_constant * self.current(command[0])
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:
-        command = vector_of(self._command, context)
-        output.SetFromVector(np.array([self.current(float(command[0]))]))
+        output[0] = self.current(vector_of(self._command, context)[0])

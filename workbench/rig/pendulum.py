@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aerodima.workbench.aero.polar_law import PolarLaw
-from aerodima.workbench.aero.section_laws import LineMotion, SectionLaw
+from aerodima.workbench.aero.section_laws import LineMotion, SectionLaw, cross
 from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.car.laws import joint_friction
 from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS
@@ -375,15 +375,13 @@ class StaticBalance:
         """
         jet = rig_jet(self.scenario, psi)
         pendulum = replace(self.pendulum, jet=jet, wind_speed=wind_speed)
-        x, y, z = pendulum.pivot
         rows = []
         for strip in pendulum.strips:
-            f_x, f_y, f_z, m_x, m_y, m_z = strip_load(pendulum, strip, angle, 0.0)
-            about_x = m_x + y * f_z - z * f_y
-            about_y = m_y + z * f_x - x * f_z
-            about_z = m_z + x * f_y - y * f_x
-            rows.append([-f_x, -f_y, -f_z, -about_x, -about_y, -about_z, -m_x])
-        effect = np.array(rows)
+            load = strip_load(pendulum, strip, angle, 0.0)
+            force, about_pivot = np.split(np.array(load), 2)
+            about_origin = about_pivot + cross(pendulum.pivot, load[:3])
+            rows.append([*force, *about_origin, about_pivot[0]])
+        effect = -np.array(rows)
         misalignment = self.scenario.tunnel.misalignment
         if -UPRIGHT_MARGIN < angle < 0.0 <= misalignment and angle + misalignment < 0.0:
             effect[2] *= -1.0

@@ -5,12 +5,9 @@ axis; the cheetah `tail` at its root. Everything hangs along -z at angle zero. S
 section 4.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from aerodima.workbench.car.tail_plant import ROD_RADIUS
-from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.sdf_model import Inertial, SdfModel
 from aerodima.workbench.rig.rig_layout import pivot_position
@@ -73,11 +70,11 @@ def robot_tail_properties(tail: TailParameters) -> Inertial:
 def cheetah_rig_sdf(scenario: RigScenario) -> SdfModel:
     """Mount and bar, with the tail of the experiment if it has one."""
     model = SdfModel(model_path(CHEETAH_RIG_SDF), DIGITS)
-    _set_link(model, "mount", mount_properties(scenario.mount), (0.0, 0.0, 0.0))
+    model.place_link("mount", mount_properties(scenario.mount), (0.0, 0.0, 0.0), 0.0)
     pivot = pivot_position(scenario.mount)
     bar = scenario.bar
     maxon = scenario.maxon
-    _set_link(model, "bar", bar_properties(bar), pivot)
+    model.place_link("bar", bar_properties(bar), [*pivot], 0.0)
     size = (bar.width, bar.width, bar.tail_distance)
     model.set_shape("bar", "bar", (0, 0, -bar.tail_distance / 2), size=size)
     model.set_rotor("swing", maxon.reflected_inertia / maxon.gear_ratio**2, maxon.gear_ratio)
@@ -87,9 +84,8 @@ def cheetah_rig_sdf(scenario: RigScenario) -> SdfModel:
         return model
     tail = scenario.cheetah_tail
     root = pivot + np.array([0.0, 0.0, -bar.tail_distance - tail.gap])
-    _set_link(
-        model, "tail", cheetah_tail_properties(tail), root, roll=0.0 - scenario.tunnel.misalignment
-    )
+    tilt = 0.0 - scenario.tunnel.misalignment
+    model.place_link("tail", cheetah_tail_properties(tail), [*root], tilt)
     facing = tail.major_axis / 2
     side = tail.minor_axis / 2
     if scenario.experiment.axis == "minor":
@@ -104,22 +100,12 @@ def robot_rig_sdf(scenario: RigScenario) -> SdfModel:
     model = SdfModel(model_path(ROBOT_RIG_SDF), DIGITS)
     tail = scenario.robot_tail
     motor = scenario.robot_motor
-    _set_link(model, "mount", mount_properties(scenario.mount), (0.0, 0.0, 0.0))
-    _set_link(model, "tail", robot_tail_properties(tail), pivot_position(scenario.mount))
+    model.place_link("mount", mount_properties(scenario.mount), (0.0, 0.0, 0.0), 0.0)
+    pivot = pivot_position(scenario.mount)
+    model.place_link("tail", robot_tail_properties(tail), [*pivot], 0.0)
     model.set_shape("tail", "rod", (0, 0, -tail.length / 2), length=tail.length)
     scale = (tail.sail_width, tail.sail_width, tail.sail_length)
     model.set_shape("tail", "sail", (0, 0, -tail.length + tail.sail_length / 2), scale=scale)
     model.set_rotor("swing", motor.rotor_inertia, motor.gear_ratio)
     model.set_joint("swing", effort=motor.torque_limit)
     return model
-
-
-def _set_link(
-    model: SdfModel,
-    link: str,
-    inertial: Inertial,
-    position: Sequence[float] | FloatArray,
-    roll: float = 0.0,
-) -> None:
-    model.set_link_position(link, [*position], roll)
-    model.set_inertial(link, inertial)

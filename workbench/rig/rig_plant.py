@@ -20,7 +20,6 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    Diagram,
     DiagramBuilder,
     InputPort,
     LeafSystem,
@@ -181,7 +180,9 @@ class Rig:
         builder = DiagramBuilder()
         self._rig = add_rig_plant(builder, scenario)
         self.plant = self._rig.plant
-        self._diagram: Diagram = _export_torque(builder, self._rig)
+        builder.ExportInput(self._rig.motor_torque, "motor_torque")
+        builder.ExportOutput(self._rig.wrench, "wrench")
+        self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()
         self._plant_context = self.plant.GetMyMutableContextFromRoot(self._context)
         self._torque = self._diagram.GetInputPort("motor_torque")
@@ -244,10 +245,10 @@ class Rig:
 
     def is_exposed(self, angle: float) -> bool:
         """Tells whether any of the tail is inside the jet at an angle (rad)."""
-        if self._rig.tail_force is None:
+        force = self._rig.tail_force
+        if force is None:
             return False
         self.set_state(angle, 0.0, 0.0)
-        force = self._rig.tail_force
         validity = vector_of(
             force.GetOutputPort("validity"), force.GetMyContextFromRoot(self._context)
         )
@@ -266,12 +267,6 @@ class Rig:
 def current_constant(scenario: RigScenario) -> float:
     """Torque per ampere at the joint, N m/A; a positive current pushes upstream."""
     return scenario.robot.torque_constant if scenario.is_robot else scenario.maxon.torque_constant
-
-
-def _export_torque(builder: DiagramBuilder, rig: RigPlant) -> Diagram:
-    builder.ExportInput(rig.motor_torque, "motor_torque")
-    builder.ExportOutput(rig.wrench, "wrench")
-    return builder.Build()
 
 
 class SupportWrench(LeafSystem):

@@ -93,22 +93,17 @@ def assemble_rig(
     experiment = scenario.experiment
     if scenario.is_robot:
         torque = rig.torque_of(rig.holding_current(experiment.angle))
-        commander: System = builder.AddSystem(TailCommander(scenario, torque))
-        builder.Connect(
-            commander.GetOutputPort("tail_command"), station.GetInputPort("tail_command")
+        controller: System = builder.AddSystem(TailCommander(scenario, torque))
+        command = "tail_command"
+    else:
+        target = rig.holding_current(experiment.target) if experiment.actuated else 0.0
+        controller = add_and_connect(
+            builder,
+            CurrentController(scenario, rig.holding_current(experiment.angle), target),
+            rig_state=station.GetOutputPort("rig_state"),
         )
-        return builder, station
-    target = 0.0
-    if experiment.actuated:
-        target = rig.holding_current(experiment.target)
-    controller = add_and_connect(
-        builder,
-        CurrentController(scenario, rig.holding_current(experiment.angle), target),
-        rig_state=station.GetOutputPort("rig_state"),
-    )
-    builder.Connect(
-        controller.GetOutputPort("current_command"), station.GetInputPort("current_command")
-    )
+        command = "current_command"
+    builder.Connect(controller.GetOutputPort(command), station.GetInputPort(command))
     return builder, station
 
 

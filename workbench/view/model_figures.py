@@ -140,9 +140,7 @@ def _view(axes: Axes, geometry: TailGeometry, sideways: FloatArray, up: FloatArr
                 border = (low + share * (high - low)) @ plane
                 axes.plot(*border.T, color=ORANGE, linewidth=0.8)
             if plate.kind == "half_shell":
-                ends = np.array([piece.start, piece.start + piece.length * piece.axis])
-                crown = (ends + np.outer(piece.chords, piece.normal) / 2) @ plane
-                axes.plot(*crown.T, color=ORANGE, linestyle=_DASHED)
+                axes.plot(*(piece.crown @ plane).T, color=ORANGE, linestyle=_DASHED)
         for layout in plate.section_layouts():
             centres = layout.p_BoSi_B @ plane
             normal = _ARROW * size * np.asarray(layout.normal_B) @ plane
