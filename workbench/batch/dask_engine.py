@@ -16,6 +16,8 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from aerodima.workbench.batch.dask_cluster import (
+    Outcome,
+    Work,
     Worker,
     kill_workers,
     lost_scheduler,
@@ -100,10 +102,10 @@ class DaskEngine(Engine):
 
     def map(
         self,
-        work: Callable[[Any], Any],
+        work: Work,
         items: Sequence[Any],
         done: Callable[[int, Any], None] | None = None,
-        lost: Callable[[Any], Any] | None = None,
+        lost: Work | None = None,
     ) -> list[Any]:
         """Map items; see `Engine`."""
         waiting = deque(range(len(items)))
@@ -162,9 +164,7 @@ class DaskEngine(Engine):
     def _futures_at(self, address: str) -> list[Future]:
         return [future for future, (where, _) in self._pending.items() if where == address]
 
-    def _assign(
-        self, work: Callable[[Any], Any], items: Sequence[Any], source: deque[int], alone: bool
-    ) -> None:
+    def _assign(self, work: Work, items: Sequence[Any], source: deque[int], alone: bool) -> None:
         """Hand out a piece for every free thread; with `alone` one piece and nothing beside it."""
         for address, worker in list(self._workers.items()):
             if not worker.pid or worker.status != "running":
@@ -233,7 +233,7 @@ class DaskEngine(Engine):
         self._stall.record_run(seconds)
         return index, result
 
-    def _fetch(self, future: Future) -> tuple[Any, float, int, int] | None:
+    def _fetch(self, future: Future) -> Outcome | None:
         """Fetch what `run_piece` returned; None once it is lost and its piece was withdrawn.
 
         A worker that dies between the end of a piece and this call takes the result with it. The
@@ -247,7 +247,7 @@ class DaskEngine(Engine):
         try:
             while future in self._pending:
                 if wait_for([gathering], timeout=POLL_PERIOD).done:
-                    fetched: tuple[Any, float, int, int] = gathering.result()[0]
+                    fetched: Outcome = gathering.result()[0]
                     return fetched
                 self._poll()
                 if future in self._pending and time.monotonic() > until:
