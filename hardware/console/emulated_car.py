@@ -11,13 +11,12 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 from aerodima.hardware.car.car_ports import EVENTS_FILE, PORTS_FILE, READY_FILE, read_events
 from aerodima.hardware.car.wiring import WiringName, wiring_name
 from aerodima.hardware.driving.speaker import Say
 from aerodima.workbench.core.errors import HardwareError
-from aerodima.workbench.core.file_reading import read_json
+from aerodima.workbench.core.file_reading import Json, read_json
 from aerodima.workbench.scenario.scenario import Scenario
 
 Process = subprocess.Popen[str]
@@ -80,7 +79,7 @@ class EmulatedCarProcess:
         """The ports file."""
         return self.folder / PORTS_FILE
 
-    def events(self, *names: str) -> list[dict[str, Any]]:
+    def events(self, *names: str) -> list[Json]:
         """Events so far, or those of these names; each with its time, s on `time.monotonic`."""
         return [
             event
@@ -256,9 +255,9 @@ def _last_line(text: str) -> str:
     return lines[-1].removeprefix("error: ")
 
 
-def _ready_facts(path: Path, pid: int) -> dict[str, Any]:
+def _ready_facts(path: Path, pid: int) -> Json:
     """Returns what that emulator writes once it is ready, not an earlier one in the same folder;
     empty before.
     """
-    facts: dict[str, Any] = read_json(path, HardwareError) if path.exists() else {}
+    facts: Json = read_json(path, HardwareError) if path.exists() else {}
     return facts if facts.get("pid") == pid else {}

@@ -18,8 +18,9 @@ from numpy.typing import ArrayLike
 from aerodima.hardware.driving.speaker import Say
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.core.file_reading import Facts, Json
 from aerodima.workbench.logs.journal import JournalWriter
-from aerodima.workbench.logs.schema import Facts, Json, run_metadata
+from aerodima.workbench.logs.schema import run_metadata
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import sensor_columns
 

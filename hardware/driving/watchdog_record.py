@@ -19,10 +19,10 @@ from aerodima.hardware.car.wiring import WiringName
 from aerodima.hardware.firmware.teensy_firmware import firmware_hash
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import HardwareError
-from aerodima.workbench.core.file_reading import read_json
+from aerodima.workbench.core.file_reading import Json, read_json
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.yaml_files import StrictModel, checked
-from aerodima.workbench.logs.schema import Json, software_versions
+from aerodima.workbench.logs.schema import software_versions
 
 SCHEMA = "aerodima/watchdog_test/2"
 

@@ -57,8 +57,8 @@ from aerodima.hardware.firmware.teensy_firmware import firmware_settings
 from aerodima.hardware.transport.can_adapter import TrafficLog
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.realtime import EMULATOR_PRIORITY, prefer_latency, prefer_realtime
-from aerodima.workbench.logs.schema import Json
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.view.viewer import open_meshcat
 

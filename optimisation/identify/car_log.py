@@ -18,8 +18,9 @@ from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE, DriverInput
 from aerodima.workbench.control.tail_law import Observation
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import FitError, LogError, UserError
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.logs.log_findings import refuse_inconsistent_rates
-from aerodima.workbench.logs.schema import Json, RunLog
+from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import Interval, check_signals, median_step, naming
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import IMU

@@ -24,7 +24,7 @@ from aerodima.workbench.aero.section_laws import CHEETAH_LIMIT, ROBOT_LIMIT
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import FitError
-from aerodima.workbench.logs.schema import Json
+from aerodima.workbench.core.file_reading import Json
 
 Grid = dict[tuple[float, float], list[FitResult]]
 """Speed (m/s) and angle (degrees) of a node -> its tests."""

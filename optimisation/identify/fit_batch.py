@@ -28,7 +28,8 @@ from aerodima.workbench.batch.row_store import (
     read_rows,
 )
 from aerodima.workbench.core.errors import FitError, UserError
-from aerodima.workbench.logs.schema import Json, software_versions
+from aerodima.workbench.core.file_reading import Json
+from aerodima.workbench.logs.schema import software_versions
 
 JOURNAL = "fits.jsonl"
 _RESULT = TypeAdapter(FitResult)

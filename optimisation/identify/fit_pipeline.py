@@ -21,7 +21,7 @@ from aerodima.optimisation.identify.uncertain_constants import (
 from aerodima.optimisation.identify.uncertainty import uncertainty
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import FitError
-from aerodima.workbench.logs.schema import Facts
+from aerodima.workbench.core.file_reading import Facts
 
 
 def fit(

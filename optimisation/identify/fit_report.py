@@ -17,7 +17,8 @@ import yaml
 from aerodima.optimisation.identify.fit_figures import figures_of
 from aerodima.optimisation.identify.fit_result import Estimate, FitResult, short_name
 from aerodima.workbench.core.errors import FitError
-from aerodima.workbench.logs.schema import Json, software_versions
+from aerodima.workbench.core.file_reading import Json
+from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.view.report_page import (
     Bullets,
     Content,

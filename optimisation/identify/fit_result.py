@@ -13,7 +13,7 @@ from pydantic import AliasChoices, Field
 
 from aerodima.optimisation.identify.least_squares import Parameters, Solution
 from aerodima.optimisation.identify.uncertainty import Uncertainty
-from aerodima.workbench.logs.schema import Facts, Json
+from aerodima.workbench.core.file_reading import Facts, Json
 
 Channels = Mapping[str, tuple[slice, float]]
 """Name -> rows of a channel in the residual, and the weight that they were divided by."""

@@ -16,8 +16,9 @@ import numpy as np
 from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import FitError
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.yaml_files import find_file, read_yaml
-from aerodima.workbench.logs.schema import Json, RunLog
+from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals
 from aerodima.workbench.scenario.rig_scenario import (
     RigScenario,

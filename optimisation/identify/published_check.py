@@ -25,8 +25,8 @@ from aerodima.optimisation.identify.least_squares import Parameter, Parameters, 
 from aerodima.optimisation.identify.noise import Noise, independent_noise
 from aerodima.optimisation.identify.rig_constants import with_values
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.resources import published_rows, published_table
-from aerodima.workbench.logs.schema import Json
 from aerodima.workbench.rig.pendulum import StaticBalance
 from aerodima.workbench.scenario.rig_scenario import RigScenario, rig_scenario_from_dict
 

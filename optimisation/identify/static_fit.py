@@ -31,9 +31,10 @@ from aerodima.optimisation.identify.uncertain_constants import (
     UncertainRig,
 )
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.quantity import STANDARD_GRAVITY
 from aerodima.workbench.core.resources import published_table
-from aerodima.workbench.logs.schema import Json, read_run_log
+from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.logs.signals import Interval
 from aerodima.workbench.rig.pendulum import StaticBalance
 

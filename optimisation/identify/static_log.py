@@ -34,7 +34,8 @@ from aerodima.optimisation.identify.noise import correlation_time
 from aerodima.optimisation.identify.rig_constants import BIASES, constant_parameters
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import FitError
-from aerodima.workbench.logs.schema import Facts, Json, RunLog
+from aerodima.workbench.core.file_reading import Facts, Json
+from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import Interval, check_signals, naming, stated_rest
 from aerodima.workbench.scenario.rig_scenario import RigScenario
 

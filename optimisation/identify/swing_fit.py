@@ -24,7 +24,7 @@ from aerodima.optimisation.identify.rig_constants import shifted, speed_accuracy
 from aerodima.optimisation.identify.swing_log import SwingData, motor_torque
 from aerodima.optimisation.identify.uncertain_constants import UncertainRig
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.logs.schema import Facts
+from aerodima.workbench.core.file_reading import Facts
 from aerodima.workbench.rig.pendulum import PendulumModel, Torque
 from aerodima.workbench.rig.swing_motion import simulate_swing, torque_response
 

@@ -17,7 +17,8 @@ from aerodima.optimisation.identify.static_log import CURRENT_MARGIN
 from aerodima.workbench.car.car_sensors import POSITION_BITS
 from aerodima.workbench.core.array_types import FloatArray, IntArray
 from aerodima.workbench.core.errors import FitError
-from aerodima.workbench.logs.schema import Facts, Json, RunLog
+from aerodima.workbench.core.file_reading import Facts, Json
+from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals, earlier_shift, naming, stated_rest
 from aerodima.workbench.scenario.rig_scenario import RigScenario
 

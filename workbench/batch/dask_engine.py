@@ -27,6 +27,7 @@ from aerodima.workbench.batch.dask_cluster import (
 )
 from aerodima.workbench.batch.engine import Engine, StallMonitor, WorkerRecord
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.file_reading import Json
 
 if TYPE_CHECKING:
     import psutil
@@ -181,7 +182,7 @@ class DaskEngine(Engine):
     ) -> None:
         from distributed.client import ClosedClientError
 
-        options: dict[str, Any] = {"workers": [address], "pure": False, "retries": 0}
+        options: Json = {"workers": [address], "pure": False, "retries": 0}
         try:
             future = self._client.submit(function, *arguments, **options)
         except ClosedClientError as error:
@@ -272,7 +273,7 @@ class DaskEngine(Engine):
         # Not `scheduler_info`: the client's own refresh may put an answer without workers in its
         # place.
         answer = self._ask("identity", n_workers=-1, callback_timeout=SCHEDULER_TIMEOUT)
-        present: dict[str, Any] = answer["workers"]
+        present: Json = answer["workers"]
         # A new worker may get the port of an old one.
         self._retired = {
             address: retired
@@ -319,7 +320,7 @@ class DaskEngine(Engine):
                 text = f"a worker (process {pid}) was stopped while it started: it is killed"
                 self._record.event("stopped", text, process=pid)
 
-    def _update(self, address: str, facts: dict[str, Any]) -> None:
+    def _update(self, address: str, facts: Json) -> None:
         """Prepare a worker that is new; replace one that Dask paused."""
         if address not in self._workers:
             self._workers[address] = Worker(
