@@ -27,7 +27,7 @@ from aerodima.hardware.protocol.xbee import BROADCAST
 from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.hardware.transport.serial_link import SerialSettings
 from aerodima.workbench.core.errors import HardwareError
-from aerodima.workbench.core.file_reading import read_json, read_text, reading
+from aerodima.workbench.core.file_reading import Json, read_json, read_text, reading
 from aerodima.workbench.core.yaml_files import StrictModel, checked, require_mapping
 
 SCHEMA = "aerodima/ports/1"
@@ -181,7 +181,7 @@ def is_emulated_port(path: str) -> bool:
     return isinstance(ready, dict) and ready.get("schema") == READY_SCHEMA
 
 
-def read_events(path: str | Path) -> list[dict[str, Any]]:
+def read_events(path: str | Path) -> list[Json]:
     """Reads the events of an emulated car so far, also while it runs; a line that is not complete
     is left out.
 

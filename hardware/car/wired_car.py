@@ -30,10 +30,6 @@ _LAST_FRAMES = 5
 """Strings with throttle 0 and exit that are sent at the end, one every 10 ms."""
 _CYCLE = 0.01
 """Time between two cycles, s."""
-_ROLL = IMU.index("roll")
-_PITCH = IMU.index("pitch")
-_YAW_RATE = IMU.index("gyro_z")
-_IMU_FAULT = STATUS.index("imu_fault")
 
 
 class WiredCar:
@@ -229,9 +225,11 @@ class WiredCar:
                     MotorFault.BAD_COMMAND, "the controller commands NaN or infinity", now
                 )
         devices.teensy.set_pulses(servo, throttle)
-        if self.reading.status[_IMU_FAULT] == 0.0:
-            roll, pitch, yaw_rate = self.reading.imu[[_ROLL, _PITCH, _YAW_RATE]].tolist()
-            devices.teensy.set_attitude(roll, pitch, self.imu_time, self.reading.lean, yaw_rate)
+        if self.reading.named_status.imu_fault == 0.0:
+            imu = IMU.read(self.reading.imu)
+            devices.teensy.set_attitude(
+                imu.roll, imu.pitch, self.imu_time, self.reading.lean, imu.gyro_z
+            )
         devices.teensy.commit()
         if devices.radio is not None:
             self._reporter.update(devices.radio, self.reading, now, self.prompt)

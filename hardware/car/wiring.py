@@ -12,7 +12,7 @@ from collections import deque
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -101,8 +101,8 @@ class CarCommand:
 
     steering_angle: float = 0.0
     throttle: float = 0.0
-    tail_pitch: FloatArray = field(default_factory=partial(np.zeros, TAIL_COMMAND.size))
-    tail_roll: FloatArray = field(default_factory=partial(np.zeros, TAIL_COMMAND.size))
+    tail_pitch: FloatArray = field(default_factory=TAIL_COMMAND.zeros)
+    tail_roll: FloatArray = field(default_factory=TAIL_COMMAND.zeros)
 
     @property
     def finite(self) -> bool:
@@ -132,15 +132,20 @@ class CarReading:
         fault_texts: the faults of the sources by name.
     """
 
-    tail_state: FloatArray = field(default_factory=partial(np.zeros, TAIL_STATE.size))
-    tail_torque: FloatArray = field(default_factory=partial(np.zeros, TAIL_TORQUE.size))
-    imu: FloatArray = field(default_factory=partial(np.zeros, IMU.size))
+    tail_state: FloatArray = field(default_factory=TAIL_STATE.zeros)
+    tail_torque: FloatArray = field(default_factory=TAIL_TORQUE.zeros)
+    imu: FloatArray = field(default_factory=IMU.zeros)
     speed: FloatArray = field(default_factory=partial(np.zeros, 1))
-    status: FloatArray = field(default_factory=partial(np.zeros, STATUS.size))
+    status: FloatArray = field(default_factory=STATUS.zeros)
     operator: OperatorCommand = IDLE
     fault_text: str = ""
     lean: float = 0.0
     fault_texts: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def named_status(self) -> Any:
+        """The status as a named tuple."""
+        return STATUS.read(self.status)
 
 
 class CarReader:
@@ -155,7 +160,7 @@ class CarReader:
         self._mounting = mounting
         self._sail = _SailRate()
         self._tail = np.zeros((2, 3))
-        self._imu = np.zeros(IMU.size)
+        self._imu = IMU.zeros()
         self._speed = np.zeros(1)
         self._force = np.array([0.0, 0.0, STANDARD_GRAVITY])
         self._lean = 0.0
@@ -298,7 +303,7 @@ class CarReporter:
         radio.report(make_report(report, self._sequence))
 
     def _report(self, reading: CarReading, stopped: bool, prompt: OperatorPrompt) -> CarReport:
-        status = STATUS.read(reading.status)
+        status = reading.named_status
         tail = TAIL_STATE.read(reading.tail_state)
         imu = IMU.read(reading.imu)
         torque = TAIL_TORQUE.read(reading.tail_torque)

@@ -25,6 +25,7 @@ from aerodima.hardware.console.page_messages import (
 )
 from aerodima.hardware.protocol.radio import RadioMode
 from aerodima.workbench.core.errors import LogError, UserError
+from aerodima.workbench.core.file_reading import Json
 
 GONE_AFTER: Final = 2.0
 """s without a word after which a page counts as gone, though its connection stands: hidden, frozen,
@@ -151,7 +152,7 @@ class Console:
         with contextlib.suppress(Exception):
             self._record.add("failure", text=self.failure)
 
-    def state(self, page: int, now: float) -> dict[str, Any]:
+    def state(self, page: int, now: float) -> Json:
         """Returns what a page shows, as plain data."""
         car = self._car
         record = self._record
@@ -166,7 +167,7 @@ class Console:
             "car": None if car is None else {"driving": car.driving, "said": car.said},
         }
 
-    def welcome(self) -> dict[str, Any]:
+    def welcome(self) -> Json:
         """Returns what a page must know once."""
         return {"type": "welcome", "limits": asdict(self._limits), "view": self.view}
 

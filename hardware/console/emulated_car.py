@@ -7,18 +7,19 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 from aerodima.hardware.car.car_ports import EVENTS_FILE, PORTS_FILE, READY_FILE, read_events
 from aerodima.hardware.car.wiring import WiringName, wiring_name
+from aerodima.hardware.driving.speaker import Say
 from aerodima.workbench.core.errors import HardwareError
-from aerodima.workbench.core.file_reading import read_json
+from aerodima.workbench.core.file_reading import Json, read_json
 from aerodima.workbench.scenario.scenario import Scenario
 
+Process = subprocess.Popen[str]
 _START_TIME = 120.0
 """Longest wait for the emulator, and for one test of its watchdog, s."""
 _END_TIME = 20.0
@@ -67,8 +68,8 @@ class EmulatedCarProcess:
         self.folder = _own_folder(folder)
         self._flags = [*(["--view"] if view else []), *(["--console"] if console else [])]
         self._flags += [] if faults is None else ["--faults", str(faults)]
-        self._emulator: subprocess.Popen[str] | None = None
-        self._drive: subprocess.Popen[str] | None = None
+        self._emulator: Process | None = None
+        self._drive: Process | None = None
         self._lines: list[str] = []
         self._drives = 0
         self.view: str | None = None
@@ -78,7 +79,7 @@ class EmulatedCarProcess:
         """The ports file."""
         return self.folder / PORTS_FILE
 
-    def events(self, *names: str) -> list[dict[str, Any]]:
+    def events(self, *names: str) -> list[Json]:
         """Events so far, or those of these names; each with its time, s on `time.monotonic`."""
         return [
             event
@@ -86,7 +87,7 @@ class EmulatedCarProcess:
             if not names or event["event"] in names
         ]
 
-    def start(self, say: Callable[[str], None]) -> None:
+    def start(self, say: Say) -> None:
         """Starts the emulator and records the watchdog test (some seconds); `HardwareError` with
         what they said.
         """
@@ -107,7 +108,7 @@ class EmulatedCarProcess:
         if self._has_tail:
             self._test_watchdog(say)
 
-    def _test_watchdog(self, say: Callable[[str], None]) -> None:
+    def _test_watchdog(self, say: Say) -> None:
         say("testing its watchdog")
         for left in reversed(range(_TESTS)):
             test = self._run(self._drive_command("watchdog-test"))
@@ -179,7 +180,7 @@ class EmulatedCarProcess:
             return ""
         return _last_line(self._emulator.stdout.read())
 
-    def _run(self, words: list[str]) -> subprocess.Popen[str]:
+    def _run(self, words: list[str]) -> Process:
         return subprocess.Popen(
             [sys.executable, "-P", "-m", "aerodima", *words],
             stdin=subprocess.DEVNULL,
@@ -189,7 +190,7 @@ class EmulatedCarProcess:
             errors="replace",
         )
 
-    def _listen(self, drive: subprocess.Popen[str]) -> None:
+    def _listen(self, drive: Process) -> None:
         for line in drive.stdout or ():
             if line.strip():
                 self._lines = [*self._lines[-20:], line.strip()]
@@ -203,7 +204,7 @@ def emulated_car(
     *,
     view: bool = False,
     faults: str | Path | None = None,
-    say: Callable[[str], None] = print,
+    say: Say = print,
 ) -> Iterator[EmulatedCarProcess]:
     """Runs the simulated car in real time behind ports, its watchdog tested: what `drive` drives in
     place of a real one.
@@ -254,9 +255,9 @@ def _last_line(text: str) -> str:
     return lines[-1].removeprefix("error: ")
 
 
-def _ready_facts(path: Path, pid: int) -> dict[str, Any]:
+def _ready_facts(path: Path, pid: int) -> Json:
     """Returns what that emulator writes once it is ready, not an earlier one in the same folder;
     empty before.
     """
-    facts: dict[str, Any] = read_json(path, HardwareError) if path.exists() else {}
+    facts: Json = read_json(path, HardwareError) if path.exists() else {}
     return facts if facts.get("pid") == pid else {}

@@ -3,7 +3,7 @@ shows it.
 """
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
@@ -11,6 +11,7 @@ from aerodima.hardware.console.operator_radio import REPORT_SILENCE, OperatorRad
 from aerodima.hardware.devices.device_states import MotorFault, SourceFault
 from aerodima.hardware.protocol.radio import CarReport, OperatorCommand, RadioMode
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.scenario.signal_table import STATUS_SOURCES
 
 MODES = {
@@ -121,7 +122,7 @@ class HeartbeatClock:
         return now - sent - self._offset <= self.LATEST
 
 
-def radio_state(radio: OperatorRadio, now: float) -> dict[str, Any]:
+def radio_state(radio: OperatorRadio, now: float) -> Json:
     """Returns what is known of the car, plain data without NaN or infinity (None instead).
 
     Ages in s; angles in rad, rates in rad/s, torques in N m, speed in m/s. `link_age` is how old
@@ -144,7 +145,7 @@ def radio_state(radio: OperatorRadio, now: float) -> dict[str, Any]:
     }
 
 
-def _report_state(report: CarReport) -> dict[str, Any]:
+def _report_state(report: CarReport) -> Json:
     faults = []
     for source, code in zip(STATUS_SOURCES, report.faults, strict=True):
         # 1 says "not fitted", but of a motor it is a fault.

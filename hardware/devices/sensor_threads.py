@@ -296,7 +296,11 @@ class Bno055Session(Session[Bno055Sample]):
             sample = decode_sample(self._ask(port, make_sample_request(), SAMPLE_BYTES).data)
         except FrameError as error:
             self._in_step = False
-            self._miss(str(error))
+            self._missed_in_a_row += 1
+            if self._missed_in_a_row >= _MAX_MISSED:
+                raise HardwareError(
+                    f"{self._missed_in_a_row} requests in a row without a sample: {error}"
+                ) from None
             return None
         self._missed_in_a_row = 0
         self._judge(request_time, sample)
@@ -329,13 +333,6 @@ class Bno055Session(Session[Bno055Sample]):
             else:
                 self._reported = ""
         return bool(data)
-
-    def _miss(self, reason: str) -> None:
-        self._missed_in_a_row += 1
-        if self._missed_in_a_row >= _MAX_MISSED:
-            raise HardwareError(
-                f"{self._missed_in_a_row} requests in a row without a sample: {reason}"
-            )
 
     def _ask(self, port: Serial, request: bytes, length: int) -> Answer:
         """Returns the answer to a request, `length` bytes of data or a status code; an empty one if

@@ -33,15 +33,8 @@ from aerodima.hardware.driving.drive_limits import DriveLimits
 from aerodima.hardware.driving.loop_delay import is_silence, with_delay
 from aerodima.hardware.protocol.radio import OperatorPrompt, RadioMode
 from aerodima.workbench.core.errors import HardwareError
-from aerodima.workbench.scenario.signal_table import STATUS, TAIL_STATE
+from aerodima.workbench.scenario.signal_table import TAIL_STATE
 
-_ARMED = STATUS.index("armed")
-_TAIL = (STATUS.index("tail_pitch_fault"), STATUS.index("tail_roll_fault"))
-_SAIL = STATUS.index("sail_fault")
-_IMU = STATUS.index("imu_fault")
-_SPEED = STATUS.index("speed_fault")
-_OPERATOR = STATUS.index("operator_fault")
-_OPERATOR_AGE = STATUS.index("operator_age")
 _RATES = [TAIL_STATE.index("pitch_rate"), TAIL_STATE.index("roll_rate")]
 _GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
 _UNFITTED = (SourceFault.NONE, SourceFault.NOT_FITTED)
@@ -127,7 +120,7 @@ class CarGuard:
     def ready(self) -> bool:
         """Returns whether the car takes commands."""
         return self.stage is Stage.ARMED and (
-            not self._has_tail or self.reading.status[_ARMED] == 1.0
+            not self._has_tail or self.reading.named_status.armed == 1.0
         )
 
     @property
@@ -274,11 +267,12 @@ class CarGuard:
             return
         if self._ready_since is None:
             self._ready_since = now
-        sent = now - self.reading.status[_OPERATOR_AGE]
+        sent = now - self.reading.named_status.operator_age
         if self.reading.operator.mode is RadioMode.IDLE and sent > self._ready_since:
             self.was_idle = True
 
     def _judge(self, now: float) -> None:
+        status = self.reading.named_status
         hard, reason = self._reason(self.reading)
         silent = bool(reason) and is_silence(self.reading.status, self._has_tail)
         if silent:
@@ -288,7 +282,7 @@ class CarGuard:
         speed = self._limits.too_fast(self.reading, now) or self._limits.blind(self.reading, now)
         hard = hard or bool(fallen)
         reason = reason or fallen or speed
-        armed = self.reading.status[_ARMED] == 1.0
+        armed = status.armed == 1.0
         if self.stage in _LIVE and self._has_tail and self._was_armed and not armed:
             hard = True
             reason = reason or "the tail motors are off"
@@ -300,11 +294,11 @@ class CarGuard:
         ):
             reason = f"the operator left {self._mode.name} for {self.reading.operator.mode.name}"
             self.left = True
-        elif self.left and self.reading.status[_OPERATOR] in _GONE:
+        elif self.left and status.operator_fault in _GONE:
             self.left = False
             self.reason += " and was not heard any more"
         # The stop latches before the car is armed too.
-        stopped = self.reading.status[_OPERATOR] == SourceFault.STOPPED
+        stopped = status.operator_fault == SourceFault.STOPPED
         if reason and (self.stage in _LIVE or (stopped and self.stage is Stage.READY)):
             if not self.reason:
                 self.silent = silent
@@ -312,13 +306,16 @@ class CarGuard:
 
     def _reason(self, reading: CarReading) -> tuple[bool, str]:
         """Returns whether the car must stop at once, and why it must stop; empty if it need not."""
-        status = reading.status
+        status = reading.named_status
+        motors = (status.tail_pitch_fault, status.tail_roll_fault)
         hard = (
-            status[_OPERATOR] == SourceFault.STOPPED
-            or (self._has_tail and any(status[index] != 0.0 for index in _TAIL))
-            or status[_SAIL] not in _UNFITTED
+            status.operator_fault == SourceFault.STOPPED
+            or (self._has_tail and any(motors))
+            or status.sail_fault not in _UNFITTED
         )
-        soft = status[_OPERATOR] != 0.0 or status[_IMU] != 0.0 or status[_SPEED] in _GONE
+        soft = (
+            status.operator_fault != 0.0 or status.imu_fault != 0.0 or status.speed_fault in _GONE
+        )
         if hard or soft:
             return hard, reading.fault_text or "a device has a fault"
         # Replies of the MIT mode carry neither voltage nor current of the pack: the least current

@@ -30,7 +30,7 @@ from aerodima.hardware.protocol.ak70 import PROFILES, FirmwareProfile, decode_re
 from aerodima.hardware.protocol.can_frame import TimedFrames
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.scenario.scenario import Scenario
-from aerodima.workbench.scenario.signal_table import IMU, STATUS, TAIL_STATE, UNARMED_SOURCES
+from aerodima.workbench.scenario.signal_table import IMU, TAIL_STATE, UNARMED_SOURCES
 
 _MB = 1e6
 """Bytes in a megabyte."""
@@ -54,8 +54,6 @@ _MIN_TEMPERATURE = -30.0
 """Lowest temperature of a motor that can be, degrees Celsius."""
 _MIN_SAMPLES = 10
 """Fewest samples that show a living IMU."""
-_ROLL = IMU.index("roll")
-_PITCH = IMU.index("pitch")
 
 
 @dataclass(frozen=True)
@@ -101,7 +99,7 @@ def device_checks(car: WiredCar, reading: CarReading, safety: DriveSafety) -> li
 
     A GPS may be missing; one that is fitted limits the speed, and must have a fix.
     """
-    status = STATUS.read(reading.status)._asdict()
+    status = reading.named_status._asdict()
     checks = []
     for source in UNARMED_SOURCES:
         fault = status[f"{source}_fault"]
@@ -315,7 +313,8 @@ def standstill_checks(
     allowed = f"{safety.still_rate:g} and {safety.still_acceleration:g}"
     text = f"turns at {turning:.2f} rad/s, is pushed by {pushed:.2f} m/s2; allowed: {allowed}"
     checks.append(Check("car stands still", still, text))
-    tilt = max(abs(float(reading[_ROLL])), abs(float(reading[_PITCH])))
+    imu = IMU.read(reading)
+    tilt = max(abs(imu.roll), abs(imu.pitch))
     limit = math.degrees(safety.upright)
     text = f"tilted by {math.degrees(tilt):.0f} degrees; allowed is {limit:.0f}"
     return [*checks, Check("car stands upright", tilt <= safety.upright, text)]

@@ -46,7 +46,7 @@ class CarInterface(LeafSystem):
             for name, fields in STATION_INPUTS.items()
         }
         self._values = {
-            name: DiscreteVector(self, np.zeros(fields.size), output=name)
+            name: DiscreteVector(self, fields.zeros(), output=name)
             for name, fields in STATION_OUTPUTS.items()
         }
         self.DeclareInitializationDiscreteUpdateEvent(self._show)

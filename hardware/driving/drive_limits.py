@@ -7,12 +7,8 @@ from aerodima.hardware.car.safety_settings import DriveSafety
 from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_monitors import Debounce
-from aerodima.workbench.scenario.signal_table import IMU, STATUS
+from aerodima.workbench.scenario.signal_table import IMU
 
-_ROLL = IMU.index("roll")
-_PITCH = IMU.index("pitch")
-_YAW_RATE = IMU.index("gyro_z")
-_SPEED = STATUS.index("speed_fault")
 _MAX_SPAN = 0.02
 """s; after a pause of the loop the throttle does not jump."""
 
@@ -43,13 +39,12 @@ class DriveLimits:
         """Reason to stop at once because the car has tipped over, by its attitude or by its
         accelerometer; empty while it stands.
         """
-        roll = float(reading.imu[_ROLL])
-        pitch = float(reading.imu[_PITCH])
+        imu = IMU.read(reading.imu)
         limit = self._safety.attitude_limit
-        tilted = max(abs(roll), abs(pitch), reading.lean) > limit
+        tilted = max(abs(imu.roll), abs(imu.pitch), reading.lean) > limit
         if not self._lasts("tilted", tilted, self._safety.attitude_time, now):
             return ""
-        angles = {"roll": roll, "pitch": pitch, "lean by the accelerometer": reading.lean}
+        angles = {"roll": imu.roll, "pitch": imu.pitch, "lean by the accelerometer": reading.lean}
         name, angle = max(angles.items(), key=lambda item: abs(item[1]))
         return (
             f"the car has tipped over: {name} {math.degrees(angle):.0f} degrees; allowed is "
@@ -64,9 +59,9 @@ class DriveLimits:
         straight = (
             abs(steering) >= safety.full_steering
             and abs(self._throttle) >= safety.driving_throttle
-            and abs(reading.imu[_YAW_RATE]) < safety.least_yaw_rate
+            and abs(IMU.read(reading.imu).gyro_z) < safety.least_yaw_rate
         )
-        if not self._lasts("straight", bool(straight), safety.straight_time, now):
+        if not self._lasts("straight", straight, safety.straight_time, now):
             return ""
         return "the car does not turn at full steering: it has fallen, or is held"
 
@@ -74,7 +69,7 @@ class DriveLimits:
         """Reason to stop because the GPS has lost its fix: nothing limits the speed; empty while it
         has one, or is not fitted.
         """
-        lost = bool(reading.status[_SPEED] == SourceFault.NO_FIX)
+        lost = reading.named_status.speed_fault == SourceFault.NO_FIX
         if not self._lasts("blind", lost, self._safety.gps_silence, now):
             return ""
         return "the GPS has lost its fix: nothing limits the speed"
@@ -83,7 +78,7 @@ class DriveLimits:
         """Reason to stop if the car is too fast; empty otherwise, or while the speed is unknown."""
         speed = float(reading.speed[0])
         limit = self._safety.speed_limit
-        fast = bool(reading.status[_SPEED] == SourceFault.NONE) and speed > limit
+        fast = reading.named_status.speed_fault == SourceFault.NONE and speed > limit
         if not self._lasts("fast", fast, self._safety.speed_time, now):
             return ""
         return f"the car drives {speed:.1f} m/s; allowed is {limit:g}"

@@ -70,7 +70,7 @@ from aerodima.workbench.core.realtime import (
 from aerodima.workbench.core.terminal import await_reader, say_error
 from aerodima.workbench.logs.schema import DIAGRAM, DRIVEN_BY, TAIL_LAW
 from aerodima.workbench.scenario.scenario import Scenario
-from aerodima.workbench.scenario.signal_table import STATUS, UNARMED_SOURCES
+from aerodima.workbench.scenario.signal_table import UNARMED_SOURCES
 
 if TYPE_CHECKING:
     from aerodima.workbench.car.car_diagram import Build
@@ -264,7 +264,7 @@ class DriveSession:
         """Returns whether `UNARMED_SOURCES` and the watchdog answer; the checks name what is
         silent.
         """
-        status = STATUS.read(self._guard.reading.status)._asdict()
+        status = self._guard.reading.named_status._asdict()
         late = any(status[f"{source}_fault"] in _LATE_ANSWERS for source in UNARMED_SOURCES)
         return not late and not self._car.unwatched
 

@@ -19,11 +19,9 @@ from aerodima.workbench.core.deprecation import renamed
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.core.realtime import DRIVE_PRIORITY, prefer_realtime, restore_ordinary
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
-from aerodima.workbench.scenario.signal_table import STATUS
 
 _ANSWER_TIME = 0.5
 """s within which Teensy and watchdog must answer."""
-_ARMED = STATUS.index("armed")
 
 
 def connect(
@@ -75,7 +73,7 @@ def holding(car: WiredCar) -> Iterator[WiredCar]:
         car.arm()
         _await_armed(car)
         run_cycles(car, CarCommand(), load_motor_safety().gain_ramp)
-        if not car.reading.status[_ARMED]:
+        if not car.reading.named_status.armed:
             raise HardwareError(
                 f"not armed: {car.reading.fault_text or 'the motors do not answer'}"
             )
@@ -93,7 +91,7 @@ def _await_armed(car: WiredCar) -> None:
     """Runs cycles until the motors take commands, have a fault, or `arm_timeout` is over."""
     end = time.monotonic() + load_drive_safety().arm_timeout
     while time.monotonic() < end:
-        if car.reading.status[_ARMED] or any(motor.fault for motor in car.motors):
+        if car.reading.named_status.armed or any(motor.fault for motor in car.motors):
             return
         run_cycles(car, CarCommand())
 

@@ -11,6 +11,7 @@ from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import CarCommand
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.driving.held_car import holding, run_cycles
+from aerodima.hardware.driving.speaker import Say
 from aerodima.workbench.car.laws import pd_torque
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.scenario.signal_table import TAIL_STATE
@@ -60,7 +61,7 @@ class MotorTest:
 
 
 def run_motor_test(
-    car: WiredCar, joint: Joint, say: Callable[[str], None], confirm: Callable[[str], bool]
+    car: WiredCar, joint: Joint, say: Say, confirm: Callable[[str], bool]
 ) -> MotorTest:
     """Moves one joint by five degrees and back while the other is held, on a car that is not
     started yet.

@@ -24,6 +24,8 @@ from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.core.file_reading import read_json
 
+Angles = dict[Joint, float]
+"""Joint -> angle, rad."""
 _CYCLES = 80
 """Cycles of 10 ms of a reading."""
 _EXIT_CYCLES = 20
@@ -36,7 +38,7 @@ _MAX_SPREAD = math.radians(1.0)
 """Largest movement of a joint that counts as held still, rad."""
 
 
-def read_motor_angles(ports: CarPorts, wiring: WiringName) -> dict[Joint, float]:
+def read_motor_angles(ports: CarPorts, wiring: WiringName) -> Angles:
     """Reads the angles of the motors (rad, of the motor itself) while somebody holds the tail: no
     gains, no torque.
 
@@ -60,7 +62,7 @@ def read_motor_angles(ports: CarPorts, wiring: WiringName) -> dict[Joint, float]
         return _read_angles(ports, bus, lambda: None)
 
 
-def write_zeros(path: Path, angles: dict[Joint, float]) -> None:
+def write_zeros(path: Path, angles: Angles) -> None:
     """Writes the present angles of the motors into a ports file as their zeros; the tail must stand
     upright.
 
@@ -75,10 +77,10 @@ def write_zeros(path: Path, angles: dict[Joint, float]) -> None:
     write_atomically(path, json.dumps(data, indent=1) + "\n", True, HardwareError)
 
 
-def joint_angles(ports: CarPorts, angles: dict[Joint, float]) -> dict[Joint, float]:
+def joint_angles(ports: CarPorts, angles: Angles) -> Angles:
     """Converts motor angles to joint angles (rad) by the zeros of the ports file."""
     mounting = load_mounting()
-    converted: dict[Joint, float] = {}
+    converted: Angles = {}
     for joint, angle in angles.items():
         part = getattr(ports, joint)
         direction = part.direction or getattr(mounting, f"{joint}_direction")
@@ -86,9 +88,7 @@ def joint_angles(ports: CarPorts, angles: dict[Joint, float]) -> dict[Joint, flo
     return converted
 
 
-def _read_angles(
-    ports: CarPorts, port: FramePort, commit: Callable[[], None]
-) -> dict[Joint, float]:
+def _read_angles(ports: CarPorts, port: FramePort, commit: Callable[[], None]) -> Angles:
     """Asks both motors with zero gains for a while, then switches them off."""
     ids = dict(zip(ports.motor_ids, JOINTS, strict=True))
     positions: dict[Joint, list[float]] = {joint: [] for joint in JOINTS}

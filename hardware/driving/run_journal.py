@@ -8,9 +8,8 @@ import queue
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -19,6 +18,7 @@ from numpy.typing import ArrayLike
 from aerodima.hardware.driving.speaker import Say
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.core.file_reading import Facts, Json
 from aerodima.workbench.logs.journal import JournalWriter
 from aerodima.workbench.logs.schema import run_metadata
 from aerodima.workbench.scenario.scenario import Scenario
@@ -67,7 +67,7 @@ class RunJournal(JournalWriter):
         self,
         path: Path,
         columns: Sequence[str],
-        metadata: Mapping[str, Any],
+        metadata: Facts,
         force: bool = False,
         say: Say = lambda _: None,
     ) -> None:
@@ -242,11 +242,9 @@ def open_run_journal(
     return RunJournal(path, [*drive_columns(), *own], metadata, force, say)
 
 
-def log_facts(
-    reason: str, stop_time: float, cycle_times: Sequence[float], overruns: int
-) -> dict[str, Any]:
+def log_facts(reason: str, stop_time: float, cycle_times: Sequence[float], overruns: int) -> Json:
     """Facts of a finished drive for the `extra` of its log."""
-    facts: dict[str, Any] = {
+    facts: Json = {
         "stop_reason": reason,
         "overruns": overruns,
         "cycles": len(cycle_times),

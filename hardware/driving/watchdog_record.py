@@ -9,7 +9,7 @@ import os
 import shlex
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import Field
 
@@ -19,7 +19,7 @@ from aerodima.hardware.car.wiring import WiringName
 from aerodima.hardware.firmware.teensy_firmware import firmware_hash
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import HardwareError
-from aerodima.workbench.core.file_reading import read_json
+from aerodima.workbench.core.file_reading import Json, read_json
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.yaml_files import StrictModel, checked
 from aerodima.workbench.logs.schema import software_versions
@@ -50,7 +50,7 @@ class WatchdogRecord(StrictModel):
     firmware: str
     created: str
     versions: dict[str, str]
-    ports: dict[str, Any]
+    ports: Json
 
 
 def new_record(

@@ -18,6 +18,7 @@ from aerodima.workbench.car.car_station import make_car_station, simulated_car
 from aerodima.workbench.car.roll_estimator import RollEstimator
 from aerodima.workbench.car.roll_filter import RollFilterSettings
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.logs.recorder import RunRecorder, output_ports, recorded_columns, signals_of
 from aerodima.workbench.logs.schema import run_metadata
 from aerodima.workbench.scenario.scenario import Scenario
@@ -62,7 +63,7 @@ class EmulatedCar:
         scenario: Scenario,
         log: Path,
         log_rate: float,
-        facts: dict[str, Any],
+        facts: Json,
         meshcat: Meshcat | None = None,
     ) -> None:
         builder = DiagramBuilder()

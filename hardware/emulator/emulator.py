@@ -13,10 +13,8 @@ import time
 from collections.abc import Callable
 from dataclasses import astuple, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from pydrake.geometry import Meshcat
 
 from aerodima.hardware.car.car_ports import (
     EVENTS_FILE,
@@ -59,6 +57,7 @@ from aerodima.hardware.firmware.teensy_firmware import firmware_settings
 from aerodima.hardware.transport.can_adapter import TrafficLog
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.realtime import EMULATOR_PRIORITY, prefer_latency, prefer_realtime
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.view.viewer import open_meshcat
@@ -121,10 +120,7 @@ class Emulator:
         self._make_devices()
         truth = self._folder / TRUTH_FILE
         facts = {"emulated": settings.wiring}
-        if settings.view:
-            self._view: Meshcat | None = open_meshcat()
-        else:
-            self._view = None
+        self._view = open_meshcat() if settings.view else None
         self._car = EmulatedCar(settings.scenario, truth, _TRUTH_RATE, facts, self._view)
         self._sample_due = 0.0
         self._tipped = False
@@ -135,9 +131,10 @@ class Emulator:
         settings = self._settings
         board = self._board
         plugs = self._folder / PORTS_FOLDER
+        watched = settings.wiring == "watched_can"
         names: list[Device] = [*SERIAL_DEVICES]
         self._car_ports = _serial_ports(plugs)
-        if settings.wiring == "watched_can":
+        if watched:
             names.append("can")
             # A pseudo-terminal does not restart when it is opened.
             options = {"sleep_after_open": 0.0}
@@ -158,7 +155,6 @@ class Emulator:
             if settings.scenario.tail.mode != "none"
         ]
         bus = EmulatedBus(self._motors, board, self._log)
-        watched = settings.wiring == "watched_can"
         self._adapter = SlcanAdapter(bus, board) if watched else None
         self._teensy = EmulatedTeensy(
             firmware_settings(settings.wiring, ports, settings.scenario),
@@ -180,7 +176,7 @@ class Emulator:
         """Ends the loop; safe in a signal handler."""
         self._end = True
 
-    def run(self, ready: Callable[[], None] | None = None) -> dict[str, Any]:
+    def run(self, ready: Callable[[], None] | None = None) -> Json:
         """Serves until `stop` or the duration; what came out, also in the last event. ready: called
         when it begins.
         """
@@ -334,7 +330,7 @@ class Emulator:
         _write_json(self._folder / READY_FILE, ready)
         self._events.add("ready")
 
-    def _close(self) -> dict[str, Any]:
+    def _close(self) -> Json:
         for port in self._ports.values():
             port.unplug()
         self._car.close()
@@ -350,9 +346,7 @@ class Emulator:
         return facts
 
 
-def run_emulator(
-    settings: EmulatorSettings, ready: Callable[[], None] | None = None
-) -> dict[str, Any]:
+def run_emulator(settings: EmulatorSettings, ready: Callable[[], None] | None = None) -> Json:
     """Runs an emulator until SIGINT, SIGTERM or its duration; what came out.
 
     Errors and `ready` as `Emulator`.
@@ -363,11 +357,9 @@ def run_emulator(
     return emulator.run(ready)
 
 
-def _serial_ports(plugs: Path) -> dict[str, Any]:
+def _serial_ports(plugs: Path) -> Json:
     """Returns the ports file of the emulated car, but for what only some have."""
-    motors: dict[str, Any] = {
-        joint: {"motor_id": number} for number, joint in enumerate(JOINTS, start=1)
-    }
+    motors: Json = {joint: {"motor_id": number} for number, joint in enumerate(JOINTS, start=1)}
     return {
         "schema": SCHEMA,
         **{name: {"path": str(plugs / name)} for name in SERIAL_DEVICES},
@@ -387,6 +379,6 @@ def _claim(folder: Path) -> None:
         raise HardwareError(f"{folder}: cannot be used as a folder: {error.strerror}") from None
 
 
-def _write_json(path: Path, content: dict[str, Any]) -> None:
+def _write_json(path: Path, content: Json) -> None:
     """Writes the whole file or none: others wait for it."""
     write_atomically(path, json.dumps(content, indent=1) + "\n", False, HardwareError)

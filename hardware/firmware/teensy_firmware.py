@@ -24,6 +24,8 @@ from aerodima.workbench.core.atomic_write import make_folder
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.scenario.scenario import Scenario
 
+Fields = dict[str, float]
+"""Fields of a structure of the core, by name."""
 SKETCH = Path(__file__).resolve().parent / "aerodima_teensy"
 """The Arduino sketch; its folder `src` is the core."""
 COMPILERS = ("g++", "c++", "clang++")
@@ -42,7 +44,7 @@ _BUILD_TIME = 120.0
 _HOST_ONLY = ("c_interface.h", "c_interface.cpp")
 
 
-def motor_limits(settings: MotorSettings) -> dict[str, float]:
+def motor_limits(settings: MotorSettings) -> Fields:
     """Returns the fields of the core's `MotorLimits` (`src/motor_guard.h`) by name: what it lets
     through to this motor.
 
@@ -85,7 +87,7 @@ class FirmwareSettings:
     profile: FirmwareProfile
     motor_ids: tuple[int, int] = (1, 2)
     sail_bits: int = 12
-    limits: tuple[dict[str, float], ...] | None = None
+    limits: tuple[Fields, ...] | None = None
     timing: TeensyTiming = field(default_factory=load_teensy_timing)
     safety: DriveSafety = field(default_factory=load_drive_safety)
 
@@ -93,7 +95,7 @@ class FirmwareSettings:
         wiring_name(self.wiring)
 
     @property
-    def last_limits(self) -> tuple[dict[str, float], ...]:
+    def last_limits(self) -> tuple[Fields, ...]:
         """Limits of the two motors in the firmware."""
         p = self.profile
         wide = {
@@ -107,7 +109,7 @@ class FirmwareSettings:
         return self.limits or (wide | {"rated_torque": p.torque, "budget": 1e9},) * 2
 
     @property
-    def config(self) -> dict[str, float]:
+    def config(self) -> Fields:
         """Fields of the core's `Config` (`src/core.h`) by name, but for profile, limits and ids."""
         lowest, idle, highest = THROTTLE_PULSES
         timing = self.timing
@@ -140,7 +142,7 @@ class FirmwareSettings:
         }
 
 
-def profile_fields(profile: FirmwareProfile) -> dict[str, float]:
+def profile_fields(profile: FirmwareProfile) -> Fields:
     """Returns the fields of the core's `Profile` (`src/ak70.h`) by name."""
     return {
         **{name: getattr(profile, name) for name in ("position", "speed", "torque", "kp", "kd")},

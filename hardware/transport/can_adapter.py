@@ -13,12 +13,13 @@ import threading
 import time
 from io import RawIOBase
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import BinaryIO, cast
 
 from pydantic import Field
 
 from aerodima.hardware.transport.serial_link import reason_of
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.yaml_files import StrictModel
 
 try:
@@ -61,7 +62,7 @@ class CanSettings(StrictModel):
     interface: str
     channel: str
     bitrate: int = Field(BITRATE, gt=0)
-    options: dict[str, Any] = Field(default_factory=dict)
+    options: Json = Field(default_factory=dict)
 
     def __str__(self) -> str:
         return f"CAN {self.interface}:{self.channel}"
@@ -77,7 +78,7 @@ def open_bus(settings: CanSettings) -> can.BusABC:
     if settings.interface not in can.VALID_INTERFACES:
         known = ", ".join(sorted(can.VALID_INTERFACES))
         raise HardwareError(f"CAN interface {settings.interface!r} is unknown; allowed: {known}")
-    arguments: dict[str, Any] = {
+    arguments: Json = {
         "interface": settings.interface,
         "channel": settings.channel,
         **settings.options,

@@ -16,11 +16,10 @@ import tempfile
 import time
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.workbench.core.errors import HardwareError
-from aerodima.workbench.core.file_reading import read_json
+from aerodima.workbench.core.file_reading import Json, read_json
 
 _FOLDERS = ("/run/lock", "/var/lock", tempfile.gettempdir())
 _UNKNOWN_WAIT = 1.0
@@ -131,7 +130,7 @@ def _take(path: Path, device: str) -> int:
         time.sleep(_POLL_PERIOD)
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path) -> Json:
     try:
         note = read_json(path, HardwareError)
     except HardwareError:  # not written yet
@@ -141,7 +140,7 @@ def _read(path: Path) -> dict[str, Any]:
     return {}
 
 
-def _in_words(note: dict[str, Any]) -> str:
+def _in_words(note: Json) -> str:
     if _lives(note.get("pid")):
         return f"{note.get('holder')} (process {note['pid']}, since {note.get('since')})"
     return "another program"

@@ -15,14 +15,13 @@ when it finds no lower cost.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from aerodima.optimisation.identify.car_log import CarDrive, car_drive
+from aerodima.optimisation.identify.car_log import CarDrive, Signals, car_drive
 from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.fit_result import FitResult, make_result
 from aerodima.optimisation.identify.gauss_newton import SolverOptions, solve_from
@@ -155,7 +154,7 @@ class CarModel:
         }
         self._known = [p for p in self.parameters.free if p.has_prior]
         self.finer = np.zeros(ends[-1] + len(self._known))
-        self._runs: dict[tuple[float, ...], Mapping[str, FloatArray]] = {}
+        self._runs: dict[tuple[float, ...], Signals] = {}
 
     def problem(self, x: FloatArray) -> Problem:
         """State the least-squares problem; its differences go from x to the middle of the
@@ -170,9 +169,7 @@ class CarModel:
             steps=np.where(x > self.parameters.initial, -sizes, sizes),
         )
 
-    def run(
-        self, values: dict[str, float], latency: float, step: float
-    ) -> Mapping[str, FloatArray]:
+    def run(self, values: dict[str, float], latency: float, step: float) -> Signals:
         """Simulate the car with these values: its signals, cached.
 
         Another driven speed is another line of the throttle.
@@ -253,7 +250,7 @@ class CarModel:
                     best, lowest = {**trial, DELAY: delay}, cost
         return np.array(list(best.values()))
 
-    def _truncated_cost(self, motion: Mapping[str, FloatArray]) -> float:
+    def _truncated_cost(self, motion: Signals) -> float:
         """Sum the squares of the residual, none larger than those at `_TRUNCATION`."""
         cost = 0.0
         for name, channel in self.drive.channels.items():

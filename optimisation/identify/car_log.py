@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
@@ -19,12 +18,15 @@ from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE, DriverInput
 from aerodima.workbench.control.tail_law import Observation
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import FitError, LogError, UserError
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.logs.log_findings import refuse_inconsistent_rates
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.logs.signals import check_signals, median_step, naming
+from aerodima.workbench.logs.signals import Interval, check_signals, median_step, naming
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import IMU
 
+Signals = Mapping[str, FloatArray]
+"""Name -> samples (n)."""
 LEAD = 0.6
 """The car of a model rolls from so long before the first steering command on, s."""
 SETTLING = 0.1
@@ -152,7 +154,7 @@ class CarDrive:
 
     def run(
         self, changes: Mapping[str, Mapping[str, float]], latency: float, speed: float
-    ) -> Mapping[str, FloatArray]:
+    ) -> Signals:
         """Simulate the drive: channels without noise and bias, and `time`, s of the log.
 
         Args:
@@ -170,7 +172,7 @@ class CarDrive:
         played = replace(self.commands, latency=latency)
         step = changes["simulation"]["step"]
         last = max(float(channel.time[-1]) for channel in self.channels.values())
-        sections: dict[str, dict[str, Any]] = {
+        sections: dict[str, Json] = {
             **{section: dict(values) for section, values in changes.items()},
             "servo": {"frame_rate": 1.0 / step},
             "controller": {"rate": 1.0 / step},
@@ -191,7 +193,7 @@ class CarDrive:
         columns["time"] = table["time_s"].to_numpy() + played.begin
         return columns
 
-    def sampled(self, run: Mapping[str, FloatArray], late: float) -> dict[str, FloatArray]:
+    def sampled(self, run: Signals, late: float) -> dict[str, FloatArray]:
         """Sample a run at the times of the log, all of it `late` seconds later."""
         return {
             name: np.interp(channel.time - late, run["time"], run[name])
@@ -220,7 +222,7 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
         raise FitError(
             f"is a log of kind {log.kind!r}; this fit needs a drive of the car, 'car_run'"
         )
-    content: dict[str, Any] = {
+    content: Json = {
         key: dict(value) if isinstance(value, dict) else value
         for key, value in log.scenario.items()
     }
@@ -277,9 +279,7 @@ def _wrong_units(log: RunLog) -> list[str]:
     return []
 
 
-def _losses(
-    scenario: Scenario, signals: Mapping[str, FloatArray], turn: int
-) -> dict[str, np.ndarray]:
+def _losses(scenario: Scenario, signals: Signals, turn: int) -> dict[str, np.ndarray]:
     """Flag where no model can follow the car any more (n): reason -> flags.
 
     Args:
@@ -294,7 +294,7 @@ def _losses(
     return losses
 
 
-def _channel(log: RunLog, name: str, scenario: Scenario, span: tuple[float, float]) -> Channel:
+def _channel(log: RunLog, name: str, scenario: Scenario, span: Interval) -> Channel:
     """Take the samples of a sensor within a span, s: a row of the log for each, at its own time."""
     source, column, _ = CHANNELS[name]
     age = log.signal(f"status_{source}_age_s")

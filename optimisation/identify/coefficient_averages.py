@@ -24,6 +24,7 @@ from aerodima.workbench.aero.section_laws import CHEETAH_LIMIT, ROBOT_LIMIT
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import FitError
+from aerodima.workbench.core.file_reading import Json
 
 Grid = dict[tuple[float, float], list[FitResult]]
 """Speed (m/s) and angle (degrees) of a node -> its tests."""
@@ -128,7 +129,7 @@ def node_angle(result: FitResult) -> float:
     return _ANGLE_STEP * abs(round(float(result.facts["angle_deg"]) / _ANGLE_STEP))
 
 
-def static_sets(results: Sequence[FitResult]) -> tuple[dict[str, dict[str, Any]], list[str]]:
+def static_sets(results: Sequence[FitResult]) -> tuple[dict[str, Json], list[str]]:
     """Make per tail and axis the content of a coefficient file, from what static fits determined.
 
     A node is the resnorm-weighted average (eqs. 4.29-4.31) of its tests, with mean, median, Huber
@@ -178,8 +179,8 @@ def static_sets(results: Sequence[FitResult]) -> tuple[dict[str, dict[str, Any]]
     return sets, left_out
 
 
-def _static_node(speed: float, angle: float, group: list[FitResult]) -> dict[str, Any]:
-    node: dict[str, Any] = {
+def _static_node(speed: float, angle: float, group: list[FitResult]) -> Json:
+    node: Json = {
         "speed_m_per_s": speed,
         "angle_rad": round(math.radians(angle), 9),
         "status": "measured",
@@ -197,7 +198,7 @@ def _average(name: str, pairs: Sequence[tuple[float, float]]) -> dict[str, float
     return {keys.get(key, f"{name}_{key}"): round(value, 5) for key, value in numbers.items()}
 
 
-def robot_tail_set(results: Sequence[FitResult]) -> dict[str, Any] | None:
+def robot_tail_set(results: Sequence[FitResult]) -> Json | None:
     """Make a speed table of C_N from fits in bins; None with fewer than two bins."""
     bins: dict[float, list[tuple[float, float]]] = defaultdict(list)
     for result in results:
@@ -224,7 +225,7 @@ def robot_tail_set(results: Sequence[FitResult]) -> dict[str, Any] | None:
     }
 
 
-def write_sets(folder: Path, sets: dict[str, dict[str, Any]]) -> list[Path]:
+def write_sets(folder: Path, sets: dict[str, Json]) -> list[Path]:
     """Write coefficient files, each after reading its text back: none is left that the
     aerodynamics refuse.
     """

@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from pydantic import TypeAdapter
 
@@ -29,6 +28,7 @@ from aerodima.workbench.batch.row_store import (
     read_rows,
 )
 from aerodima.workbench.core.errors import FitError, UserError
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.logs.schema import software_versions
 
 JOURNAL = "fits.jsonl"
@@ -57,7 +57,7 @@ def fit_logs(
     logs: Sequence[Path | str],
     out: Path,
     *,
-    settings: dict[str, Any],
+    settings: Json,
     workers: int = 1,
     force: bool = False,
     progress: ProgressLine = no_progress,
@@ -89,7 +89,7 @@ def fit_logs(
         reused = len(done)
         bar = ProgressBar(progress, len(names), reused)
 
-        def keep(_index: int, line: dict[str, Any]) -> None:
+        def keep(_index: int, line: Json) -> None:
             name = line["log"]
             if line["error"] != WORKER_KILLED:  # a second call tries it again
                 store.add(keys[name], line)
@@ -125,7 +125,7 @@ def _unique(logs: Sequence[Path | str]) -> list[str]:
     return names
 
 
-def _fit_log(work: Fit, name: str) -> dict[str, Any]:
+def _fit_log(work: Fit, name: str) -> Json:
     """Return the outcome of one log as plain data; errors of the log included."""
     try:
         return {"log": name, "result": asdict(work(name)), "error": ""}
@@ -135,7 +135,7 @@ def _fit_log(work: Fit, name: str) -> dict[str, Any]:
         return _failed(name, f"{type(error).__name__} in its fit: {error}")
 
 
-def _failed(name: str, reason: str = WORKER_KILLED) -> dict[str, Any]:
+def _failed(name: str, reason: str = WORKER_KILLED) -> Json:
     return {"log": name, "result": None, "error": reason}
 
 

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from aerodima.optimisation.identify.fit_program import FitProgram, as_program
@@ -21,6 +21,7 @@ from aerodima.optimisation.identify.uncertain_constants import (
 from aerodima.optimisation.identify.uncertainty import uncertainty
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import FitError
+from aerodima.workbench.core.file_reading import Facts
 
 
 def fit(
@@ -30,7 +31,7 @@ def fit(
     *,
     starts: Sequence[FloatArray] | None = None,
     channels: Channels | None = None,
-    facts: Mapping[str, Any] | None = None,
+    facts: Facts | None = None,
     warnings: Sequence[str] = (),
     loss: Loss = "squares",
     rig: UncertainRig | None = None,

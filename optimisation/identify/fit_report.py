@@ -17,6 +17,7 @@ import yaml
 from aerodima.optimisation.identify.fit_figures import figures_of
 from aerodima.optimisation.identify.fit_result import Estimate, FitResult, short_name
 from aerodima.workbench.core.errors import FitError
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.view.report_page import (
     Bullets,
@@ -142,7 +143,7 @@ def budget_table(results: Sequence[FitResult]) -> pd.DataFrame:
     return pd.DataFrame(rows).fillna(0.0)
 
 
-def _plain(result: FitResult) -> dict[str, Any]:
+def _plain(result: FitResult) -> Json:
     """Make the content of the YAML file for one fit; the order of its keys is part of it."""
     content = asdict(result)
     del content["curves"]

@@ -13,6 +13,7 @@ from pydantic import AliasChoices, Field
 
 from aerodima.optimisation.identify.least_squares import Parameters, Solution
 from aerodima.optimisation.identify.uncertainty import Uncertainty
+from aerodima.workbench.core.file_reading import Facts, Json
 
 Channels = Mapping[str, tuple[slice, float]]
 """Name -> rows of a channel in the residual, and the weight that they were divided by."""
@@ -82,15 +83,15 @@ class FitResult:
     residual_rms: Mapping[str, float]
     success: bool
     status: str
-    attempts: tuple[Mapping[str, Any], ...]
+    attempts: tuple[Facts, ...]
     unidentifiable: Annotated[
         tuple[str, ...], Field(validation_alias=AliasChoices("unidentifiable", "unseen"))
     ] = ()
     warnings: tuple[str, ...] = ()
     effective_samples: float = math.nan
-    facts: Mapping[str, Any] = field(default_factory=dict)
-    curves: Mapping[str, Any] = field(default_factory=dict)
-    rig: Mapping[str, Any] = field(default_factory=dict)
+    facts: Facts = field(default_factory=dict)
+    curves: Facts = field(default_factory=dict)
+    rig: Facts = field(default_factory=dict)
     budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     constants: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     added_cost: float = 0.0
@@ -114,11 +115,11 @@ class FitResult:
         """
         return 2.0 * max(self.cost, 1e-12)
 
-    def row(self) -> dict[str, Any]:
+    def row(self) -> Json:
         """Make one row for CSV: facts, then value, standard deviation and interval of each
         parameter.
         """
-        row: dict[str, Any] = {"fit": self.name, **self.facts}
+        row: Json = {"fit": self.name, **self.facts}
         for e in self.estimates:
             suffix = "" if e.unit in ("1", "") else "_" + unit_suffix(e.unit)
             name = e.name
@@ -168,7 +169,7 @@ def make_result(
     solution: Solution,
     intervals: Uncertainty,
     channels: Channels,
-    facts: Mapping[str, Any],
+    facts: Facts,
     warnings: Sequence[str],
     constants: Collection[str] = (),
 ) -> FitResult:
@@ -237,7 +238,7 @@ def _estimates(solution: Solution, intervals: Uncertainty) -> list[Estimate]:
     return estimates
 
 
-def _attempts(solution: Solution) -> tuple[dict[str, Any], ...]:
+def _attempts(solution: Solution) -> tuple[Json, ...]:
     """Write the starts as plain data."""
     values = solution.problem.parameters
     return tuple(

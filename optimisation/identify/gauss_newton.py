@@ -22,6 +22,8 @@ from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.deprecation import renamed
 from aerodima.workbench.core.errors import FitError
 
+Ending = tuple[bool, str]
+"""Whether the solver succeeded, and why it ended."""
 _MIN_DAMPING = 1e-8
 """Least damping, relative to the square of the least singular value that counts: next to a
 Gauss-Newton step."""
@@ -146,7 +148,7 @@ class _Descent:
         except FitError as error:
             return StartResult(start, start, np.inf, False, str(error), 0)
         self.cost = self._cost(self.z, self.r)
-        ending: tuple[bool, str] | None = None
+        ending: Ending | None = None
         step = 0
         while ending is None and step < self.options.max_steps:
             step += 1
@@ -176,7 +178,7 @@ class _Descent:
     def _cost(self, z: FloatArray, r: FloatArray) -> float:
         return 0.5 * float(r @ r) + self.terms.cost(z)
 
-    def _step(self) -> tuple[bool, str] | None:
+    def _step(self) -> Ending | None:
         """Take one step, or renew the Jacobian; at the end whether it succeeded, and why."""
         if self.options.reweigh is not None:
             self._divide(self.options.reweigh(self.z * self.scales))
@@ -243,7 +245,7 @@ class _Descent:
         """Tell whether the cost after a step is within the limit."""
         return r is not None and self._cost(self.z + d, r) <= limit
 
-    def _shorten(self, d: FloatArray, predicted: float) -> tuple[bool, str] | None:
+    def _shorten(self, d: FloatArray, predicted: float) -> Ending | None:
         """Raise the damping after a refused step; the ending when that is of no use."""
         self.damping = max(10.0 * self.damping, _FIRST_DAMPING)
         if predicted <= _DECREASE_TOLERANCE * self._size:
@@ -255,9 +257,7 @@ class _Descent:
             return False, self.refusal or "no step lowers the cost"
         return None
 
-    def _accept(
-        self, d: FloatArray, r: FloatArray, predicted: float, whole: bool
-    ) -> tuple[bool, str] | None:
+    def _accept(self, d: FloatArray, r: FloatArray, predicted: float, whole: bool) -> Ending | None:
         """Go to z + d with its residual; the ending when cost and step have settled."""
         assert self.J is not None
         cost = self._cost(self.z + d, r)

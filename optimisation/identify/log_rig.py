@@ -10,13 +10,13 @@ from __future__ import annotations
 import json
 import math
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
 from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import FitError
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.yaml_files import find_file, read_yaml
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals
@@ -100,14 +100,14 @@ def rig_of(log: RunLog, kind: str, options: FitOptions = FREE) -> RigScenario:
 
 
 @lru_cache(maxsize=16)
-def named_rig(rig: str, settings: tuple[str, ...]) -> dict[str, Any]:
+def named_rig(rig: str, settings: tuple[str, ...]) -> Json:
     """Reads what the user says of the rig: section -> key -> value; do not change it in place.
 
     Raises:
         FitError: a setting is about what the log says.
         ScenarioError: not the name of a rig, no such key, a value out of range.
     """
-    data: dict[str, Any] = {}
+    data: Json = {}
     if rig:
         path = find_file(rig, RigScenario.folder, "scenario")
         data = {
@@ -131,9 +131,9 @@ def _scenario(key: str) -> RigScenario:
     return rig_scenario_from_dict(json.loads(key))
 
 
-def _experiment(log: RunLog, kind: str) -> dict[str, Any]:
+def _experiment(log: RunLog, kind: str) -> Json:
     """Reads what the log's metadata say of its experiment."""
-    experiment: dict[str, Any] = {"kind": kind}
+    experiment: Json = {"kind": kind}
     extra = log.extra
     if kind in ("static", "swing"):
         for key, allowed in _FACTS:
@@ -167,7 +167,7 @@ def wind_speed(log: RunLog, least: float, most: float) -> float:
     return float(value)
 
 
-def differences(scenario: RigScenario) -> dict[str, Any]:
+def differences(scenario: RigScenario) -> Json:
     """Lists what of a rig differs from `models/`, as `section.key`; the experiment is left out."""
     changes = {}
     known = _scenario("{}").resolved()

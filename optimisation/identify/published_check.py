@@ -25,6 +25,7 @@ from aerodima.optimisation.identify.least_squares import Parameter, Parameters, 
 from aerodima.optimisation.identify.noise import Noise, independent_noise
 from aerodima.optimisation.identify.rig_constants import with_values
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.resources import published_rows, published_table
 from aerodima.workbench.rig.pendulum import StaticBalance
 from aerodima.workbench.scenario.rig_scenario import RigScenario, rig_scenario_from_dict
@@ -106,7 +107,7 @@ def recompute_averages() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _average_row(fits: pd.DataFrame, column: str, quantity: str, text: str) -> dict[str, Any]:
+def _average_row(fits: pd.DataFrame, column: str, quantity: str, text: str) -> Json:
     """Recompute one average; `text` is the printed one."""
     average = averages(fits[column].to_numpy(), fits.resnorm.to_numpy())
     published = float(text)

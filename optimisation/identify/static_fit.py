@@ -31,9 +31,11 @@ from aerodima.optimisation.identify.uncertain_constants import (
     UncertainRig,
 )
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.quantity import STANDARD_GRAVITY
 from aerodima.workbench.core.resources import published_table
 from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.logs.signals import Interval
 from aerodima.workbench.rig.pendulum import StaticBalance
 
 UNKNOWNS = {
@@ -189,7 +191,7 @@ def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:
     """
     problem = static_problem(data, options)
     residual = StaticResidual(data)
-    facts: dict[str, Any] = dict(data.facts)
+    facts: Json = dict(data.facts)
     if math.isfinite(data.current):
         facts["logged_current_a"] = data.current
     facts["exposed_length_m"] = exposed = StaticBalance.from_scenario(data.scenario).exposed_length(
@@ -331,7 +333,7 @@ def _against_logged_current(result: FitResult, data: StaticData) -> list[str]:
 
 
 def fit_static_log(
-    path: str | Path, *, rest: tuple[float, float] | None = None, options: FitOptions = FREE
+    path: str | Path, *, rest: Interval | None = None, options: FitOptions = FREE
 ) -> FitResult:
     """Fit C_D, C_L, psi3 and holding current of a static hold.
 

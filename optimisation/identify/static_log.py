@@ -11,9 +11,7 @@ else the accuracy of the scenario (Table 4.8).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -36,8 +34,9 @@ from aerodima.optimisation.identify.noise import correlation_time
 from aerodima.optimisation.identify.rig_constants import BIASES, constant_parameters
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import FitError
+from aerodima.workbench.core.file_reading import Facts, Json
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.logs.signals import check_signals, naming, stated_rest
+from aerodima.workbench.logs.signals import Interval, check_signals, naming, stated_rest
 from aerodima.workbench.scenario.rig_scenario import RigScenario
 
 REACTIONS = ("fx", "fy", "fz", "tx", "ty", "tz")
@@ -114,7 +113,7 @@ class StaticData:
     current: float
     current_deviation: float
     effective_samples: float
-    facts: Mapping[str, Any]
+    facts: Facts
     offset_deviation: FloatArray
     constants: tuple[Parameter, ...]
     still: bool
@@ -122,7 +121,7 @@ class StaticData:
 
 
 def static_data(
-    log: RunLog, rest: tuple[float, float] | None = None, options: FitOptions = FREE
+    log: RunLog, rest: Interval | None = None, options: FitOptions = FREE
 ) -> StaticData:
     """Checks a static log and takes from it what the fit needs.
 
@@ -143,9 +142,7 @@ def static_data(
         return _static_data(log, rest if rest is not None else stated_rest(log), name, options)
 
 
-def _static_data(
-    log: RunLog, rest: tuple[float, float] | None, name: str, options: FitOptions
-) -> StaticData:
+def _static_data(log: RunLog, rest: Interval | None, name: str, options: FitOptions) -> StaticData:
     time, angle = checked_angle(log, "static", MIN_SAMPLES)
     scenario = rig_of(log, "static", options)
     speed = wind_speed(log, 1e-3, MAX_WIND_SPEED)
@@ -198,7 +195,7 @@ def _static_data(
     )
 
 
-def _facts(log: RunLog, held: float, speed: float) -> dict[str, Any]:
+def _facts(log: RunLog, held: float, speed: float) -> Json:
     """Make the labels of the hold for reports."""
     return {
         "tail": str(log.extra["tail"]),
@@ -217,7 +214,7 @@ def _require_held(angle: FloatArray) -> None:
         )
 
 
-def _hold_mask(time: FloatArray, rest: tuple[float, float] | None) -> np.ndarray:
+def _hold_mask(time: FloatArray, rest: Interval | None) -> np.ndarray:
     """Flag the samples of the hold (n): all of them, or those after the rest phase."""
     if rest is None:
         return np.ones(len(time), bool)

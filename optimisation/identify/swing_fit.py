@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from aerodima.optimisation.identify.rig_constants import shifted, speed_accuracy
 from aerodima.optimisation.identify.swing_log import SwingData, motor_torque
 from aerodima.optimisation.identify.uncertain_constants import UncertainRig
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.file_reading import Facts
 from aerodima.workbench.rig.pendulum import PendulumModel, Torque
 from aerodima.workbench.rig.swing_motion import simulate_swing, torque_response
 
@@ -99,7 +99,7 @@ class SwingModel:
         self,
         parameters: Sequence[Parameter],
         starts: Sequence[Values] = (),
-        facts: Mapping[str, Any] | None = None,
+        facts: Facts | None = None,
         options: FitOptions = FREE,
         exact: bool = False,
     ) -> FitResult:

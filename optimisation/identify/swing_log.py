@@ -5,9 +5,7 @@ motor's torque.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -19,6 +17,7 @@ from aerodima.optimisation.identify.static_log import CURRENT_MARGIN
 from aerodima.workbench.car.car_sensors import POSITION_BITS
 from aerodima.workbench.core.array_types import FloatArray, IntArray
 from aerodima.workbench.core.errors import FitError
+from aerodima.workbench.core.file_reading import Facts, Json
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals, earlier_shift, naming, stated_rest
 from aerodima.workbench.scenario.rig_scenario import RigScenario
@@ -148,7 +147,7 @@ class SwingData:
     current: LoggedCurrent | None
     constants: tuple[Parameter, ...]
     release: float = 0.0
-    facts: Mapping[str, Any] = field(default_factory=dict)
+    facts: Facts = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
     @property
@@ -209,7 +208,7 @@ def _swing_data(log: RunLog, kind: str, name: str, options: FitOptions) -> Swing
     early = slice(0, 8)
     rate = float(np.polyfit(t[early], readings[early], 2)[1])
     experiment = scenario.experiment
-    facts: dict[str, Any] = {"wind_speed_m_per_s": experiment.wind_speed}
+    facts: Json = {"wind_speed_m_per_s": experiment.wind_speed}
     if kind == "swing":
         facts = {"tail": str(experiment.tail), "axis": experiment.axis, **facts}
     noise = 0.0

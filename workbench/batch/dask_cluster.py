@@ -24,6 +24,10 @@ if TYPE_CHECKING:
     import psutil
     from distributed import Client
 
+Work = Callable[[Any], Any]
+"""Makes the result of an item."""
+Outcome = tuple[Any, float, int, int]
+"""Result of a piece, its time (s), process and memory afterwards (bytes)."""
 MAX_WORKERS = 64
 """Processes on one computer."""
 CONNECT_TIMEOUT = 10.0
@@ -220,7 +224,7 @@ class Worker:
         return f"worker {self.name} (process {self.pid or 'unknown'})"
 
 
-def run_piece(work: Callable[[Any], Any], item: Any) -> tuple[Any, float, int, int]:
+def run_piece(work: Work, item: Any) -> Outcome:
     """Do a piece in the worker: result, time (s), process and its memory afterwards (bytes)."""
     start = time.monotonic()
     result = work(item)
@@ -233,7 +237,7 @@ def run_piece(work: Callable[[Any], Any], item: Any) -> tuple[Any, float, int, i
     return result, seconds, os.getpid(), _memory()
 
 
-def prepare_worker(module: str | None) -> tuple[None, float, int, int]:
+def prepare_worker(module: str | None) -> Outcome:
     """Import what pieces need in a new worker, out of the garbage collector's sight."""
     if module is not None:
         importlib.import_module(module)

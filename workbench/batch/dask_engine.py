@@ -16,6 +16,8 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from aerodima.workbench.batch.dask_cluster import (
+    Outcome,
+    Work,
     Worker,
     kill_workers,
     lost_scheduler,
@@ -25,6 +27,7 @@ from aerodima.workbench.batch.dask_cluster import (
 )
 from aerodima.workbench.batch.engine import Engine, StallMonitor, WorkerRecord
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.file_reading import Json
 
 if TYPE_CHECKING:
     import psutil
@@ -100,10 +103,10 @@ class DaskEngine(Engine):
 
     def map(
         self,
-        work: Callable[[Any], Any],
+        work: Work,
         items: Sequence[Any],
         done: Callable[[int, Any], None] | None = None,
-        lost: Callable[[Any], Any] | None = None,
+        lost: Work | None = None,
     ) -> list[Any]:
         """Map items; see `Engine`."""
         waiting = deque(range(len(items)))
@@ -162,9 +165,7 @@ class DaskEngine(Engine):
     def _futures_at(self, address: str) -> list[Future]:
         return [future for future, (where, _) in self._pending.items() if where == address]
 
-    def _assign(
-        self, work: Callable[[Any], Any], items: Sequence[Any], source: deque[int], alone: bool
-    ) -> None:
+    def _assign(self, work: Work, items: Sequence[Any], source: deque[int], alone: bool) -> None:
         """Hand out a piece for every free thread; with `alone` one piece and nothing beside it."""
         for address, worker in list(self._workers.items()):
             if not worker.pid or worker.status != "running":
@@ -181,7 +182,7 @@ class DaskEngine(Engine):
     ) -> None:
         from distributed.client import ClosedClientError
 
-        options: dict[str, Any] = {"workers": [address], "pure": False, "retries": 0}
+        options: Json = {"workers": [address], "pure": False, "retries": 0}
         try:
             future = self._client.submit(function, *arguments, **options)
         except ClosedClientError as error:
@@ -233,7 +234,7 @@ class DaskEngine(Engine):
         self._stall.record_run(seconds)
         return index, result
 
-    def _fetch(self, future: Future) -> tuple[Any, float, int, int] | None:
+    def _fetch(self, future: Future) -> Outcome | None:
         """Fetch what `run_piece` returned; None once it is lost and its piece was withdrawn.
 
         A worker that dies between the end of a piece and this call takes the result with it. The
@@ -247,7 +248,7 @@ class DaskEngine(Engine):
         try:
             while future in self._pending:
                 if wait_for([gathering], timeout=POLL_PERIOD).done:
-                    fetched: tuple[Any, float, int, int] = gathering.result()[0]
+                    fetched: Outcome = gathering.result()[0]
                     return fetched
                 self._poll()
                 if future in self._pending and time.monotonic() > until:
@@ -272,7 +273,7 @@ class DaskEngine(Engine):
         # Not `scheduler_info`: the client's own refresh may put an answer without workers in its
         # place.
         answer = self._ask("identity", n_workers=-1, callback_timeout=SCHEDULER_TIMEOUT)
-        present: dict[str, Any] = answer["workers"]
+        present: Json = answer["workers"]
         # A new worker may get the port of an old one.
         self._retired = {
             address: retired
@@ -319,7 +320,7 @@ class DaskEngine(Engine):
                 text = f"a worker (process {pid}) was stopped while it started: it is killed"
                 self._record.event("stopped", text, process=pid)
 
-    def _update(self, address: str, facts: dict[str, Any]) -> None:
+    def _update(self, address: str, facts: Json) -> None:
         """Prepare a worker that is new; replace one that Dask paused."""
         if address not in self._workers:
             self._workers[address] = Worker(

@@ -44,12 +44,11 @@ def open_engine(
     """
     if scheduler is None:
         check_workers(workers)
-    start = time.monotonic()
-    events = WorkerRecord(progress, None if record is None else Path(record))
-    if scheduler is None:
         cluster = local_cluster(workers, memory)
     else:
         cluster = remote_cluster(scheduler)
+    start = time.monotonic()
+    events = WorkerRecord(progress, None if record is None else Path(record))
     with quiet_logs(), cluster as client:
         engine = DaskEngine(client, events, is_local=scheduler is None, module=module)
         engine.wait_until_ready(workers if scheduler is None else 1)

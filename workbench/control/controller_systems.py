@@ -108,11 +108,9 @@ class TailController(LeafSystem):
         self._steering = self.DeclareVectorInputPort("steering_angle", STEERING_ANGLE.size)
         self._memory = DiscreteVector(self, law.start())
         self._pitch_command = DiscreteVector(
-            self, np.zeros(TAIL_COMMAND.size), output="tail_pitch_command"
+            self, TAIL_COMMAND.zeros(), output="tail_pitch_command"
         )
-        self._roll_command = DiscreteVector(
-            self, np.zeros(TAIL_COMMAND.size), output="tail_roll_command"
-        )
+        self._roll_command = DiscreteVector(self, TAIL_COMMAND.zeros(), output="tail_roll_command")
         self._state = DiscreteVector(self, [0.0], output="state")
         if not idle:
             declare_ticks(self, law.rate, stage, self._tick)

@@ -3,13 +3,17 @@ limit.
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from aerodima.workbench.core.errors import UserError
 
+Json = dict[str, Any]
+"""A JSON object."""
+Facts = Mapping[str, Any]
+"""A JSON object that is read only."""
 MAX_TEXT = 32 * 2**20
 """Size of the largest scenario, mapping or other text that is read at once, bytes."""
 _MAX_REASON = 300

@@ -45,6 +45,10 @@ class PortFields:
             *(values.tolist() if isinstance(values, np.ndarray) else map(float, values))
         )
 
+    def zeros(self) -> FloatArray:
+        """Make a vector (size,) of zeros."""
+        return np.zeros(self.size)
+
     def write(self, **values: float) -> FloatArray:
         """Write a vector (size,) from one keyword per field; TypeError names a missing one."""
         return np.array(self._tuple(**values), dtype=float)

@@ -16,7 +16,7 @@ import pandas as pd
 
 from aerodima.workbench.core.array_types import FloatArray, IntArray
 from aerodima.workbench.core.errors import LogError
-from aerodima.workbench.core.file_reading import reading
+from aerodima.workbench.core.file_reading import Json, reading
 from aerodima.workbench.logs.foreign_files import (
     ForeignLog,
     joined,
@@ -39,7 +39,7 @@ from aerodima.workbench.logs.mapping import (
     known_columns,
     unit_factor,
 )
-from aerodima.workbench.logs.schema import Json, RunLog, run_log_from_metadata, run_metadata
+from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 from aerodima.workbench.logs.signals import (
     GAP_FACTOR,
     UNWRAPPED,

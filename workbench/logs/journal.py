@@ -23,10 +23,10 @@ from numpy.typing import ArrayLike
 
 from aerodima.workbench.core.atomic_write import make_folder, refuse_existing
 from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.core.file_reading import Facts
 from aerodima.workbench.logs.journal_frames import END, HEAD, ROWS, make_frame, read_content
 from aerodima.workbench.logs.schema import (
     METADATA_KEY,
-    Facts,
     RunLog,
     decode_metadata,
     encode_metadata,

@@ -23,9 +23,10 @@ from pydrake.systems.primitives import VectorLogSink
 
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.event_order import nominal_time, row_period
+from aerodima.workbench.core.file_reading import Facts
 from aerodima.workbench.core.port_wiring import vector_of
 from aerodima.workbench.logs.journal import JournalWriter
-from aerodima.workbench.logs.schema import Facts, RunLog, run_log_from_metadata
+from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata
 from aerodima.workbench.logs.signals import RowUnwrapper
 from aerodima.workbench.scenario.signal_table import TIME, Column, names_of
 

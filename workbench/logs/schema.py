@@ -26,7 +26,7 @@ from pydantic import BaseModel, ConfigDict, field_validator
 
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
-from aerodima.workbench.core.file_reading import reading
+from aerodima.workbench.core.file_reading import Facts, Json, reading
 from aerodima.workbench.core.yaml_files import checked
 from aerodima.workbench.scenario.signal_table import (
     CAR_TRUTH,
@@ -39,10 +39,6 @@ from aerodima.workbench.scenario.signal_table import (
 
 SCHEMA = "aerodima/run-log/1"
 METADATA_KEY = b"aerodima"
-Json = dict[str, Any]
-"""A JSON object."""
-Facts = Mapping[str, Any]
-"""A JSON object that is read only."""
 _TAIL_TRUTH = frozenset(names_of(CAR_TRUTH["tail_truth"]))
 PLANT_RUN = "plant_run"
 """Kind of a log that `observe` wrote: of any plant, with the columns of

@@ -22,7 +22,7 @@ from matplotlib.patches import Patch, Polygon, Rectangle
 from matplotlib.ticker import FixedLocator
 
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.logs.schema import Json
+from aerodima.workbench.core.file_reading import Json
 
 _PIXELS_PER_INCH = 82
 """Pixels of a panel per inch of the figure."""

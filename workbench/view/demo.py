@@ -23,8 +23,9 @@ from aerodima.workbench.batch.row_store import (
 )
 from aerodima.workbench.core.atomic_write import make_folder
 from aerodima.workbench.core.errors import LogError, UserError
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.logs.journal import journal_path
-from aerodima.workbench.logs.schema import Json, read_run_log, software_versions
+from aerodima.workbench.logs.schema import read_run_log, software_versions
 from aerodima.workbench.metrics.published_values import flip_bracket
 from aerodima.workbench.metrics.run_summary import MODE_WORDS, RunSummary, published_for, summarise
 from aerodima.workbench.scenario.scenario import load_scenario

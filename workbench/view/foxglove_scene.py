@@ -15,8 +15,9 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from scipy.spatial import ConvexHull
 
 from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.logs.exporters import SceneMessage, stamp_of
-from aerodima.workbench.logs.schema import Json, RunLog
+from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.view.force_arrows import (
     HEAD_LENGTH,
     HEAD_RADIUS,

@@ -18,6 +18,7 @@ from aerodima.workbench.control.controller_systems import TailController, TurnDr
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.atomic_write import refuse_existing
 from aerodima.workbench.core.errors import LogError, UserError
+from aerodima.workbench.core.file_reading import Facts, Json
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.logs.recorder import (
     LogSink,
@@ -31,8 +32,6 @@ from aerodima.workbench.logs.recorder import (
 from aerodima.workbench.logs.schema import (
     METADATA_KEY,
     PLANT_RUN,
-    Facts,
-    Json,
     RunLog,
     decode_metadata,
     encode_metadata,

@@ -12,9 +12,10 @@ from typing import Any
 
 from aerodima.workbench.core.atomic_write import refuse_existing
 from aerodima.workbench.core.errors import LogError, UserError
+from aerodima.workbench.core.file_reading import Facts, Json
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.core.text_table import value_rows
-from aerodima.workbench.logs.schema import PLANT_RUN, TAIL_LAW, Facts, Json, RunLog
+from aerodima.workbench.logs.schema import PLANT_RUN, TAIL_LAW, RunLog
 from aerodima.workbench.metrics.run_summary import metrics_of_runs, of_plants
 from aerodima.workbench.view.captions import readings, run_caption
 from aerodima.workbench.view.force_arrows import AIR_COLOUR, WHEEL_COLOUR, WHEEL_SCALE, Colour

@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.file_reading import Facts, Json
 from aerodima.workbench.logs.mapping import unit_in_name
-from aerodima.workbench.logs.schema import Facts, Json
 from aerodima.workbench.view.chart_panels import NoChartError, chart_panels
 from aerodima.workbench.view.figure_style import png
 

@@ -16,8 +16,9 @@ import numpy as np
 from aerodima.workbench.car.turn_signals import turn_window
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.logs.mapping import unit_in_name
-from aerodima.workbench.logs.schema import PLANT_RUN, Json, RunLog
+from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
 from aerodima.workbench.metrics.run_summary import tails_of
 from aerodima.workbench.scenario.signal_table import (
     CAR_PORTS,

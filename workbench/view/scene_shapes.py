@@ -30,7 +30,7 @@ from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia, world_i
 
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
-from aerodima.workbench.logs.schema import Facts, Json
+from aerodima.workbench.core.file_reading import Facts, Json
 
 MAX_POINTS = 200
 """Points of the hull that stands for a mesh."""

@@ -33,9 +33,9 @@ from aerodima.workbench.car.ground_truth import (
 )
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.port_wiring import add_and_connect, vector_of
 from aerodima.workbench.logs.recorder import Signals, output_ports, signals_of
-from aerodima.workbench.logs.schema import Json
 from aerodima.workbench.metrics.run_summary import TAILS
 from aerodima.workbench.scenario.signal_table import CAR_TRUTH, PLANT_POSITION_PREFIX, names_of
 from aerodima.workbench.view.force_arrows import (
