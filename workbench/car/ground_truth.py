@@ -148,7 +148,7 @@ class PlantTruth(_Kinematics):
     def _declare_tail(self, tail: Any) -> None:
         wrench_port = self.DeclareVectorInputPort(tail.get_name(), 9)
         body = tail.body.index()
-        root = np.asarray(tail.layout.p_BoRo_B)
+        root: Any = np.array(tail.layout.p_BoRo_B)
         tip = tail.layout.p_BoTip_B
 
         def calc(context: Context, output: BasicVector) -> None:
@@ -156,7 +156,7 @@ class PlantTruth(_Kinematics):
             X_WB = self._plant.EvalBodyPoseInWorld(
                 self._kinematics_at(context), self._plant.get_body(body)
             )
-            ends = [X_WB.multiply(place) for place in (root, tip)]
+            ends = (X_WB.multiply(root), X_WB.multiply(tip))
             output.SetFromVector(
                 np.concatenate([force, moment + cross(p_WBo.tolist(), force.tolist()), *ends])
             )
