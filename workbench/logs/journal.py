@@ -330,7 +330,8 @@ class JournalWriter:
 def _sync_disk(descriptor: int, answer: Future[None]) -> None:
     """Asks the disk to keep a file, and hands over what it answers."""
     try:
-        answer.set_result(os.fsync(descriptor))
+        os.fsync(descriptor)
+        answer.set_result(None)
     except OSError as error:
         answer.set_exception(error)
 
