@@ -168,7 +168,6 @@ class RunJournal(JournalWriter):
             self.path = path
             self._remove()
             self._writer = 0
-            self._syncing.shutdown(wait=False)
             with contextlib.suppress(OSError):  # somebody closed it
                 self._file.close()
             return path

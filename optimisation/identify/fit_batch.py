@@ -80,9 +80,9 @@ def fit_logs(
     versions = json.dumps(software_versions(), sort_keys=True)
     keys = {name: _key(name, versions) for name in names}
     identity = {"settings": settings}
-    head, *rows = read_rows(out / JOURNAL) or [identity]
-    if head != json.loads(json.dumps(identity)):
-        force = force or not any(row.get("result") for row in rows)
+    lines = read_rows(out / JOURNAL) or [identity]
+    if lines[0] != json.loads(json.dumps(identity)):
+        force = force or not any(line.get("result") for line in lines)
     with RowStore(out / JOURNAL, identity, force=force, error=FitError) as store:
         done = {name: store.rows[key] for name, key in keys.items() if key in store.rows}
         missing = [name for name in names if name not in done]
@@ -106,10 +106,14 @@ def fit_logs(
                 progress=progress,
                 record=out / WORKER_RECORD,
             )
-    lines = [done[name] for name in names]
+    outcomes = [done[name] for name in names]
     return BatchResult(
-        [_RESULT.validate_python(line["result"]) for line in lines if line["result"] is not None],
-        {line["log"]: line["error"] for line in lines if line["error"]},
+        [
+            _RESULT.validate_python(line["result"])
+            for line in outcomes
+            if line["result"] is not None
+        ],
+        {line["log"]: line["error"] for line in outcomes if line["error"]},
         reused,
     )
 

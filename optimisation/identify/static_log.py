@@ -258,8 +258,8 @@ def _readings(log: RunLog, time: FloatArray) -> tuple[dict[str, FloatArray], lis
 def _mean_current(
     log: RunLog, hold: np.ndarray, scenario: RigScenario, warnings: list[str]
 ) -> tuple[float, float]:
-    """Average the logged current of the hold and the deviation of its error, NaN without a usable
-    one; it is not fitted.
+    """Return the mean of the logged current of the hold, with the deviation of its error, NaN
+    without a usable one; it is not fitted.
     """
     unusable = (math.nan, math.nan)
     if CURRENT not in log.table.columns:
@@ -279,8 +279,8 @@ def _mean_current(
 def _mean_rate(
     log: RunLog, time: FloatArray, hold: np.ndarray, count: float
 ) -> tuple[float, float]:
-    """Average the speed of the hold, with the deviation of its error: half a count at either end,
-    over its length.
+    """Return the mean speed of the hold, with the deviation of its error: half a count at either
+    end, over its length.
     """
     times = time[hold]
     length = float(times[-1] - times[0])

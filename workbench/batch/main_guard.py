@@ -27,7 +27,11 @@ def refuse_unguarded_script() -> None:
     if script is None or frame is None or not Path(script).is_file():
         return
     line = frame.f_lineno
-    if not any(block.start <= line < block.stop for block in _guarded_lines(Path(script))):
+    try:
+        blocks = _guarded_lines(Path(script))
+    except (SyntaxError, ValueError):  # compiled: no source text
+        return
+    if not any(block.start <= line < block.stop for block in blocks):
         raise UserError(
             f"{script}, line {line}: starts worker processes, which run the script again; put this "
             f"line, and what else is to run once, below {_GUARD}"

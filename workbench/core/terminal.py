@@ -7,23 +7,27 @@ A terminal that is stopped (Ctrl-S) or a reader that no longer reads would hold 
 
 import atexit
 import os
+import select
 import stat
 import sys
 import threading
 import time
+from contextlib import suppress
 
 _LAST_WAIT = 2.0
 """Longest wait for a reader at the end of the program, s."""
 _POLL_PERIOD = 0.02
 """Time between two attempts to write then, s."""
+_CHUNK = 128
+"""Bytes that a terminal or a socket takes at once when it says that it takes some."""
 _FLAGS = os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY
 _waiting = {"stdout": b"", "stderr": b""}
 _lock = threading.RLock()
 
 
 def say(text: str, err: bool = False) -> None:
-    """Writes a line to stdout or stderr and returns at once; one whose reader has gone is
-    dropped.
+    """Writes a line to stdout or stderr and returns at once; one whose reader has gone, or
+    whose disk is full, is dropped.
     """
     name = "stderr" if err else "stdout"
     with _lock:
@@ -56,21 +60,35 @@ def _write(name: str) -> None:
     _waiting[name] = b""
     try:
         number = stream.fileno()
-        if stat.S_ISREG(os.fstat(number).st_mode):
-            raise ValueError("a file takes everything, at its own place")
-        number = os.open(f"/proc/self/fd/{number}", _FLAGS)
-    except (OSError, ValueError, AttributeError):  # memory, or a system without this way
+    except (OSError, ValueError, AttributeError):  # memory
         print(data.decode(), end="", file=stream, flush=True)
         return
-    try:
-        while data:
-            data = data[os.write(number, data) :]
-    except BlockingIOError:
-        _waiting[name] = data
-    except OSError:  # the reader has gone
-        pass
-    finally:
-        os.close(number)
+    with suppress(OSError):  # the reader has gone, or the disk is full
+        if stat.S_ISREG(os.fstat(number).st_mode):  # takes everything, at its own place
+            stream.flush()
+            os.write(number, data)
+            return
+        try:
+            opened = os.open(f"/proc/self/fd/{number}", _FLAGS)
+        except OSError:  # a socket, the terminal of another user, a system without this way
+            _waiting[name] = _write_while_ready(number, data)
+            return
+        try:
+            while data:
+                data = data[os.write(opened, data) :]
+        except BlockingIOError:
+            _waiting[name] = data
+        finally:
+            os.close(opened)
+
+
+def _write_while_ready(number: int, data: bytes) -> bytes:
+    """Writes what a blocking descriptor takes without a wait; returns the rest."""
+    poll = select.poll()
+    poll.register(number, select.POLLOUT)
+    while data and poll.poll(0):
+        data = data[os.write(number, data[:_CHUNK]) :]
+    return data
 
 
 atexit.register(await_reader)

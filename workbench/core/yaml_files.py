@@ -15,6 +15,8 @@ from aerodima.workbench.core.resources import models_dir
 ModelT = TypeVar("ModelT", bound=BaseModel)
 MAX_DEPTH = 100
 """Deepest nesting of mappings and lists; libyaml recurses, and ends the process at some 20,000."""
+MAX_REPEATED = 100_000
+"""Most values that the aliases of a file stand for; a few lines could stand for gigabytes."""
 
 
 class StrictModel(BaseModel):
@@ -83,7 +85,7 @@ def parse_yaml(text: str) -> Any:
 
     Raises:
         yaml.YAMLError: bad syntax, a key named twice, nested deeper than `MAX_DEPTH`, aliases
-            within what an alias repeats (a few lines would stand for gigabytes), a number of
+            that stand for more than `MAX_REPEATED` values or for what they are in, a number of
             thousands of digits, a date that is none.
     """
     _refuse_nesting(text)
@@ -101,15 +103,30 @@ def _refuse_nesting(text: str) -> None:
     longest = max(map(len, text.splitlines()), default=0)  # a level of a block takes a column
     if brackets + longest < 10 * MAX_DEPTH and "*" not in text:
         return
-    anchors: list[bool] = []
+    anchored: dict[str | None, tuple[int, int]] = {}  # values, and levels of them
+    open_parts: list[tuple[str | None, int, int]] = [(None, 0, 0)]
+    repeated = 0
     for event in yaml.parse(text, Loader=yaml.CSafeLoader):
+        values = levels = 0
         if isinstance(event, yaml.CollectionStartEvent):
-            anchors.append(event.anchor is not None)
+            open_parts.append((event.anchor, 1, 1))
+            anchored[event.anchor] = (MAX_REPEATED + 1, 0)  # within itself it has no end
         elif isinstance(event, yaml.CollectionEndEvent):
-            anchors.pop()
-        if len(anchors) > MAX_DEPTH or (isinstance(event, yaml.AliasEvent) and any(anchors)):
-            limit = f"more than {MAX_DEPTH} levels, or an alias within an anchor"
-            raise yaml.YAMLError(f"{limit}{event.start_mark}")
+            anchor, values, levels = open_parts.pop()
+            anchored[anchor] = (values, levels)
+        elif isinstance(event, yaml.AliasEvent):
+            values, levels = anchored.get(event.anchor, (0, 0))
+            repeated += values
+        elif isinstance(event, yaml.ScalarEvent):
+            values = 1
+            anchored[event.anchor] = (1, 0)
+        anchor, values_before, levels_before = open_parts[-1]
+        open_parts[-1] = (anchor, values_before + values, max(levels_before, levels + 1))
+        if repeated > MAX_REPEATED:
+            reason = f"aliases that stand for more than {MAX_REPEATED} values"
+            raise yaml.YAMLError(f"{reason}{event.start_mark}")
+        if len(open_parts) - 1 + levels > MAX_DEPTH:
+            raise yaml.YAMLError(f"more than {MAX_DEPTH} levels{event.start_mark}")
 
 
 def require_mapping(data: Any, where: str, error: type[UserError]) -> dict[str, Any]:

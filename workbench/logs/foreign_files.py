@@ -235,7 +235,8 @@ def read_mat(path: Path) -> ForeignLog:
     for name, value in leaves.items():
         kind = "O" if isinstance(value, list) else np.asarray(value).dtype.kind
         if kind not in "fiub":
-            unreadable[name] = "text" if kind in "US" else _OBJECT
+            reasons = {"U": "text", "S": "text", "c": "complex numbers; save their parts"}
+            unreadable[name] = reasons.get(kind, _OBJECT)
         elif np.squeeze(value).ndim > 2:
             unreadable[name] = f"an array of {np.shape(value)} is no table of channels"
         else:

@@ -225,7 +225,8 @@ def _times(
     try:
         check_time(time[rows], name)
     except LogError as error:
-        raise LogError(f"{foreign.path}: {error}{_EQUAL_TIMES}") from None
+        remedy = _EQUAL_TIMES if np.any(time[rows][1:] == time[rows][:-1]) else ""
+        raise LogError(f"{foreign.path}: {error}{remedy}") from None
     return time[rows], rows
 
 

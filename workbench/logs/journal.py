@@ -10,9 +10,10 @@ batch that is whole is found (`journal_frames`), and `recover` turns them into a
 import errno
 import fcntl
 import os
+import threading
 import time
 from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -127,7 +128,6 @@ class JournalWriter:
         self._run = os.urandom(8)
         self._copy = bytearray()
         self._open_file()
-        self._syncing = ThreadPoolExecutor(max_workers=1, thread_name_prefix="journal")
         self._sync: Future[None] | None = None
         self._sync_interval = sync_interval
         now = time.monotonic()
@@ -172,13 +172,16 @@ class JournalWriter:
         return self._writer == os.getpid()
 
     def check(self, size: int = _CHECKED) -> None:
-        """Compares the last `size` bytes with the copy; writes again, with a note, what others
-        changed.
+        """Compares the last `size` bytes with the copy; writes all of it again, with a note, if
+        others changed them.
+
+        Raises:
+            OSError: the disk does not take it.
         """
         content = self._copy[-size:]
         place = len(self._copy) - len(content)
         if os.pread(self._file.fileno(), len(content), place) != content:
-            os.pwrite(self._file.fileno(), content, place)
+            self._write_at(0, self._copy)
             self.note(f"{self.journal}: changed by somebody else; it is written again, all rows")
 
     def close(self) -> Path:
@@ -282,9 +285,12 @@ class JournalWriter:
 
     def _write_frame(self, kind: bytes, content: bytes = b"") -> None:
         frame = make_frame(kind, self._run, self.rows, content)
-        if os.pwrite(self._file.fileno(), frame, len(self._copy)) != len(frame):
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        self._write_at(len(self._copy), frame)
         self._copy += frame
+
+    def _write_at(self, place: int, content: bytes | bytearray) -> None:
+        if os.pwrite(self._file.fileno(), content, place) != len(content):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def _write_batch(self) -> None:
         self._flush_due = time.monotonic() + self._flush_interval
@@ -299,13 +305,16 @@ class JournalWriter:
             return
         if self._sync is not None:
             self._sync.result()
-        self._sync = self._syncing.submit(os.fsync, self._file.fileno())
+        self._sync = Future()
+        # a daemon: a disk that never answers must not hold up the end of the program
+        threading.Thread(
+            target=_sync_disk, args=(self._file.fileno(), self._sync), name="journal", daemon=True
+        ).start()
         self._sync_due = time.monotonic() + self._sync_interval
 
     def _end(self) -> str:
         """Writes the end mark and waits for the disk; returns, and notes, what it did not take."""
         self._writer = 0
-        self._syncing.shutdown(wait=False)
         try:
             self.check(len(self._copy))
             self._write_frame(END)
@@ -316,6 +325,15 @@ class JournalWriter:
             self.note(failure)
             return failure
         return ""
+
+
+def _sync_disk(descriptor: int, answer: Future[None]) -> None:
+    """Asks the disk to keep a file, and hands over what it answers."""
+    try:
+        os.fsync(descriptor)
+        answer.set_result(None)
+    except OSError as error:
+        answer.set_exception(error)
 
 
 def read_journal(path: Path | str) -> tuple[pa.Table, list[str]]:

@@ -61,7 +61,7 @@ def read_content(journal: bytes | bytearray, source: str) -> tuple[pa.Table, lis
     schema: pa.Schema | None = None
     identity = b""
     place = rows = 0
-    kind = b""
+    last_kind = b""
     blocks: list[np.ndarray] = []
     for begin, end in _whole_frames(view, journal):
         kind, run, rows_before, _ = _START.unpack_from(view, begin)
@@ -72,12 +72,13 @@ def read_content(journal: bytes | bytearray, source: str) -> tuple[pa.Table, lis
             identity = run
         if schema is None or run != identity or rows_before < rows * (kind != HEAD):
             continue  # of another run, or copied from elsewhere in the file
-        if begin > place:
+        if begin > place or rows_before > rows:
             lost = max(rows_before - rows, 0)
             damage.append(
                 f"bytes {place} to {begin} are damaged: {lost} rows after row {rows} are lost"
             )
         place = end + 4
+        last_kind = kind
         if kind == ROWS:
             blocks.append(np.frombuffer(content).reshape(-1, len(schema)))
             rows = rows_before + len(blocks[-1])
@@ -85,7 +86,7 @@ def read_content(journal: bytes | bytearray, source: str) -> tuple[pa.Table, lis
         raise LogError(f"{source}: cut off or damaged in its head; nothing to rescue")
     if place < len(journal):
         damage.append(f"bytes {place} to {len(journal)} are damaged or cut off")
-    if kind != END:
+    if last_kind != END:
         damage.append(_CUT_OFF)
     columns = [np.concatenate([[], *(block[:, i] for block in blocks)]) for i in range(len(schema))]
     return pa.table(columns, schema=schema), damage

@@ -107,6 +107,16 @@ def test_a_damaged_journal_costs_only_the_damaged_lines(springs, tmp_path, damag
         assert rates(again) == [1000.0, 1100.0, 1200.0]
 
 
+def test_a_single_result_without_its_head_is_not_dropped_unsaid(springs, tmp_path):
+    journal = tmp_path / "fits" / "fits.jsonl"
+    fits = partial(fit_logs, fit_line_file, springs[:1], journal.parent, settings={})
+    fits()
+    row = journal.read_text().splitlines()[-1]
+    journal.write_text(f"{row}\n")
+    assert_refused(fits, FitError, str(journal))
+    assert journal.read_text() == f"{row}\n"
+
+
 def test_fits_of_another_version_are_made_again(springs, tmp_path, monkeypatch):
     fits = partial(fit_logs, fit_line_file, springs, tmp_path / "fits", settings={})
     fits()

@@ -1,5 +1,6 @@
 """Scripts that start workers: refused without a main guard, before any process is started."""
 
+import py_compile
 import subprocess
 import sys
 
@@ -27,6 +28,14 @@ def run_script(path, text):
     return subprocess.run(
         command, cwd=path.parent.parent, capture_output=True, text=True, timeout=300, check=False
     )
+
+
+def test_a_compiled_script_shows_no_guard_and_is_not_refused(tmp_path):
+    script = tmp_path / "study.py"
+    check = "aerodima.workbench.batch.main_guard import refuse_unguarded_script"
+    script.write_text(f"from {check}\nrefuse_unguarded_script()\n")
+    compiled = py_compile.compile(str(script), str(tmp_path / "study.pyc"))
+    subprocess.run([sys.executable, compiled], timeout=300, check=True)
 
 
 @pytest.mark.parametrize("ending", ["main()\n", THREADED])

@@ -233,10 +233,13 @@ def test_no_row_of_a_file_without_a_line_of_names_is_lost(tmp_path):
 
 def test_channels_in_rows_are_columns_and_what_is_no_number_is_listed(tmp_path):
     """As Simulink's To File writes rows; JSON has NaN as text."""
-    savemat(tmp_path / "log.mat", {"F": foreign().to_numpy().T, "cube": np.ones((2, 2, 2))})
+    savemat(
+        tmp_path / "log.mat", {"F": foreign().to_numpy().T, "cube": np.ones((2, 2, 2)), "z": [1j]}
+    )
     log = read_foreign_log(tmp_path / "log.mat", CsvFormat())
     assert np.array_equal(np.transpose(list(log.columns.values())), foreign())
-    assert [*log.unreadable] == ["cube"]
+    assert [*log.unreadable] == ["cube", "z"]
+    assert "complex" in log.unreadable["z"]
     row = {"v": [1.0, "NaN"], "on": True, "note": "start"}
     write_mcap(tmp_path / "log.mcap", [("/i", 0.0, row), ("/i", 1.0, row | {"v": [2, 3]})])
     log = read_foreign_log(tmp_path / "log.mcap", CsvFormat())
@@ -256,6 +259,10 @@ def test_one_of_rows_with_equal_times_counts_if_the_mapping_says_which(tmp_path)
         imported = import_log(path, mapping.model_copy(update={"time": time}))
         assert_told(imported.findings[0], "t", None, "1 row")
         assert np.array_equal(imported.run_log.signal("force_y_n"), table.Fy.drop(dropped))
+    back = write_csv(tmp_path, foreign().iloc[[0, 2, 1]])
+    with pytest.raises(LogError, match="not increasing in row 3") as refusal:
+        import_log(back, mapping)
+    assert "repeated" not in str(refusal.value)
 
 
 def test_dates_are_times(tmp_path):

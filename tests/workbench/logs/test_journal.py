@@ -1,6 +1,8 @@
 import contextlib
 import errno
+import itertools
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -232,17 +234,53 @@ def test_no_flipped_bit_gives_a_wrong_value_or_goes_unsaid(tmp_path):
     assert list(rescue.damage) == read_run_log(rescue.path).extra["journal_notes"] == damage
 
 
+def test_no_frame_that_is_missing_or_doubled_costs_or_gives_rows_unsaid(tmp_path):
+    content = written(tmp_path / "run.parquet", 40, rows_per_batch=10).abandon().read_bytes()
+    other = written(tmp_path / "other.parquet", 3).abandon().read_bytes()
+    changed = tmp_path / "changed.journal"
+    borders = [*re.finditer(rb"\x89AJ1", content)]
+    borders = [*(border.start() for border in borders), len(content)]
+    for begin, end in itertools.pairwise(borders):
+        for times in (0, 2):
+            changed.write_bytes(content[:begin] + times * content[begin:end] + content[end:])
+            table, damage = read_journal(changed)
+            rows = table.to_pandas().to_numpy()
+            numbers = np.rint(100.0 * rows[:, 0]).astype(int)
+            assert_array_equal(rows, expected(40)[numbers])
+            assert np.all(np.diff(numbers) > 0)
+            assert damage or len(rows) == 40
+    changed.write_bytes(content[: borders[-2]] + other[other.rindex(b"\x89AJ1") :])
+    assert "not ended in order" in read_journal(changed)[1][-1]
+
+
 @pytest.mark.parametrize("left", [0.0, 0.5, 0.99])
-def test_what_others_do_to_the_journal_costs_no_row_and_stands_in_the_log(tmp_path, left):
+@pytest.mark.parametrize("compared", [100, 4_000_000])
+def test_what_others_do_to_the_journal_costs_no_row_and_stands_in_the_log(tmp_path, left, compared):
     journal = written(tmp_path / "run.parquet", 40, rows_per_batch=4)
     for rows in (40, 80):
         os.truncate(journal.journal, int(left * journal.journal.stat().st_size))
-        journal.check()
+        journal.check(compared)
         assert read_journal(journal.journal)[0].num_rows == journal.rows > rows - 10
         fill(journal, rows, rows + 40)
     run = read_run_log(journal.close())
     assert_rows(run.table, 120)
     assert str(journal.journal) in run.extra["journal_notes"][0]
+
+
+def test_a_disk_that_never_answers_does_not_hold_up_the_end_of_the_program(tmp_path):
+    program = textwrap.dedent(
+        """
+        import os, sys, threading
+        from aerodima.workbench.logs.journal import JournalWriter
+        from aerodima.workbench.logs.schema import run_metadata
+        os.fsync = lambda _: threading.Event().wait()
+        metadata = run_metadata({"name": "bench"}, seed=3, kind="bench_run")
+        journal = JournalWriter(sys.argv[1], ("time_s",), metadata, sync_interval=0.0)
+        journal.append([0.0])
+        """
+    )
+    command = [sys.executable, "-c", program, str(tmp_path / "run.parquet")]
+    subprocess.run(command, cwd=Path(__file__).parents[3], timeout=60.0, check=True)
 
 
 def test_a_second_writer_is_refused_also_with_force_and_the_first_loses_nothing(tmp_path):

@@ -6,6 +6,7 @@ import math
 import pytest
 
 from aerodima.workbench.core.errors import ScenarioError, UserError
+from aerodima.workbench.core.yaml_files import parse_yaml
 from aerodima.workbench.scenario.scenario import (
     SECTIONS,
     Scenario,
@@ -22,6 +23,10 @@ RATES = (
     ("simulation", "log_rate"),
 )
 """Of what is sampled, in section and key; none may be faster than the plant steps, 500 Hz."""
+LAUGHS = "a0: &a0 [1]\n" + "".join(
+    f"a{n}: &a{n} [{', '.join(9 * [f'*a{n - 1}'])}]\n" for n in range(1, 7)
+)
+"""A few lines that stand for 9 to the 6th values."""
 
 
 def test_every_shipped_scenario_resolves():
@@ -142,7 +147,9 @@ def test_values_at_the_edge_of_what_is_refused_are_taken():
         (b"\xff\xfe\x00", ()),
         ("[" * 30_000, ("column 101",)),
         ("car: {mass: " + 5000 * "9" + "}", ("5000 digits",)),
-        ("a: &a [1]\nb: &b [*a, *a]", ("alias",)),
+        (LAUGHS, ("alias", "100000 values")),
+        ("a: &a [*a]", ("alias",)),
+        (f"a: &a {60 * '['}{60 * ']'}\nb: {60 * '['}*a{60 * ']'}", ("100 levels",)),
         ("car: {mass: 5.0}\ncar: {mass: 7.0}\n", ("car",)),
         ("car: {mass: 5.0, com_x: 0.1, mass: 7.0}\n", ("mass",)),
         ("1: {a: 2}\n", (": 1:",)),
@@ -155,6 +162,11 @@ def test_file_that_is_no_scenario_is_named(tmp_path, content, named):
     if content is not None:
         path.write_bytes(content if isinstance(content, bytes) else content.encode())
     assert_refused(lambda: load_scenario(path), ScenarioError, str(path), *named)
+
+
+def test_an_anchored_mapping_may_take_over_another():
+    text = "b: &b {x: 1, y: 1}\nc: &c {<<: *b, x: 2}\nd: {<<: *c, y: 3}"
+    assert parse_yaml(text)["d"] == {"x": 2, "y": 3}
 
 
 def test_a_file_without_end_is_not_read_to_its_end():
