@@ -15,8 +15,9 @@ from aerodima.workbench.core.resources import models_dir
 ModelT = TypeVar("ModelT", bound=BaseModel)
 MAX_DEPTH = 100
 """Deepest nesting of mappings and lists; libyaml recurses, and ends the process at some 20,000."""
-MAX_REPEATED = 100_000
-"""Most values that the aliases of a file stand for; a few lines could stand for gigabytes."""
+MAX_NESTED_ALIASES = 20
+"""Most aliases within what other aliases repeat; 20 can stand for 1,600 times the text, and a few
+lines more for gigabytes."""
 
 
 class StrictModel(BaseModel):
@@ -84,9 +85,9 @@ def parse_yaml(text: str) -> Any:
     """Parse YAML text.
 
     Raises:
-        yaml.YAMLError: bad syntax, a key named twice, nested deeper than `MAX_DEPTH`, aliases
-            that stand for more than `MAX_REPEATED` values or for what they are in, a number of
-            thousands of digits, a date that is none.
+        yaml.YAMLError: bad syntax, a key named twice, nested deeper than `MAX_DEPTH`, more
+            than `MAX_NESTED_ALIASES` aliases within anchors, a number of thousands of digits, a
+            date that is none.
     """
     _refuse_nesting(text)
     try:
@@ -103,30 +104,20 @@ def _refuse_nesting(text: str) -> None:
     longest = max(map(len, text.splitlines()), default=0)  # a level of a block takes a column
     if brackets + longest < 10 * MAX_DEPTH and "*" not in text:
         return
-    anchored: dict[str | None, tuple[int, int]] = {}  # values, and levels of them
-    open_parts: list[tuple[str | None, int, int]] = [(None, 0, 0)]
-    repeated = 0
+    anchors: list[bool] = []
+    nested_aliases = 0
     for event in yaml.parse(text, Loader=yaml.CSafeLoader):
-        values = levels = 0
         if isinstance(event, yaml.CollectionStartEvent):
-            open_parts.append((event.anchor, 1, 1))
-            anchored[event.anchor] = (MAX_REPEATED + 1, 0)  # within itself it has no end
+            anchors.append(event.anchor is not None)
         elif isinstance(event, yaml.CollectionEndEvent):
-            anchor, values, levels = open_parts.pop()
-            anchored[anchor] = (values, levels)
-        elif isinstance(event, yaml.AliasEvent):
-            values, levels = anchored.get(event.anchor, (0, 0))
-            repeated += values
-        elif isinstance(event, yaml.ScalarEvent):
-            values = 1
-            anchored[event.anchor] = (1, 0)
-        anchor, values_before, levels_before = open_parts[-1]
-        open_parts[-1] = (anchor, values_before + values, max(levels_before, levels + 1))
-        if repeated > MAX_REPEATED:
-            reason = f"aliases that stand for more than {MAX_REPEATED} values"
-            raise yaml.YAMLError(f"{reason}{event.start_mark}")
-        if len(open_parts) - 1 + levels > MAX_DEPTH:
+            anchors.pop()
+        elif isinstance(event, yaml.AliasEvent) and any(anchors):
+            nested_aliases += 1
+        if len(anchors) > MAX_DEPTH:
             raise yaml.YAMLError(f"more than {MAX_DEPTH} levels{event.start_mark}")
+        if nested_aliases > MAX_NESTED_ALIASES:
+            reason = f"more than {MAX_NESTED_ALIASES} aliases within anchors"
+            raise yaml.YAMLError(f"{reason}{event.start_mark}")
 
 
 def require_mapping(data: Any, where: str, error: type[UserError]) -> dict[str, Any]:
