@@ -98,7 +98,7 @@ class CarPorts(StrictModel):
     console: ConsoleDevice | None = None
     tail_pitch: MountedMotor = MountedMotor(motor_id=1)
     tail_roll: MountedMotor = MountedMotor(motor_id=2)
-    _file: str = PrivateAttr("ports.json")
+    _file: str = PrivateAttr("")
 
     @model_validator(mode="after")
     def _has_two_ids(self) -> CarPorts:
@@ -110,7 +110,7 @@ class CarPorts(StrictModel):
 
     @property
     def file(self) -> str:
-        """The file that they were read from, for messages."""
+        """The file that they were read from, for messages; empty for those of no file."""
         return self._file
 
     @property
@@ -147,7 +147,9 @@ def read_ports(path: str | Path | CarPorts) -> CarPorts:
     """
     if isinstance(path, CarPorts):
         return path
-    return ports_from_dict(read_json(Path(path), HardwareError), str(path))
+    ports = ports_from_dict(read_json(Path(path), HardwareError), str(path))
+    ports._file = str(path)
+    return ports
 
 
 def ports_from_dict(data: Any, where: str = "ports") -> CarPorts:
@@ -162,7 +164,6 @@ def ports_from_dict(data: Any, where: str = "ports") -> CarPorts:
             raise HardwareError(f"{where}: {name}.path: {path} is that of {names[path]} too")
         names[path] = name
     firmware_profile(ports.firmware_profile)
-    ports._file = where
     return ports
 
 

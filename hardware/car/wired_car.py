@@ -193,6 +193,10 @@ class WiredCar:
             return self.reading
         if devices.radio is not None:
             devices.radio.poll()
+        # A command may have been under way while another thread disarmed.
+        for motor in devices.group.motors:
+            if motor.state in ENERGISED and not self._released:
+                motor.set_exit(now)
         devices.group.step(now)
         if devices.group.port is not devices.teensy:
             devices.teensy.poll()

@@ -87,7 +87,7 @@ class RadioLink:
                 text += f" ({self.rejected} frames rejected: {self.last_error})"
             return SourceFault.NO_SAMPLE_YET, text
         if age > self._silent:
-            again = "; its heartbeat does not count upwards" if self._set_back else ""
+            again = "; its heartbeat does not count on from the last one" if self._set_back else ""
             return SourceFault.SILENT, f"the operator's radio is silent for {age:.2f} s{again}"
         return SourceFault.NONE, ""
 

@@ -30,7 +30,7 @@ from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import CarCommand, CarReading
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.driving.drive_limits import DriveLimits
-from aerodima.hardware.driving.loop_delay import is_silence, with_delay
+from aerodima.hardware.driving.loop_delay import least_delay, with_delay
 from aerodima.hardware.protocol.radio import OperatorPrompt, RadioMode
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.scenario.signal_table import TAIL_STATE
@@ -71,7 +71,7 @@ class CarGuard:
         reason: why the car stopped, empty before.
         hard: whether that reason was a hard one.
         stop_time: when that reason came, s; NaN before.
-        silent: the reason is a silence, which a computer that falls behind makes as well.
+        least_delay: of the computer that explains the reason, s; infinite where none does.
         left: the operator has left the mode and reported while the car was being stopped. One who
             falls silent then has not chosen to end the drive: the console sends a car to rest whose
             page has gone.
@@ -94,7 +94,7 @@ class CarGuard:
         self.reason = ""
         self.hard = False
         self.stop_time = math.nan
-        self.silent = False
+        self.least_delay = math.inf
         self.left = False
         self.reading = CarReading()
         self.lateness = 0.0
@@ -274,9 +274,10 @@ class CarGuard:
     def _judge(self, now: float) -> None:
         status = self.reading.named_status
         hard, reason = self._reason(self.reading)
-        silent = bool(reason) and is_silence(self.reading.status, self._has_tail)
-        if silent:
-            reason = with_delay(reason, max(self._delays))
+        least = math.inf
+        if reason:
+            least = least_delay(self.reading, self._has_tail)
+            reason = with_delay(reason, max(self._delays), least)
         fallen = self._limits.tilt(self.reading, now)
         fallen = fallen or self._limits.straight(self.reading, self._steering, now)
         speed = self._limits.too_fast(self.reading, now) or self._limits.blind(self.reading, now)
@@ -301,7 +302,7 @@ class CarGuard:
         stopped = status.operator_fault == SourceFault.STOPPED
         if reason and (self.stage in _LIVE or (stopped and self.stage is Stage.READY)):
             if not self.reason:
-                self.silent = silent
+                self.least_delay = least
             self.stop(reason, now, hard)
 
     def _reason(self, reading: CarReading) -> tuple[bool, str]:

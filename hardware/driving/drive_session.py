@@ -35,6 +35,7 @@ from aerodima.hardware.driving.drive_result import HOUR, DriveOptions, DriveResu
 from aerodima.hardware.driving.held_car import connect
 from aerodima.hardware.driving.interrupts import (
     TimedPilot,
+    end_time_limit,
     leave,
     stop_on_exit,
     stop_on_signals,
@@ -197,6 +198,7 @@ class DriveSession:
             if self.arm():
                 self.run()
         except HardwareError as error:
+            self._resources.close()
             if not self.signals:  # otherwise it follows from the signal
                 raise HardwareError(self._with_cause(str(error))) from None
         finally:
@@ -239,20 +241,21 @@ class DriveSession:
     def _stop_hard(self, reason: str) -> None:
         self._guard.stop(reason, time.monotonic(), hard=True)
 
-    def _give_up(self) -> None:
-        """Ends drive and program within a controller that catches every exception and goes on."""
+    def _give_up(self, cause: str) -> None:
+        """Ends drive and program within a controller that does not end, whatever interrupts it."""
+        guard = self._guard
         try:
-            self._stop_hard("the controller goes on after it was interrupted")
-            self._car.stop(self._guard.reason)
+            self._stop_hard(cause)
+            self._car.stop(guard.reason)
             if self._journal is not None:
-                guard = self._guard
-                facts = log_facts(guard.reason, math.nan, guard.cycle_times, guard.overruns)
+                stopped = guard.stop_time - (guard.cycle_times or [math.nan])[0]
+                facts = log_facts(guard.reason, stopped, guard.cycle_times, guard.overruns)
                 self._journal.add_facts(facts)
                 self._say(f"log: {self._journal.close()}")
         except LogError as error:
             self._say(str(error))
         finally:
-            self._say(f"error: the car was stopped: {self._guard.reason}")
+            self._say(f"error: the drive ends at once: {guard.reason}")
             self._say.flush()
             await_reader()
             leave(1)
@@ -283,6 +286,7 @@ class DriveSession:
         except UserError:
             raise
         except BaseException as error:  # SystemExit too: it would end the program with status 0
+            end_time_limit()
             text, reason = traceback_and_reason(error)
             self._say(text)
             raise HardwareError(f"the controller fails before the car is armed: {reason}") from None
@@ -311,17 +315,18 @@ class DriveSession:
             self._columns,
             self._say,
         )
+        drives = False
         try:
             if not self._options.dry_run:
                 self._mode = self._arm_motors()
-        except BaseException:
-            self._journal.discard()
-            raise
-        if not self.signals and not self._guard.finished:
-            return True
-        await_stop(self._guard)
-        self._journal.discard()
-        return False
+            drives = not self.signals and not self._guard.finished
+            if not drives:
+                await_stop(self._guard)
+        finally:
+            if not drives:
+                self._stop_car()  # first: a slow disk may hold up the rest
+                self._journal.discard()
+        return drives
 
     def _arm_motors(self) -> RadioMode:
         """Arms the motors of a car that stands still; returns the mode that the operator chose."""
@@ -359,8 +364,10 @@ class DriveSession:
             guard.stop(RUN_OVER, time.monotonic())
             await_stop(self._guard)
         except BaseException as error:
+            end_time_limit()
             self._stop_hard(f"{type(error).__name__}: {error}")
             self._car.stop(guard.reason)  # before anything else: writing a log may take its time
+            guard.hard = True  # though the operator may have ended the drive before
             # No signal raises: SystemExit and the like are the controller's, and end no program.
             text, guard.reason = traceback_and_reason(error)
             self._say(str(error) if isinstance(error, UserError) else text)
@@ -376,11 +383,9 @@ class DriveSession:
     def _with_cause(self, reason: str) -> str:
         """Returns the reason of a stop, once with the delay of an emulated car as its cause."""
         guard = self._guard
-        if not guard.silent:
-            return reason
-        guard.silent = False
         delay = emulator_delay(self._ports.teensy.path, guard.stop_time - _LATE_BEFORE)
-        return with_delay(reason, delay)
+        least, guard.least_delay = guard.least_delay, math.inf
+        return with_delay(reason, delay, least)
 
     def _make_pilot(self) -> Pilot:
         if self._mode is RadioMode.AUTO:
@@ -409,9 +414,9 @@ class DriveSession:
     def stop(self) -> None:
         """Switches the motors off, closes the devices, gives signals and scheduling back."""
         guard = self._guard
+        self._resources.close()
         guard.reason = self._with_cause(guard.reason)
         orderly = not guard.hard and (guard.reason == RUN_OVER or guard.left)
-        self._resources.close()
         self._say.flush()
         self.result = DriveResult(
             guard.reason,

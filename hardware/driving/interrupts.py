@@ -60,13 +60,13 @@ def stop_on_exit(stop: Callable[[str], None]) -> Iterator[None]:
 
 @contextmanager
 def stop_on_signals(
-    stop: Callable[[str], None], give_up: Callable[[], None]
+    stop: Callable[[str], None], give_up: Callable[[str], None]
 ) -> Iterator[list[int]]:
     """Calls `stop` with the name of a signal that ends a drive; yields the numbers that came.
 
-    Within the block SIGALRM raises `TickTimeout`, for `time_limit`, and calls `give_up` once that
-    was caught too often. A thread calls it for a tick that no signal reaches, as a controller that
-    blocks them, or waits in a library.
+    Within the block SIGALRM raises `TickTimeout`, for `time_limit`, and calls `give_up` with the
+    cause once that was caught too often. A thread calls it for a tick that no signal reaches, as a
+    controller that blocks them, or waits in a library.
     """
     numbers: list[int] = []
     over = threading.Event()
@@ -74,7 +74,7 @@ def stop_on_signals(
     def watch() -> None:
         while not over.wait(_WATCH_PERIOD):
             if any(time.monotonic() > deadline for deadline in list(_deadlines)):
-                give_up()
+                give_up("the controller does not come to an end")
                 return
 
     def handle(number: int, frame: FrameType | None) -> None:
@@ -83,10 +83,12 @@ def stop_on_signals(
         stop(signal.Signals(number).name)
 
     def interrupt(number: int, frame: FrameType | None) -> None:
+        if not _deadlines:  # the alarm of a tick that has ended
+            return
         _interrupts.append(number)
         if len(_interrupts) >= _MAX_INTERRUPTS:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
-            give_up()
+            give_up("the controller goes on after it was interrupted")
         raise TickTimeout("the controller does not come to an end")
 
     handlers = {number: signal.signal(number, handle) for number in _SIGNALS}
@@ -111,8 +113,15 @@ def time_limit(seconds: float) -> Iterator[None]:
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        _deadlines.clear()
+        end_time_limit()
+
+
+def end_time_limit() -> None:
+    """Ends the alarms and the deadline of a tick; whoever catches a `TickTimeout` calls it too, as
+    one may come just before the block's own end of them.
+    """
+    _deadlines.clear()  # first: an alarm that comes now raises nothing
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
 class TimedPilot(Pilot):

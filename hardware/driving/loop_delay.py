@@ -4,8 +4,11 @@ A loop or an emulator that is held up hears nothing meanwhile: motors and sensor
 are not.
 """
 
+import math
+
+from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.devices.device_states import MotorFault, SourceFault
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.hardware.protocol.teensy import SWITCHED_OFF, TeensyStatus
 from aerodima.workbench.scenario.signal_table import STATUS
 
 _UNHEARD = {
@@ -16,26 +19,33 @@ _UNHEARD = {
 }
 """Faults of a motor that a computer which falls behind makes as well."""
 _MIN_DELAY = 0.02
-"""Delay that a device may seem silent for, s: the motors' replies may be that old."""
+"""Delay that a motor may seem silent for, s: its replies may be that old."""
+_WATCHDOG_DELAY = 0.075
+"""Delay that the watchdog of the Teensy may have acted for, s: half its time-out."""
 
 
-def with_delay(reason: str, delay: float) -> str:
+def with_delay(reason: str, delay: float, least: float = _MIN_DELAY) -> str:
     """Returns the reason of a stop with the delay of the computer (s) that is its cause, if there
-    was one.
+    was one; `least`: of `least_delay`, s.
     """
-    if delay < _MIN_DELAY:
+    if delay < least:
         return reason
     return f"the computer fell behind by {delay * 1000:.0f} ms: {reason}"
 
 
-def is_silence(values: FloatArray, has_tail: bool) -> bool:
-    """Returns whether the faults of a status are such as a computer that falls behind makes."""
-    status = STATUS.read(values)
+def least_delay(reading: CarReading, has_tail: bool) -> float:
+    """Returns the least delay of the computer (s) that makes the faults of a reading: half the
+    age of what is silent. Infinite for faults that no delay makes.
+    """
+    status = STATUS.read(reading.status)
     motors = {status.tail_pitch_fault, status.tail_roll_fault}
     motors -= {MotorFault.NONE, MotorFault.OTHER_MOTOR}
-    if status.operator_fault == SourceFault.STOPPED:
-        return False
+    fallen = reading.fault_texts.get("sail") == SWITCHED_OFF[TeensyStatus.ATTITUDE]
+    if status.operator_fault == SourceFault.STOPPED or fallen:
+        return math.inf
     if has_tail and motors:
-        return motors <= _UNHEARD
-    silent = (status.imu_fault, status.speed_fault, status.operator_fault, status.sail_fault)
-    return SourceFault.SILENT in silent or status.sail_fault == SourceFault.REPORTED
+        return _MIN_DELAY if motors <= _UNHEARD else math.inf
+    if status.sail_fault == SourceFault.REPORTED:
+        return _WATCHDOG_DELAY
+    silent = reading.status[:-1:2][reading.status[1::2] == SourceFault.SILENT]
+    return min(silent, default=math.inf) / 2.0

@@ -133,8 +133,10 @@ class RunJournal(JournalWriter):
         if self._open:
             self._finish()
             self._remove()
-            with contextlib.suppress(LogError):
-                self.abandon()
+            # A file that holds up its thread would hold up this one too.
+            if not self._thread.is_alive():
+                with contextlib.suppress(LogError):
+                    self.abandon()
 
     def _finish(self) -> None:
         # A disk that takes nothing must not hold up the end of the program.

@@ -117,7 +117,7 @@ def require_watchdog_test(wiring: WiringName, ports: CarPorts) -> WatchdogRecord
             profile, firmware, timing.
     """
     path = record_path(wiring, ports)
-    place = shlex.quote(ports.file)
+    place = shlex.quote(ports.file or "YOUR_PORTS_FILE")
     again = (
         f"make one with `aerodima drive watchdog-test auto_turn --ports {place} --wiring {wiring}`"
     )

@@ -12,7 +12,7 @@ from aerodima.hardware.car.mounting import load_mounting
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import CarCommand
 from aerodima.hardware.devices.bno055 import Bno055Sample
-from aerodima.hardware.devices.device_states import MotorFault, SourceFault
+from aerodima.hardware.devices.device_states import MotorFault, MotorState, SourceFault
 from aerodima.hardware.devices.ublox import GpsSample
 from aerodima.hardware.driving.car_guard import CarGuard
 from aerodima.hardware.protocol.ak70 import make_exit
@@ -47,6 +47,14 @@ def armed(bench):
     while not status(bench.cycle(CarCommand())).armed:
         pass
     return bench
+
+
+def test_a_motor_whose_command_was_under_way_on_another_thread_is_switched_off(bench):
+    roll = armed(bench).car.motors[1]
+    bench.car.disarm(bench.now)
+    roll.state = MotorState.RUNNING  # by the command
+    bench.cycle(HOLD)
+    assert roll.state is MotorState.EXITING
 
 
 def test_readings_have_the_units_and_signs_of_the_station(bench):

@@ -93,7 +93,7 @@ def test_a_recorded_piece_of_radio_that_is_sent_for_ever_is_no_operator(radio, f
         radio.wait(0.05)
         radio.take(make_command(COMMAND), beat)
     assert radio.age == pytest.approx(5 * length * 0.05)
-    assert "upwards" in radio.link.fault(radio.wire.now)[1]
+    assert "count on" in radio.link.fault(radio.wire.now)[1]
 
 
 @pytest.mark.parametrize(("last", "first", "refused"), [(30, 1, 30), (150, 1, 150), (2, 250, 9)])

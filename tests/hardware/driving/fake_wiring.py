@@ -49,6 +49,7 @@ class FakeWiring:
         self.faults = {}
         self.ages = {}
         self.fault_text = ""
+        self.fault_texts = {}
         self.operator = OperatorCommand(RadioMode.AUTO)
         self.prompt = OperatorPrompt.NONE
         self.stubborn = False
@@ -76,6 +77,10 @@ class FakeWiring:
     def stop(self, reason):
         self.calls.append("stop")
         self.armed = False
+
+    def set_fault(self, source, code, text):
+        self.faults[source] = code
+        self.fault_texts[source] = text
 
     def motor_fault(self):
         """As `MotorGroup` does it: both motors are off with it."""
@@ -107,6 +112,7 @@ class FakeWiring:
             speed=np.array([self.speed]),
             status=STATUS.write(**status, armed=float(self.armed)),
             lean=self.lean,
+            fault_texts=self.fault_texts,
             operator=IDLE if obeys else self.operator,
             fault_text=self.fault_text
             or next((f"{name} {SourceFault(code).name}" for name, code in self.faults.items()), ""),

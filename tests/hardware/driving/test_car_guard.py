@@ -11,6 +11,7 @@ from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.radio_link import IDLE
 from aerodima.hardware.driving.car_guard import CarGuard, Stage
 from aerodima.hardware.protocol.radio import OperatorCommand, OperatorPrompt, RadioMode
+from aerodima.hardware.protocol.teensy import SWITCHED_OFF, TeensyStatus
 from aerodima.workbench.core.errors import HardwareError
 from tests.hardware.driving.fake_wiring import PERIOD, FakeWiring
 from tests.refusals import assert_refused
@@ -100,8 +101,8 @@ def test_an_idle_that_is_older_than_the_holding_motors_does_not_count(car):
     assert car.wiring.prompt is OperatorPrompt.SELECT_MODE
 
 
-def soft(source, code):
-    return lambda car: car.wiring.faults.update({source: code})
+def soft(source, code, text=""):
+    return lambda car: car.wiring.set_fault(source, code, text)
 
 
 SOFT = {
@@ -139,6 +140,7 @@ HARD = {
     "motor": lambda car: car.wiring.motor_fault(),
     "teensy silent": soft("sail", SourceFault.SILENT),
     "teensy watchdog": soft("sail", SourceFault.REPORTED),
+    "teensy fallen": soft("sail", SourceFault.REPORTED, SWITCHED_OFF[TeensyStatus.ATTITUDE]),
     "motors went off": lambda car: setattr(car.wiring, "armed", False),
     "signal": lambda car: car.guard.stop("SIGINT", car.now, hard=True),
 }
@@ -257,7 +259,10 @@ def test_late_cycles_are_counted_and_too_many_in_a_row_stop_the_car(car):
     ("pause", "cause", "named"),
     [
         (0.05, HARD["motor"], "the computer fell behind by 50 ms: tail roll: no reply"),
-        (0.05, SOFT["imu silent"], "the computer fell behind by 50 ms: imu SILENT"),
+        (0.06, SOFT["imu silent"], "the computer fell behind by 60 ms: imu SILENT"),
+        (0.04, SOFT["imu silent"], "imu SILENT"),
+        (0.08, HARD["teensy watchdog"], "the computer fell behind by 80 ms: sail REPORTED"),
+        (0.08, HARD["teensy fallen"], "sail REPORTED"),
         (0.05, HARD["emergency stop"], "operator STOPPED"),
         (0.05, SOFT["imu error"], "imu REPORTED"),
         (0.0, HARD["motor"], "tail roll: no reply"),
@@ -266,6 +271,7 @@ def test_late_cycles_are_counted_and_too_many_in_a_row_stop_the_car(car):
 def test_silence_after_a_pause_of_the_computer_is_its_own_fault(car, pause, cause, named):
     car.driving()
     car.now += pause
+    car.wiring.ages["imu"] = SAFETY.imu_silence
     car.turn(count=5)
     cause(car)
     car.turn()

@@ -16,6 +16,7 @@ from aerodima.hardware.car.car_ports import ports_from_dict
 from aerodima.hardware.driving import drive_session
 from aerodima.hardware.driving.drive_result import DriveOptions
 from aerodima.hardware.driving.drive_session import RUN_OVER, DriveSession
+from aerodima.hardware.driving.run_journal import RunJournal
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
 from aerodima.workbench.core.errors import HardwareError
@@ -40,11 +41,9 @@ class LawThatBreaks:
         self._law = law_of_scenario(scenario)
         self._fail = fail
         self._left = ticks
-        self.rate = self._law.rate
-        self.memory_size = self._law.memory_size
 
-    def start(self):
-        return self._law.start()
+    def __getattr__(self, name):
+        return getattr(self._law, name)
 
     def step(self, memory, observation):
         self._left -= 1
@@ -68,7 +67,8 @@ class Drive:
         ports = ports_from_dict(PORTS)
         said = self.said.append
         car = self.bench.car
-        return DriveSession(car, self.bench.scenario, ports, chosen, said, **driver).complete()
+        self.session = DriveSession(car, self.bench.scenario, ports, chosen, said, **driver)
+        return self.session.complete()
 
     def assert_safe(self):
         assert not any(motor.entered for motor in self.bench.port.motors)
@@ -84,7 +84,9 @@ def drive(request, tmp_path):
 
 
 def test_the_sequence_runs_and_ends_in_order(drive):
+    drive.bench.devices.bus = SimpleNamespace(log_error="CAN traffic log stopped")
     result = drive.run(law_name="LawThatBreaks")
+    assert result.traffic_error == "CAN traffic log stopped"
     assert (result.reason, result.orderly, result.signal) == (RUN_OVER, True, 0)
     drive.assert_safe()
     log = read_run_log(drive.log)
@@ -94,26 +96,20 @@ def test_the_sequence_runs_and_ends_in_order(drive):
     assert throttle > 1500
 
 
-def test_a_traffic_log_that_stopped_is_told_in_the_outcome(drive):
-    drive.bench.devices.bus = SimpleNamespace(
-        log_error="CAN traffic log stopped: No space left on device"
-    )
-    result = drive.run()
-    assert (result.reason, result.orderly) == (RUN_OVER, True)
-    assert result.traffic_error == "CAN traffic log stopped: No space left on device"
-
-
 @pytest.mark.parametrize(
-    ("leave", "named"),
+    ("leave", "mode", "named"),
     [
-        (lambda: 1 / 0, "ZeroDivisionError: division"),
-        (lambda: sys.exit(0), "SystemExit: 0"),
-        (lambda: os._exit(0), "os._exit(0)"),
+        (lambda: 1 / 0, RadioMode.AUTO, "ZeroDivisionError: division"),
+        (lambda: sys.exit(0), RadioMode.IDLE, "SystemExit: 0"),
+        (lambda: os._exit(0), RadioMode.AUTO, "os._exit(0)"),
     ],
 )
-def test_a_controller_that_raises_or_leaves_the_program(drive, leave, named):
+def test_a_controller_that_raises_or_leaves_the_program(drive, leave, mode, named):
     def fail(result):
-        leave()
+        drive.bench.radio.command = OperatorCommand(mode)
+        if mode is RadioMode.AUTO or drive.session._guard.left:
+            leave()
+        return result
 
     result = drive.run(fail)
     assert not result.orderly
@@ -151,8 +147,11 @@ def test_a_controller_that_nothing_interrupts_is_given_up_with_its_log(drive, mo
     drive.run(go_on)
     assert left == [1]
     assert any(str(drive.log) in text for text in drive.said)
-    assert any("goes on" in text for text in drive.said), "the last line, if it were to end here"
-    assert "goes on" in read_run_log(drive.log).extra["stop_reason"]
+    cause = "does not come to an end" if blocked else "goes on"
+    assert any(cause in text for text in drive.said), "the last line, if it were to end here"
+    facts = read_run_log(drive.log).extra
+    assert cause in facts["stop_reason"]
+    assert facts["stop_time_s"] > 0.25
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -190,6 +189,27 @@ def test_the_operator_stops_and_nothing_is_armed_again(drive):
     assert not result.orderly
     assert "emergency stop" in result.reason
     drive.assert_safe()
+
+
+def test_a_car_that_cannot_drive_is_off_before_its_log_is_discarded(drive, monkeypatch):
+    monkeypatch.setattr(drive_session, "await_operator", lambda *_: 1 / 0)
+    monkeypatch.setattr(RunJournal, "discard", lambda _: drive.assert_safe())
+    with pytest.raises(ZeroDivisionError):
+        drive.run()
+
+
+def test_everything_is_closed_before_the_cause_of_a_silence_is_looked_for(drive, monkeypatch):
+    order = []
+
+    def check(session):
+        session._guard.least_delay = 0.1
+        session._resources.callback(order.append, 0.0)
+        raise HardwareError("silent")
+
+    monkeypatch.setattr(DriveSession, "check", check)
+    monkeypatch.setattr(drive_session, "emulator_delay", lambda *_: order.append(0.3) or 0.3)
+    assert_refused(drive.run, HardwareError, "300 ms: silent")
+    assert order == [0.0, 0.3, 0.3]
 
 
 @pytest.mark.parametrize("heard", [True, False])

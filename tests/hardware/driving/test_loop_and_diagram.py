@@ -238,6 +238,21 @@ def append_rows(journal, first, end):
         journal.append(np.full(len(journal.columns), PERIOD * index))
 
 
+def test_a_journal_without_a_drive_leaves_a_file_that_hangs_to_its_thread(tmp_path, monkeypatch):
+    disk = threading.Event()
+    writers = []
+
+    write = lambda _: writers.append(threading.current_thread()) or disk.wait(1.0)  # noqa: E731
+    monkeypatch.setattr(run_journal, "_LAST_WAIT", 0.01)
+    monkeypatch.setattr(RunJournal, "_write_batch", write)
+    journal = open_run_journal(tmp_path / "run.parquet", SCENARIO, "watched_can")
+    append_rows(journal, 0, 1)
+    assert wait_until(lambda: writers)
+    journal.discard()
+    disk.set()
+    assert writers == [journal._thread]
+
+
 @pytest.mark.parametrize("taken", [False, True])
 def test_a_log_whose_folder_is_removed_is_said_at_once_and_written_all_the_same(
     tmp_path, monkeypatch, taken

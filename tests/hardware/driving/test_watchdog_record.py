@@ -81,7 +81,7 @@ def test_a_record_that_does_not_fit_is_refused(row):
 def test_without_a_record_nothing_is_armed():
     recorded("teensy_bridge")
     work = lambda: require_watchdog_test("watched_can", REAL)  # noqa: E731
-    assert_refused(work, HardwareError, "watched_can", "watchdog-test")
+    assert_refused(work, HardwareError, "watched_can", "watchdog-test", "--ports YOUR_")
 
 
 def test_exit_frames_that_came_too_late_are_not_recorded():
