@@ -104,20 +104,20 @@ def _refuse_nesting(text: str) -> None:
     longest = max(map(len, text.splitlines()), default=0)  # a level of a block takes a column
     if brackets + longest < 10 * MAX_DEPTH and "*" not in text:
         return
-    anchors: list[bool] = []
+    anchors: list[str | None] = []
     nested_aliases = 0
     for event in yaml.parse(text, Loader=yaml.CSafeLoader):
         if isinstance(event, yaml.CollectionStartEvent):
-            anchors.append(event.anchor is not None)
+            anchors.append(event.anchor)
         elif isinstance(event, yaml.CollectionEndEvent):
             anchors.pop()
         elif isinstance(event, yaml.AliasEvent) and any(anchors):
             nested_aliases += 1
+            if event.anchor in anchors or nested_aliases > MAX_NESTED_ALIASES:
+                reason = f"an alias of itself, or more than {MAX_NESTED_ALIASES} within anchors"
+                raise yaml.YAMLError(f"{reason}{event.start_mark}")
         if len(anchors) > MAX_DEPTH:
             raise yaml.YAMLError(f"more than {MAX_DEPTH} levels{event.start_mark}")
-        if nested_aliases > MAX_NESTED_ALIASES:
-            reason = f"more than {MAX_NESTED_ALIASES} aliases within anchors"
-            raise yaml.YAMLError(f"{reason}{event.start_mark}")
 
 
 def require_mapping(data: Any, where: str, error: type[UserError]) -> dict[str, Any]:

@@ -80,7 +80,9 @@ def test_computer_and_firmware_judge_a_car_alike(seed):
     state = [draw.choice([0.0, 0.0, 1.0, 1.1]), 0.0, 0.0, draw.choice([0.09, -0.2])]
     state[:3] = draw.sample(state[:3], 3)
     roll, pitch, lean, yaw_rate = state
-    reading = CarReading(imu=np.array([roll, pitch, 0.0, 0.0, 0.0, yaw_rate, 0.0, 0.0, 0.0]), lean=lean)
+    reading = CarReading(
+        imu=np.array([roll, pitch, 0.0, 0.0, 0.0, yaw_rate, 0.0, 0.0, 0.0]), lean=lean
+    )
     for now in (0.0, 0.01):
         limits.throttle(throttle, now)
     reasons = [
