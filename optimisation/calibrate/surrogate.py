@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import groupby
-from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_solve
@@ -26,9 +25,10 @@ from aerodima.optimisation.calibrate.calibration_plan import (
 )
 from aerodima.workbench.core.array_types import FloatArray, IntArray
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.file_reading import Facts
 
 METRICS = (*FIGURES, LIFT)
-TurnResults = Mapping[str, Mapping[str, Any]]
+TurnResults = Mapping[str, Facts]
 """Name of a turn -> lists of the results of its cars, by name."""
 VARIANCE_BOUNDS = (1e-2, 1e3)
 """Bounds of the variance that a process is tuned in."""
@@ -333,7 +333,7 @@ def _with_margin(scaled: FloatArray, margin: FloatArray) -> FloatArray:
 
 
 def _search(
-    turn: Turn, cars: FloatArray, result: Mapping[str, Any], min_cars: int
+    turn: Turn, cars: FloatArray, result: Facts, min_cars: int
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, IntArray]:
     """Returns which of the cars flip, the flip of each, cars (k, n) that survived, their figures
     (k, 6), and the index of their car.

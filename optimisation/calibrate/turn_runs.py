@@ -34,6 +34,7 @@ from aerodima.workbench.car.verdict import is_loaded
 from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.logs.signals import IMU_FILTER, low_pass
 from aerodima.workbench.metrics.published_values import SAMPLE_TIMES
 from aerodima.workbench.metrics.turn_metrics import outcome_of
@@ -152,7 +153,7 @@ def prior_of(plan: CalibrationPlan) -> CarPrior:
     return _prior(plan.model_dump_json(by_alias=True))
 
 
-def run_reduced(item: WorkItem) -> dict[str, Any]:
+def run_reduced(item: WorkItem) -> Json:
     """Searches the friction at which each reduced car flips; figures of every run of the search
     that survived.
 
@@ -236,7 +237,7 @@ def _motions(driven: Turns, x: FloatArray, z: FloatArray) -> list[Motion]:
     return [Motion(*signals) for signals in zip(yaw, lateral, roll, both, strict=True)]
 
 
-def search_full(item: WorkItem) -> dict[str, Any]:
+def search_full(item: WorkItem) -> Json:
     """Searches the friction at which each full car flips; returns what `run_reduced` does.
 
     The search begins at the margin of each car and goes up or down, by the reach of the item and

@@ -8,12 +8,12 @@ unless it is steered there, and it turns enough: its mean lateral acceleration w
 is at least `MIN_LATERAL_SHARE` of that of the car without tail.
 """
 
-from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from aerodima.workbench.car.verdict import goes_straight, keeps_path, keeps_sides_down
+from aerodima.workbench.core.file_reading import Facts
 
 MIN_LATERAL_SHARE = 0.9
 """Share of the tailless car's lateral acceleration that a candidate must reach."""
@@ -29,7 +29,7 @@ Rule = Literal["lateral", "path"]
 """Condition beside staying upright: enough lateral acceleration, or a path that is kept."""
 
 
-def failed_rule(row: Mapping[str, Any], rule: Rule, lateral: float, min_lateral: float) -> str:
+def failed_rule(row: Facts, rule: Rule, lateral: float, min_lateral: float) -> str:
     """Returns the first rule that a run breaks; empty where it breaks none.
 
     It is `two wheels`, `ground: PART`, `flipped`, `path`, `end of the path` (too slow), `exit`,

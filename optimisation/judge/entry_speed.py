@@ -13,10 +13,10 @@ the other climbs, but for the reference.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pandas as pd
 
@@ -35,6 +35,7 @@ from aerodima.optimisation.studies.runs import (
 from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.car.laws import steady_speed
 from aerodima.workbench.car.reduced.rollout import STEP
+from aerodima.workbench.core.file_reading import Facts
 from aerodima.workbench.scenario.ensemble import Member
 from aerodima.workbench.scenario.scenario import load_scenario
 
@@ -140,7 +141,7 @@ class _Climb:
         names = (manoeuvre.name, candidate.name, self.car.name, self.surface.name, f"{speed:g}")
         return RunTask(" ".join(names), manoeuvre.scenario, settings, law=candidate.law)
 
-    def record(self, speed: float, step: float, row: Mapping[str, Any]) -> None:
+    def record(self, speed: float, step: float, row: Facts) -> None:
         """Keeps the result of a run if it is completed, or no driver is left."""
         lateral = _number(row.get("lateral_acceleration_m_per_s2"))
         course = _number(row.get("course_change_rad"))

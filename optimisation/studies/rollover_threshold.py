@@ -17,6 +17,7 @@ from aerodima.optimisation.studies.limit_search import Bracket, LimitSearch, Sta
 from aerodima.optimisation.studies.runs import CachedRunner, RunTask, tipped_before_turn
 from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.batch.row_store import Row
+from aerodima.workbench.core.file_reading import Facts
 from aerodima.workbench.scenario.scenario import load_scenario
 
 SPEED = "manoeuvre.speed"
@@ -120,7 +121,7 @@ def critical_friction(
     return find_thresholds([case], search, CachedRunner(engine))[0]
 
 
-def is_clean(row: Mapping[str, Any]) -> bool:
+def is_clean(row: Facts) -> bool:
     """Tells whether a row of a run is that of clean survival."""
     return row["outcome"] == "survived" and bool(row["clean"])
 
@@ -212,11 +213,11 @@ def _words(value: float | None) -> str:
     return "nowhere" if value is None else f"{value:g}"
 
 
-def _outcome(row: Mapping[str, Any]) -> str:
+def _outcome(row: Facts) -> str:
     if tipped_before_turn(row):
         return TIPPED
     return row["outcome"] or f"failed: {row['error']}"
 
 
-def _survival(row: Mapping[str, Any]) -> bool | None:
+def _survival(row: Facts) -> bool | None:
     return {"survived": True, "flipped": False}.get(_outcome(row))

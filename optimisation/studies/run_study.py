@@ -11,10 +11,9 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pyarrow as pa
@@ -37,6 +36,7 @@ from aerodima.workbench.batch.row_store import (
 )
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.core.file_reading import Facts, Json
 from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.scenario.scenario import default_values
 
@@ -107,7 +107,7 @@ def run_study(
     return frame
 
 
-def _identity(study: Study, runs: Sequence[PlannedRun]) -> dict[str, Any]:
+def _identity(study: Study, runs: Sequence[PlannedRun]) -> Json:
     """Returns what must be the same for results to belong together."""
     tasks = json.dumps([[run.task.scenario, run.task.settings, run.task.signals] for run in runs])
     bases = {
@@ -150,7 +150,7 @@ def _how_it_went(frame: pd.DataFrame, number: int, seconds: float, engine: Engin
     return line
 
 
-def open_store(folder: Path, identity: Mapping[str, Any], *, force: bool = False) -> RowStore:
+def open_store(folder: Path, identity: Facts, *, force: bool = False) -> RowStore:
     """Opens the rows of a study in a folder of its own; SweepError as `RowStore`."""
     store = RowStore(folder / ROWS, identity, force=force, alone=True, error=SweepError)
     if force:
@@ -158,9 +158,7 @@ def open_store(folder: Path, identity: Mapping[str, Any], *, force: bool = False
     return store
 
 
-def write_table(
-    folder: Path, frame: pd.DataFrame, identity: Mapping[str, Any], timing: Mapping[str, Any]
-) -> None:
+def write_table(folder: Path, frame: pd.DataFrame, identity: Facts, timing: Facts) -> None:
     """Writes the table of a study as Parquet and CSV, and beside it what was run and its time."""
     table = pa.Table.from_pandas(frame, preserve_index=False)
     table = table.replace_schema_metadata(

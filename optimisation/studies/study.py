@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -15,6 +15,7 @@ from scipy.stats import norm, qmc
 
 from aerodima.optimisation.studies.runs import RunTask, load_any_scenario
 from aerodima.workbench.core.errors import ScenarioError, SweepError
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.core.yaml_files import StrictModel, checked, find_file, read_yaml
 from aerodima.workbench.scenario.ensemble import Member, load_ensemble
@@ -204,7 +205,7 @@ def load_study(path: str | Path) -> Study:
     return study
 
 
-def _refuse_empty_factors(path: Path, data: dict[str, Any]) -> None:
+def _refuse_empty_factors(path: Path, data: Json) -> None:
     """Raises one sentence for the mistake that the schema would answer with one per
     kind of factor.
     """
@@ -292,7 +293,7 @@ def _text(value: Value) -> str:
     return text
 
 
-def _in_blocks(data: dict[str, Any]) -> dict[str, Any]:
+def _in_blocks(data: Json) -> Json:
     own = [key for key in Block.model_fields if key in data and key != "name"]
     if "blocks" in data or not own:
         return data

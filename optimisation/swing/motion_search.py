@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 
@@ -34,6 +33,7 @@ from aerodima.workbench.car.laws import torque_speed_limits
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.deprecation import renamed
 from aerodima.workbench.core.errors import SwingError
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.scenario.ensemble import Member
@@ -185,7 +185,7 @@ def swing_of(
     """
     best = best_of(solutions)
     shooting = program.shooting
-    facts: dict[str, Any] = {
+    facts: Json = {
         "starts_converged": sum(one.converged for one in solutions),
         "starts": len(solutions),
         "evaluations": sum(one.evaluations for one in solutions),
@@ -231,7 +231,7 @@ def steered_swing(
     roll: FloatArray,
     rate: FloatArray,
     *,
-    provenance: dict[str, Any],
+    provenance: Json,
 ) -> SwingFile:
     """Makes a swing that the steering releases; pitch stays at the angle of the wait, no torques.
 

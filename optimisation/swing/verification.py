@@ -7,10 +7,9 @@ car, and whether the car survives clean. Entry speeds of other cars: `optimisati
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
@@ -28,6 +27,7 @@ from aerodima.workbench.control.swing_library import (
     turn_words,
 )
 from aerodima.workbench.core.errors import SwingError
+from aerodima.workbench.core.file_reading import Facts
 from aerodima.workbench.logs.schema import RunLog, software_versions
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 from aerodima.workbench.scenario.swing_file import SwingFile, swing_at
@@ -136,7 +136,7 @@ def verify_swing(
     return Verification(played, turn_words(played, driven), checks, log)
 
 
-def _turn_checks(row: Mapping[str, Any]) -> Iterator[Check]:
+def _turn_checks(row: Facts) -> Iterator[Check]:
     yield Check("survives", float(row["outcome"] == "survived"), "", low=1.0)
     yield Check("survives and touches nothing", float(is_clean(row)), "", low=1.0)
     yield Check("heading change", row["heading_change_rad"], "rad")

@@ -13,19 +13,20 @@ import hashlib
 import json
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
 
 from aerodima.workbench.core.atomic_write import make_folder
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.file_reading import Facts, Json
 
 ProgressLine = Callable[[str], None]
 """Function that receives how far work is, a line each."""
 WORKER_RECORD = "workers.jsonl"
 """File in the folder of a study: a line per event with time, worker, process and text."""
-Row = dict[str, Any]
+Row = Json
 BAR_WIDTH = 24
 """Width of the bar, characters."""
 
@@ -58,7 +59,7 @@ class RowStore:
     def __init__(
         self,
         path: Path,
-        identity: Mapping[str, Any],
+        identity: Facts,
         *,
         force: bool = False,
         alone: bool = False,

@@ -3,7 +3,6 @@
 import math
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import Any
 
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
@@ -24,6 +23,7 @@ from aerodima.workbench.control.manoeuvre import (
 )
 from aerodima.workbench.control.swing_library import swing_facts
 from aerodima.workbench.control.tail_law import TailLaw
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.system_lifetime import break_reference_cycles
 from aerodima.workbench.logs.recorder import (
     RunRecorder,
@@ -151,7 +151,7 @@ def _set_rolling(car: CarDiagram, context: Context, scenario: Scenario, speed: f
 
 def _metadata(
     car: CarDiagram, scenario: Scenario, law: TailLaw | None, build: Build | None
-) -> dict[str, Any]:
+) -> Json:
     if law is None:
         facts = swing_facts(scenario)
     else:

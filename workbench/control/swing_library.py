@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from aerodima.workbench.core.errors import ScenarioError, SwingFileError
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.yaml_files import find_file
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.swing_file import (
@@ -49,7 +50,7 @@ def swing_of_scenario(scenario: Any) -> SwingFile | None:
     return find_swing(name)
 
 
-def swing_facts(scenario: Any) -> dict[str, Any]:
+def swing_facts(scenario: Any) -> Json:
     """Returns the whole swing that a scenario names, for `extra` of a run log, which must suffice
     to repeat the run.
     """

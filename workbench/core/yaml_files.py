@@ -8,7 +8,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from aerodima.workbench.core.errors import ScenarioError, UserError
-from aerodima.workbench.core.file_reading import read_text, reading
+from aerodima.workbench.core.file_reading import Json, read_text, reading
 from aerodima.workbench.core.key_errors import lines_of, nearest
 from aerodima.workbench.core.resources import models_dir
 
@@ -67,7 +67,7 @@ def find_file(
     return models_dir() / folder / f"{path.name}.yaml"
 
 
-def read_yaml(path: Path, error: type[UserError] = ScenarioError) -> dict[str, Any]:
+def read_yaml(path: Path, error: type[UserError] = ScenarioError) -> Json:
     """Read a YAML mapping; an empty file is an empty one.
 
     Raises:
@@ -120,7 +120,7 @@ def _refuse_nesting(text: str) -> None:
             raise yaml.YAMLError(f"more than {MAX_DEPTH} levels{event.start_mark}")
 
 
-def require_mapping(data: Any, where: str, error: type[UserError]) -> dict[str, Any]:
+def require_mapping(data: Any, where: str, error: type[UserError]) -> Json:
     """Return the data if they are a mapping, else raise `error`."""
     if not isinstance(data, dict):
         raise error(f"{where}: expected a mapping, not a {type(data).__name__}")

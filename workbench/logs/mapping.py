@@ -6,11 +6,12 @@ example that runs.
 
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, StrictBool, StrictFloat, StrictInt, field_validator, model_validator
 
 from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
 from aerodima.workbench.scenario.signal_table import (
@@ -26,7 +27,7 @@ Number = Annotated[float, Field(strict=False)]
 
 
 @cache
-def _tables() -> dict[str, dict[str, Any]]:
+def _tables() -> dict[str, Json]:
     """Reads units, their spellings and the endings of names."""
     return read_yaml(Path(__file__).with_name("units.yaml"), LogError)
 
@@ -199,9 +200,9 @@ class Mapping(StrictModel):
         return self
 
     @property
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> Json:
         """Converts the metadata to SI units."""
-        facts: dict[str, Any] = dict(self.metadata)
+        facts: Json = dict(self.metadata)
         for name, value in self.metadata.items():
             if isinstance(value, MetadataValue):
                 factor = unit_factor(value.unit, unit_in_name(name), f"metadata.{name}")
@@ -233,6 +234,6 @@ def load_mapping(path: Path | str) -> Mapping:
     return mapping_from(read_yaml(Path(path), LogError), str(path))
 
 
-def mapping_from(data: dict[str, Any], where: str = "mapping") -> Mapping:
+def mapping_from(data: Json, where: str = "mapping") -> Mapping:
     """Checks the content of a mapping file; LogError as for `load_mapping`."""
     return checked(Mapping, data, where, LogError)

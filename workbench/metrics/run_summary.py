@@ -6,9 +6,8 @@ it.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.integrate import trapezoid
@@ -20,6 +19,7 @@ from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.control.swing_library import NO_SWING
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.core.file_reading import Facts, Json
 from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import check_signals, check_time, in_parts
 from aerodima.workbench.metrics.published_values import Platform, PublishedValues, published_values
@@ -129,7 +129,7 @@ def plant_metrics(run_log: RunLog) -> dict[str, float | str | None]:
     check_signals(time, {name: run_log.signal(name) for name in used})
     com = run_log.vector("com", "truth_m")
     outcome = plant_outcome(run_log)
-    row: dict[str, Any] = {
+    row: Json = {
         "outcome": None if outcome is None else outcome.result,
         "duration_s": time[-1] - time[0],
         "path_m": np.sum(np.linalg.norm(np.diff(com[:, :2], axis=0), axis=1)),
@@ -159,7 +159,7 @@ def plant_metrics(run_log: RunLog) -> dict[str, float | str | None]:
     }
 
 
-def metrics_of_runs(run_logs: Sequence[RunLog]) -> list[dict[str, Any]]:
+def metrics_of_runs(run_logs: Sequence[RunLog]) -> list[Json]:
     """Returns a flat row of metrics per run: of the car (`RunMetrics.as_row`), or of other plants
     (`plant_metrics`).
 
@@ -209,7 +209,7 @@ class RunSummary:
         """Returns whether it survived and nothing but the wheels touched the ground."""
         return bool(self.metrics.outcome.clean)
 
-    def as_row(self) -> dict[str, Any]:
+    def as_row(self) -> Json:
         """Returns one flat row for a table, without impulses; units are at the end of the names."""
         return {
             "tail_mode": self.tail_mode,
@@ -231,7 +231,7 @@ class RunSummary:
         }
 
 
-def tail_mode_of(scenario: Mapping[str, Any]) -> str:
+def tail_mode_of(scenario: Facts) -> str:
     """Returns what the tail does in a resolved scenario: `none`, `held`, `swing`, or a swing that
     is not the published one.
 

@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.logs.schema import run_metadata
 from aerodima.workbench.rig.rig_layout import rig_law
 from aerodima.workbench.scenario.rig_scenario import RigScenario
@@ -15,7 +16,7 @@ from aerodima.workbench.scenario.signal_table import (
 RIG_COLUMN_NAMES = tuple(names_of(rig_columns()))
 
 
-def rig_log_metadata(scenario: RigScenario, **facts: Any) -> dict[str, Any]:
+def rig_log_metadata(scenario: RigScenario, **facts: Any) -> Json:
     """Metadata of a rig log: kind, and in `extra` tail, axis, wind speed, offsets, current sampling
     and more facts.
     """

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, NamedTuple, Self
 
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
@@ -18,6 +18,7 @@ from pydantic.dataclasses import dataclass as pydantic_dataclass
 
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import EnsembleError, ScenarioError
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.core.yaml_files import StrictModel, checked, find_file, read_yaml
 from aerodima.workbench.scenario.scenario import SECTIONS, Scenario, load_scenario
@@ -99,7 +100,7 @@ class Ensemble:
     name: str
     members: tuple[Member, ...]
     best: Member
-    provenance: dict[str, Any]
+    provenance: Json
     path: Path
 
     @property
@@ -185,7 +186,7 @@ def load_ensemble(name_or_path: str | Path = "car") -> Ensemble:
 class _EnsembleFile(StrictModel):
     schema_: str = Field(alias="schema")
     name: str = Field(min_length=1, max_length=80)
-    provenance: dict[str, Any]
+    provenance: Json
     best: str
     members: tuple[Member, ...] = Field(min_length=1)
 

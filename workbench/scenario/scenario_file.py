@@ -14,6 +14,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from aerodima.workbench.core.errors import ScenarioError
+from aerodima.workbench.core.file_reading import Facts, Json
 from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.core.quantity import check_rate, unit_of
 from aerodima.workbench.core.ranges import NO_UNIT
@@ -97,9 +98,7 @@ def load_parameter_file(
     return entries
 
 
-def load_section(
-    path: Path, model: type[ModelT], changes: Mapping[str, Any] | None = None
-) -> ModelT:
+def load_section(path: Path, model: type[ModelT], changes: Facts | None = None) -> ModelT:
     """Read a parameter file into its model.
 
     Args:
@@ -191,7 +190,7 @@ class ScenarioFile(StrictModel):
         return load_parameter_file(cls.parameter_path(section), cls.sections()[section])
 
     @classmethod
-    def defaults(cls) -> dict[str, dict[str, Any]]:
+    def defaults(cls) -> dict[str, Json]:
         """Read section -> key -> value of `models/parameters`."""
         defaults = {}
         for section, model in cls.sections().items():
@@ -200,7 +199,7 @@ class ScenarioFile(StrictModel):
         return defaults
 
     @classmethod
-    def from_dict(cls, overrides: dict[str, Any], where: str = "scenario") -> Self:
+    def from_dict(cls, overrides: Json, where: str = "scenario") -> Self:
         """Resolve overrides (section -> key -> value) on top of `models/parameters`.
 
         Args:
@@ -251,12 +250,12 @@ class ScenarioFile(StrictModel):
         overrides = {"name": self.name, "seed": self.seed, **changes}
         return self._resolve(sections, overrides, f"scenario {self.name!r}")
 
-    def resolved(self) -> dict[str, Any]:
+    def resolved(self) -> Json:
         """Write the scenario as plain data (JSON-able), every value written out."""
         return self.model_dump(mode="json", by_alias=True)
 
     @classmethod
-    def apply_setting(cls, data: dict[str, Any], setting: str) -> None:
+    def apply_setting(cls, data: Json, setting: str) -> None:
         """Put an override such as `car.com_height=0.21` into the content of a scenario file.
 
         Args:
@@ -281,10 +280,8 @@ class ScenarioFile(StrictModel):
         data[key] = value
 
     @classmethod
-    def _resolve(
-        cls, below: Mapping[str, Mapping[str, Any]], overrides: dict[str, Any], where: str
-    ) -> Self:
-        merged: dict[str, Any] = {name: dict(values) for name, values in below.items()}
+    def _resolve(cls, below: Mapping[str, Facts], overrides: Json, where: str) -> Self:
+        merged: Json = {name: dict(values) for name, values in below.items()}
         for key, value in overrides.items():
             if key in below and isinstance(value, dict):
                 merged[key] |= value
@@ -294,7 +291,7 @@ class ScenarioFile(StrictModel):
         return checked(cls, {"schema": schema} | merged, where, schema=schema)
 
     @classmethod
-    def _with_new_keys(cls, overrides: dict[str, Any]) -> dict[str, Any]:
+    def _with_new_keys(cls, overrides: Json) -> Json:
         """Rename the keys of earlier versions, and drop those retired; other data stay.
 
         Only a whole section can hold a retired key: in a file that names single keys it is an
@@ -316,6 +313,6 @@ class ScenarioFile(StrictModel):
 
 
 @lru_cache(maxsize=128)
-def _read_values(path: Path, model: type[BaseModel], _changed: int) -> dict[str, Any]:
+def _read_values(path: Path, model: type[BaseModel], _changed: int) -> Json:
     """Read key -> value of a parameter file once, until it changes: that costs 5 % of a run."""
     return {key: entry.value for key, entry in load_parameter_file(path, model).items()}

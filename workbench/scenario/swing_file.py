@@ -8,7 +8,6 @@ NumPy: the player must also run where Drake has no wheel.
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -22,6 +21,7 @@ from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_v
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import SwingFileError
+from aerodima.workbench.core.file_reading import Facts
 from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
 
 SCHEMA = "aerodima/swing/1"
@@ -248,7 +248,7 @@ def write_swing(swing: SwingFile, path: Path | str, force: bool = False) -> Path
     return write_atomically(Path(path), text, force, SwingFileError)
 
 
-def car_mismatches(swing: SwingFile, scenario: Mapping[str, Any]) -> list[str]:
+def car_mismatches(swing: SwingFile, scenario: Facts) -> list[str]:
     """List how the car of a resolved scenario differs from the one that the swing was made for.
 
     Args:
