@@ -80,9 +80,7 @@ def fit_logs(
     versions = json.dumps(software_versions(), sort_keys=True)
     keys = {name: _key(name, versions) for name in names}
     identity = {"settings": settings}
-    lines = read_rows(out / JOURNAL) or [identity]
-    if lines[0] != json.loads(json.dumps(identity)):
-        force = force or not any(line.get("result") for line in lines)
+    force = force or _holds_only_failures(out / JOURNAL, identity)
     with RowStore(out / JOURNAL, identity, force=force, error=FitError) as store:
         done = {name: store.rows[key] for name, key in keys.items() if key in store.rows}
         missing = [name for name in names if name not in done]
@@ -116,6 +114,14 @@ def fit_logs(
         {line["log"]: line["error"] for line in outcomes if line["error"]},
         reused,
     )
+
+
+def _holds_only_failures(journal: Path, identity: Json) -> bool:
+    """Tell whether a journal of other settings has no result that could be lost."""
+    lines = read_rows(journal)
+    if not lines or lines[0] == json.loads(json.dumps(identity)):
+        return False
+    return not any(line.get("result") for line in lines)
 
 
 def _unique(logs: Sequence[Path | str]) -> list[str]:
