@@ -95,15 +95,9 @@ def fit_logs(
             bar.advance(Path(name).name)
 
         with print_resume_hint(progress, lambda: f"{bar.done} of {len(names)} fits"):
-            run_batch(
-                partial(_fit_log, work),
-                missing,
-                workers,
-                keep,
-                _failed,
-                progress=progress,
-                record=out / WORKER_RECORD,
-            )
+            record = out / WORKER_RECORD
+            fit_log = partial(_fit_log, work)
+            run_batch(fit_log, missing, workers, keep, _failed, progress=progress, record=record)
     outcomes = [done[name] for name in names]
     return BatchResult(
         [
