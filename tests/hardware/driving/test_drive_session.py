@@ -134,12 +134,14 @@ def test_a_controller_that_commands_nan_switches_the_motors_off(drive):
 def test_a_controller_that_nothing_interrupts_is_given_up_with_its_log(drive, monkeypatch, blocked):
     left = []
     monkeypatch.setattr(drive_session, "leave", left.append)
+    # Another thread takes a signal that this one blocks; a long call hears nothing of it.
+    pause = 5.0 if blocked else 0.1
 
     def go_on(result):
         before = signal.pthread_sigmask(signal.SIG_BLOCK, blocked)
         while not left:
             with contextlib.suppress(BaseException):
-                time.sleep(0.1)
+                time.sleep(pause)
         drive.assert_safe()
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         return result
