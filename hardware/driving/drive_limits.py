@@ -41,11 +41,12 @@ class DriveLimits:
         """
         imu = IMU.read(reading.imu)
         limit = self._safety.attitude_limit
-        tilted = max(abs(imu.roll), abs(imu.pitch), reading.lean) > limit
-        if not self._lasts("tilted", tilted, self._safety.attitude_time, now):
-            return ""
         angles = {"roll": imu.roll, "pitch": imu.pitch, "lean by the accelerometer": reading.lean}
-        name, angle = max(angles.items(), key=lambda item: abs(item[1]))
+        # Each by itself: an angle that is NaN must not hide the others.
+        tilted = {name: angle for name, angle in angles.items() if abs(angle) > limit}
+        if not self._lasts("tilted", bool(tilted), self._safety.attitude_time, now):
+            return ""
+        name, angle = max(tilted.items(), key=lambda item: abs(item[1]))
         return (
             f"the car has tipped over: {name} {math.degrees(angle):.0f} degrees; allowed is "
             f"{math.degrees(limit):.0f}"

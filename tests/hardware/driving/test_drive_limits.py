@@ -40,7 +40,9 @@ def test_a_car_that_has_tipped_over_is_stopped_at_once_and_the_reason_is_an_erro
     assert car.guard.hard
 
 
-def test_a_car_that_lies_by_its_accelerometer_is_stopped_although_its_attitude_is_level(car):
+@pytest.mark.parametrize("attitude", [(0.0, 0.0), (math.nan, math.nan)])
+def test_a_car_that_lies_by_its_accelerometer_is_stopped_whatever_its_attitude(car, attitude):
+    car.wiring.attitude = attitude
     car.wiring.lean = SAFETY.attitude_limit + 0.1
     assert SAFETY.attitude_time <= time_to_stop(car) <= SAFETY.attitude_time + 0.021
     assert (car.guard.stage, car.guard.hard) == (Stage.EXITING, True)
