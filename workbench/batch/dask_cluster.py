@@ -6,6 +6,7 @@ import gc
 import importlib
 import itertools
 import logging
+import multiprocessing
 import os
 import signal
 import sys
@@ -38,6 +39,8 @@ ALLOCATORS = ("tcmalloc_minimal", "jemalloc")
 to the same bits."""
 FULL_COLLECTION_PERIOD = 100
 """Pieces between two full garbage collections of a worker; the others see only what is new."""
+_WORKER_PROCESS = "Dask Worker process (from Nanny)"
+"""Name of a local worker among this process's children, as `distributed.nanny` gives it."""
 _pieces = itertools.count(1)
 _GIGABYTE = 1.0e9
 """Bytes in a gigabyte."""
@@ -176,16 +179,22 @@ def lost_scheduler(error: Exception) -> UserError:
     )
 
 
+def local_workers() -> set[int]:
+    """Return the process identifiers of local workers that live, also of those that start."""
+    children = multiprocessing.active_children()
+    return {child.pid for child in children if child.name == _WORKER_PROCESS and child.pid}
+
+
 def stopped_workers() -> set[psutil.Process]:
-    """Find the worker processes of this one that a signal stopped."""
+    """Find the local workers that a signal stopped."""
     import psutil
 
     stopped = set()
-    for child in psutil.Process().children():
+    for pid in local_workers():
         with suppress(psutil.Error):
-            is_worker = "spawn_main" in " ".join(child.cmdline())
-            if is_worker and child.status() == psutil.STATUS_STOPPED:
-                stopped.add(child)
+            process = psutil.Process(pid)
+            if process.status() == psutil.STATUS_STOPPED:
+                stopped.add(process)
     return stopped
 
 

@@ -20,6 +20,7 @@ from aerodima.workbench.batch.dask_cluster import (
     Work,
     Worker,
     kill_workers,
+    local_workers,
     lost_scheduler,
     prepare_worker,
     run_piece,
@@ -74,7 +75,7 @@ class DaskEngine(Engine):
         self._absence_limit = START_TIMEOUT
         self._stopped_due = 0.0
         self._stopped: set[psutil.Process] = set()
-        self._never_started = 0
+        self._started: set[int] = set()  # local processes that were seen
         self._failures = 0
         self._has_results = False
         self._pending: dict[Future, tuple[str, int | None]] = {}
@@ -86,20 +87,29 @@ class DaskEngine(Engine):
         self._stall = StallMonitor(record, self._busy_workers)
 
     def wait_until_ready(self, workers: int) -> None:
-        """Wait until so many workers, or all but those that cannot start, have imported what they
-        need; UserError if there is none in `START_TIMEOUT`.
+        """Wait until so many workers, or all but those that died while they started, have imported
+        what they need; UserError if there is none in `START_TIMEOUT`.
         """
         until = time.monotonic() + START_TIMEOUT
-        while self._pending or len(self._workers) < workers - self._never_started:
+        while time.monotonic() < until and (self._pending or not self._have_started(workers)):
             self._poll()
             for future in self._finished():
                 self._collect(future)
-            if time.monotonic() > until:
-                text = f"not all of {workers} workers have started in {START_TIMEOUT:g} s"
-                self._record.event("still", f"{text}: the work begins without the others")
-                break
         if not self._workers:
             raise UserError("no worker process has started; try again")
+        if len(self._workers) < workers:
+            started = f"{len(self._workers)} of {workers} workers have started"
+            self._record.event("still", f"the work begins: {started}")
+
+    def _have_started(self, workers: int) -> bool:
+        """Return whether no more workers are to be waited for: a nanny gives up a process that dies
+        while it starts.
+        """
+        if not self._is_local:
+            return len(self._workers) >= workers
+        alive = local_workers()
+        self._started |= alive
+        return len(self._started) >= workers and len(self._workers) >= len(alive)
 
     def map(
         self,
@@ -310,15 +320,15 @@ class DaskEngine(Engine):
         lasting = stopped & self._stopped
         self._stopped = stopped
         kill_workers(lasting)
-        workers = {worker.pid: address for address, worker in self._workers.items()}
-        for pid in [process.pid for process in lasting]:
-            if pid in workers:
-                text = f"{self._workers[workers[pid]]} was stopped: it is killed and replaced"
-                self._retire(workers[pid], "stopped", text, self._orphans)
+        addresses = {worker.pid: address for address, worker in self._workers.items()}
+        for process in lasting:
+            address = addresses.get(process.pid)
+            if address is None:
+                text = f"a worker (process {process.pid}) was stopped at its start: it is killed"
+                self._record.event("stopped", text, process=process.pid)
             else:
-                self._never_started += 1
-                text = f"a worker (process {pid}) was stopped while it started: it is killed"
-                self._record.event("stopped", text, process=pid)
+                text = f"{self._workers[address]} was stopped: it is killed and replaced"
+                self._retire(address, "stopped", text, self._orphans)
 
     def _update(self, address: str, facts: Json) -> None:
         """Prepare a worker that is new; replace one that Dask paused."""

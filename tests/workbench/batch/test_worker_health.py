@@ -6,6 +6,7 @@ import asyncio
 import gc
 import itertools
 import json
+import multiprocessing
 import os
 import re
 import signal
@@ -94,11 +95,19 @@ def once_running(marks, number, act):
 
 
 @pytest.mark.slow
-def test_quiet_work_says_nothing_and_leaves_no_record(opened, marks, tmp_path):
+def test_quiet_work_says_nothing_and_leaves_no_record(opened, marks, tmp_path, monkeypatch):
+    """A process of the caller's own that is stopped is none of the engine's business."""
+    monkeypatch.setattr(dask_engine, "POLL_PERIOD", 0.1)
+    monkeypatch.setattr(dask_engine, "STOPPED_POLLS", 1)
+    own = multiprocessing.get_context("spawn").Process(target=time.sleep, args=(60.0,))
+    own.start()
+    os.kill(own.pid, signal.SIGSTOP)
     engine, said = opened()
-    work = partial(leak, marks, 0, 0.0)
+    work = partial(leak, marks, 0, 0.1)
     assert engine.map(work, range(20)) == Engine().map(work, range(20))
     assert (said, engine.events, recorded(tmp_path)) == ([], {}, [])
+    assert own.is_alive()
+    own.kill()
 
 
 @pytest.mark.slow
@@ -138,30 +147,36 @@ def test_a_run_that_stops_its_worker_is_given_up_after_two(opened, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("workers", [1, 2])
-def test_a_worker_that_is_stopped_while_it_starts_is_killed_and_said(
-    opened, monkeypatch, tmp_path, workers
+@pytest.mark.parametrize(
+    ("workers", "number"), [(1, signal.SIGSTOP), (2, signal.SIGSTOP), (2, signal.SIGKILL)]
+)
+def test_a_worker_that_is_stopped_or_killed_while_it_starts_is_not_waited_for(
+    opened, monkeypatch, tmp_path, workers, number
 ):
     monkeypatch.setattr(dask_engine, "STOPPED_POLLS", 1)
     scale = LocalCluster.scale
-    stopped = []
+    hit = []
 
-    def scale_and_stop_one(cluster, number):
-        scale(cluster, number)
-        while not stopped:  # the end scales, too
+    def scale_and_hit_one(cluster, count):
+        scale(cluster, count)
+        if hit:  # the end scales, too
+            return
+        while not hit:
             time.sleep(0.1)  # a child that was just forked is not what it will be
             children = psutil.Process().children()
-            stopped.extend(one for one in children if "spawn_main" in " ".join(one.cmdline()))
-            for process in stopped[:1]:
-                process.suspend()
+            hit.extend(one for one in children if "spawn_main" in " ".join(one.cmdline()))
+        hit[0].send_signal(number)
 
-    monkeypatch.setattr(LocalCluster, "scale", scale_and_stop_one)
+    monkeypatch.setattr(LocalCluster, "scale", scale_and_hit_one)
     if workers == 1:
         assert_refused(lambda: opened(1), UserError, "no worker")
     else:
-        assert opened(2)[0].map(int, range(4)) == [0, 1, 2, 3]
-    (event,) = recorded(tmp_path)
-    assert (event["event"], event["process"]) == ("stopped", stopped[0].pid)
+        engine, said = opened(2)
+        assert engine.startup < dask_engine.START_TIMEOUT
+        assert engine.map(int, range(4)) == [0, 1, 2, 3]
+        assert "1 of 2 workers" in said[-1]
+    stopped = [event["process"] for event in recorded(tmp_path) if event["event"] == "stopped"]
+    assert stopped == [hit[0].pid] * (number == signal.SIGSTOP)
 
 
 @pytest.mark.slow
