@@ -29,6 +29,7 @@ from aerodima.optimisation.identify.uncertain_constants import (
     MAX_SHIFT_SIGMA,
     MISFITS,
     UncertainRig,
+    Whitening,
 )
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.file_reading import Json
@@ -259,13 +260,12 @@ def _mistake(result: FitResult, data: StaticData, parameters: Parameters) -> lis
     off = np.where(sizes > MAX_SHIFT_SIGMA, sizes, 1.0)
 
     def unlikelihood(hold: StaticData, factors: FloatArray, shifts: FloatArray) -> float:
-        """Compute -2 log likelihood of the readings."""
-        covariance = noise * np.outer(factors, factors) + shifts @ shifts.T
-        whitening = np.linalg.inv(np.linalg.cholesky(covariance))
+        """Compute -2 log likelihood of the readings; `factors` have put those of the hold right."""
+        shifts = shifts / factors[:, None]
+        whitening = Whitening.from_covariance(noise + shifts @ shifts.T)
         model = StaticResidual(hold)
-        best = solve(Problem(parameters, lambda x: whitening @ model(x))).best
-        size = np.linalg.slogdet(covariance)[1] - 2.0 * np.sum(np.log(np.abs(factors)))
-        return 2.0 * best.cost + float(size)
+        best = solve(Problem(parameters, lambda x: whitening(model(x) / factors))).best
+        return 2.0 * best.cost - 2.0 * float(np.linalg.slogdet(whitening.matrix)[1])
 
     least, text = min(
         (unlikelihood(hold, factors, shifts), text) for text, hold, factors in _mended(exact)

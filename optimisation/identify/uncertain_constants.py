@@ -75,7 +75,7 @@ def fit_constants(
     data = _unsolved(problem, problem.parameters.initial, np.empty(0))
     rows = len(data.residual)
     for _ in range(_MAX_ITERATIONS):
-        whitening = _Whitening.from_covariance(noise.covariance)
+        whitening = Whitening.from_covariance(noise.covariance)
         solution = solve(_whitened(problem, whitening, loss), [data.x])
         data = _unsolved(problem, solution.x, whitening.undo(solution.jacobian[:rows]))
         previous = noise
@@ -112,7 +112,7 @@ def _with_moving_constants(rig: UncertainRig, given: list[Parameter]) -> tuple[P
     start = _unsolved(problem, x, problem.central_jacobian(x))
     noise = rig.least_noise(start)
     sizes = [p.prior_std if p.has_prior else 1.0 for p in problem.parameters.free]
-    whitened = _Whitening.from_covariance(noise.covariance)(start.jacobian)
+    whitened = Whitening.from_covariance(noise.covariance)(start.jacobian)
     effects = np.linalg.norm(whitened, axis=0) * sizes
     effect = dict(zip(problem.parameters.names, effects.tolist(), strict=True))
     kept = []
@@ -123,13 +123,14 @@ def _with_moving_constants(rig: UncertainRig, given: list[Parameter]) -> tuple[P
 
 
 @dataclass(frozen=True)
-class _Whitening:
+class Whitening:
     """Whitens the residual of the data: times `matrix`, or by element; `undo` is its inverse."""
 
     matrix: FloatArray
 
     @classmethod
-    def from_covariance(cls, covariance: FloatArray) -> _Whitening:
+    def from_covariance(cls, covariance: FloatArray) -> Whitening:
+        """Make the whitening of noise (m x m), or of its diagonal (m); of a singular one, too."""
         if covariance.ndim == 1:
             return cls(1.0 / np.sqrt(np.maximum(covariance, 1e-300)))
         size = np.sqrt(np.diag(covariance))
@@ -137,11 +138,13 @@ class _Whitening:
         return cls(np.linalg.inv(lower) / size)
 
     def __call__(self, rows: FloatArray) -> FloatArray:
+        """Whiten a residual (m), or the columns of an array (m x n)."""
         if self.matrix.ndim == 2:
             return self.matrix @ rows
         return (rows.T * self.matrix).T
 
     def undo(self, rows: FloatArray) -> FloatArray:
+        """Return the residual (m), or the columns (m x n), before it was whitened."""
         if self.matrix.ndim == 2:
             return np.linalg.solve(self.matrix, rows)
         return (rows.T / self.matrix).T
@@ -158,7 +161,7 @@ def _unsolved(problem: Problem, x: FloatArray, jacobian: FloatArray) -> Solution
     return Solution(problem, x, residual, jacobian, best=None, attempts=())  # type: ignore[arg-type]
 
 
-def _whitened(problem: Problem, whitening: _Whitening, loss: Loss) -> Problem:
+def _whitened(problem: Problem, whitening: Whitening, loss: Loss) -> Problem:
     """State the whitened residual, then a row per constant with a prior."""
     free = problem.parameters.free
     indices = [i for i, p in enumerate(free) if p.has_prior]
