@@ -2,27 +2,24 @@
 
 import warnings
 from collections.abc import Callable
-from functools import wraps
-from typing import ParamSpec, TypeVar
+from typing import Any, TypeVar
+
+from typing_extensions import deprecated
 
 REMOVED_IN = "0.5"
 """Version without the old names."""
-P = ParamSpec("P")
-R = TypeVar("R")
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def warn_renamed(old: str, new: str) -> None:
     """Warns the caller of the caller that a name has changed."""
-    text = f"{old} is now {new}; the old name goes with version {REMOVED_IN}"
-    warnings.warn(text, DeprecationWarning, stacklevel=3)
+    warnings.warn(_say_renamed(old, new), DeprecationWarning, stacklevel=3)
 
 
-def renamed(old: str, function: Callable[P, R]) -> Callable[P, R]:
+def renamed(old: str, function: Function) -> Function:
     """Makes a function under its old name; a call warns and says the new one."""
+    return deprecated(_say_renamed(old, function.__name__))(function)
 
-    @wraps(function)
-    def alias(*args: P.args, **kwargs: P.kwargs) -> R:
-        warn_renamed(old, function.__name__)
-        return function(*args, **kwargs)
 
-    return alias
+def _say_renamed(old: str, new: str) -> str:
+    return f"{old} is now {new}; the old name goes with version {REMOVED_IN}"

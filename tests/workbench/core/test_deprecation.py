@@ -5,6 +5,10 @@ import pytest
 from aerodima.workbench.core.deprecation import renamed
 
 
+def double(number):
+    return 2 * number
+
+
 def test_an_old_name_warns_with_the_new_one_and_does_the_same():
-    with pytest.warns(DeprecationWarning, match="old is now len"):
-        assert renamed("old", len)([1, 2]) == 2
+    with pytest.warns(DeprecationWarning, match="old is now double"):
+        assert renamed("old", double)(2) == 4
