@@ -11,7 +11,7 @@ import select
 import signal
 import time
 from collections.abc import Callable
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -289,7 +289,8 @@ class Emulator:
         car.command("steering_angle", self._mounting.steering_angle(state.servo))
         car.command("throttle", self._mounting.throttle(state.throttle))
         for motor in self._motors:
-            car.command(f"{motor.joint}_command", *astuple(motor.joint_command))
+            # `vars` keeps the order of the fields; `astuple` would copy deeply.
+            car.command(f"{motor.joint}_command", *vars(motor.joint_command).values())
         car.advance(time_s)
         if self._motors:
             joints = car.joints()

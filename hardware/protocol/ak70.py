@@ -134,7 +134,7 @@ def firmware_profile(name: str) -> FirmwareProfile:
     return PROFILES[name]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class MitCommand:
     """Command to the motor's own loop: torque = kp (position - q) + kd (velocity - qd) + torque.
 
