@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.core.key_errors import nearest
+from aerodima.workbench.logs.hdf5_reading import read_hdf5
 from aerodima.workbench.logs.mapping import CsvFormat
 
 MAX_COLUMNS = 64
@@ -42,10 +43,6 @@ MAX_COLUMNS = 64
 numbers is a picture or a table of something else, not a log."""
 MAX_TEXT_LOG = 4 * 2**30
 """Size of the longest CSV that is read, bytes."""
-MAX_DEFLATION = 1032
-"""Most bytes that a compressed one of HDF5 stands for."""
-MAX_UNSTORED = 2**24
-"""Size of the largest HDF5 dataset that is read although the file holds less of it, bytes."""
 NANOSECOND = 1e-9
 """One nanosecond, s."""
 _NAN = ("NaN", "nan", "NAN", "NA", "null", "")
@@ -222,17 +219,14 @@ def read_mat(path: Path) -> ForeignLog:
     """
     if is_version_7_3(path):
         require_packages(path, "h5py")
-        import h5py
-
-        with h5py.File(path, "r") as file:
-            leaves = dict(_walk("", file))
+        struct = read_hdf5(path)
     else:
         from scipy.io import loadmat
 
-        leaves = dict(_walk("", loadmat(path, simplify_cells=True)))
+        struct = loadmat(path, simplify_cells=True)
     columns: dict[str, pd.Series] = {}
     unreadable: dict[str, str] = {}
-    for name, value in leaves.items():
+    for name, value in _walk("", struct):
         kind = "O" if isinstance(value, list) else np.asarray(value).dtype.kind
         if kind not in "fiub":
             reasons = {"U": "text", "S": "text", "c": "complex numbers; save their parts"}
@@ -262,33 +256,15 @@ def _vectors(name: str, value: NDArray) -> dict[str, pd.Series]:
     return {f"{name}({number})": pd.Series(column) for number, column in enumerate(value.T, 1)}
 
 
-def _walk(prefix: str, struct: Any) -> Iterator[tuple[str, Any]]:
-    """Walks over the leaves of a struct, a dict of SciPy or a group of h5py, with their names."""
+def _walk(prefix: str, struct: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Walks over the leaves of a struct, with their names."""
     for key, value in struct.items():
         if key.startswith(("__", "#")):
             continue
-        if hasattr(value, "items"):
+        if isinstance(value, dict):
             yield from _walk(f"{prefix}{key}.", value)
         else:
-            yield prefix + key, _content(value) if hasattr(value, "attrs") else value
-
-
-def _content(dataset: Any) -> NDArray | str | None:
-    """Reads an HDF5 dataset.
-
-    It keeps MATLAB's order of the numbers, so that rows and columns are exchanged. ValueError for
-    one that states a size which the bytes in the file cannot have.
-    """
-    stored = dataset.id.get_storage_size()
-    if dataset.nbytes > max(MAX_UNSTORED, MAX_DEFLATION * stored):
-        raise ValueError(f"{dataset.name} states {dataset.nbytes} bytes, the file holds {stored}")
-    if dataset.attrs.get("MATLAB_class") == b"char":
-        return ""
-    if dataset.dtype.kind not in "fiub" or "MATLAB_object_decode" in dataset.attrs:
-        return None
-    if "MATLAB_empty" in dataset.attrs:
-        return np.array([])
-    return np.asarray(dataset).T
+            yield prefix + key, value
 
 
 def read_mcap(path: Path) -> ForeignLog:
