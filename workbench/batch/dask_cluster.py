@@ -23,7 +23,7 @@ from aerodima.workbench.core.errors import UserError
 
 if TYPE_CHECKING:
     import psutil
-    from distributed import Client
+    from distributed import Client, LocalCluster
 
 Work = Callable[[Any], Any]
 """Makes the result of an item."""
@@ -33,6 +33,8 @@ MAX_WORKERS = 64
 """Processes on one computer."""
 CONNECT_TIMEOUT = 10.0
 """Time in which a scheduler that is there answers, s."""
+CLOSE_TIMEOUT = 30.0
+"""Time in which a local cluster closes, s."""
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 ALLOCATORS = ("tcmalloc_minimal", "jemalloc")
 """Libraries with which a simulated run costs 16 to 18 % less than with the C library of Debian 12,
@@ -90,11 +92,17 @@ def local_cluster(workers: int, memory: float | None = None) -> Iterator[Client]
                 scheduler_kwargs={"dashboard": False},
                 silence_logs=logging.CRITICAL,
             )
-            stack.enter_context(cluster)
+            stack.callback(_close, cluster)
             client = stack.enter_context(Client(cluster))
         stack.callback(lambda: kill_workers(stopped_workers()))  # they would not end
         cluster.scale(workers)  # does not wait for them
         yield client
+
+
+def _close(cluster: LocalCluster) -> None:
+    """Close a cluster, or leave it: Python waits for ever for a process that takes no task."""
+    with suppress(TimeoutError):
+        cluster.close(timeout=CLOSE_TIMEOUT)
 
 
 @contextmanager
@@ -179,10 +187,22 @@ def lost_scheduler(error: Exception) -> UserError:
     )
 
 
-def local_workers() -> set[int]:
-    """Return the process identifiers of local workers that live, also of those that start."""
+def local_workers() -> list[psutil.Process]:
+    """List the processes of local workers, also of those that start.
+
+    Python lists a child once it has taken its task. A worker that was stopped before that is known
+    by its command line; processes of the caller's own, by their names, are left out.
+    """
+    import psutil
+
     children = multiprocessing.active_children()
-    return {child.pid for child in children if child.name == _WORKER_PROCESS and child.pid}
+    others = {child.pid for child in children if child.name != _WORKER_PROCESS}
+    workers = []
+    for process in psutil.Process().children():
+        with suppress(psutil.Error):
+            if process.pid not in others and "spawn_main" in " ".join(process.cmdline()):
+                workers.append(process)
+    return workers
 
 
 def stopped_workers() -> set[psutil.Process]:
@@ -190,9 +210,8 @@ def stopped_workers() -> set[psutil.Process]:
     import psutil
 
     stopped = set()
-    for pid in local_workers():
+    for process in local_workers():
         with suppress(psutil.Error):
-            process = psutil.Process(pid)
             if process.status() == psutil.STATUS_STOPPED:
                 stopped.add(process)
     return stopped

@@ -107,7 +107,7 @@ class DaskEngine(Engine):
         """
         if not self._is_local:
             return len(self._workers) >= workers
-        alive = local_workers()
+        alive = {process.pid for process in local_workers()}
         self._started |= alive
         return len(self._started) >= workers and len(self._workers) >= len(alive)
 

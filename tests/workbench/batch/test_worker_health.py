@@ -14,11 +14,11 @@ import threading
 import time
 import weakref
 from functools import partial
+from multiprocessing import util
 
 import dask
-import psutil
 import pytest
-from distributed import Client, LocalCluster
+from distributed import Client
 
 from aerodima.workbench.batch import dask_cluster, dask_engine
 from aerodima.workbench.batch.engine import Engine
@@ -148,26 +148,30 @@ def test_a_run_that_stops_its_worker_is_given_up_after_two(opened, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("workers", "number"), [(1, signal.SIGSTOP), (2, signal.SIGSTOP), (2, signal.SIGKILL)]
+    ("workers", "number", "delay"),
+    [
+        (1, signal.SIGSTOP, 0.3),
+        (2, signal.SIGSTOP, 0.0),
+        (2, signal.SIGSTOP, 0.3),
+        (2, signal.SIGKILL, 0.3),
+    ],
 )
 def test_a_worker_that_is_stopped_or_killed_while_it_starts_is_not_waited_for(
-    opened, monkeypatch, tmp_path, workers, number
+    opened, monkeypatch, tmp_path, workers, number, delay
 ):
     monkeypatch.setattr(dask_engine, "STOPPED_POLLS", 1)
-    scale = LocalCluster.scale
+    spawn = util.spawnv_passfds
     hit = []
 
-    def scale_and_hit_one(cluster, count):
-        scale(cluster, count)
-        if hit:  # the end scales, too
-            return
-        while not hit:
-            time.sleep(0.1)  # a child that was just forked is not what it will be
-            children = psutil.Process().children()
-            hit.extend(one for one in children if "spawn_main" in " ".join(one.cmdline()))
-        hit[0].send_signal(number)
+    def spawn_and_hit_first(path, arguments, descriptors):
+        pid = spawn(path, arguments, descriptors)
+        if not hit and "--multiprocessing-fork" in map(os.fsdecode, arguments):
+            hit.append(pid)
+            time.sleep(delay)
+            os.kill(pid, number)
+        return pid
 
-    monkeypatch.setattr(LocalCluster, "scale", scale_and_hit_one)
+    monkeypatch.setattr(util, "spawnv_passfds", spawn_and_hit_first)
     if workers == 1:
         assert_refused(lambda: opened(1), UserError, "no worker")
     else:
@@ -176,7 +180,7 @@ def test_a_worker_that_is_stopped_or_killed_while_it_starts_is_not_waited_for(
         assert engine.map(int, range(4)) == [0, 1, 2, 3]
         assert "1 of 2 workers" in said[-1]
     stopped = [event["process"] for event in recorded(tmp_path) if event["event"] == "stopped"]
-    assert stopped == [hit[0].pid] * (number == signal.SIGSTOP)
+    assert stopped == hit * (number == signal.SIGSTOP)
 
 
 @pytest.mark.slow
