@@ -19,7 +19,7 @@ WHEEL = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
 CORE = {
     "dask", "drake", "jinja2", "lazy-loader", "matplotlib", "numpy", "pandas",
     "pillow", "psutil",
-    "pyarrow", "pydantic", "pyyaml", "scipy", "typer",
+    "pyarrow", "pydantic", "pyyaml", "scipy", "typer", "typing-extensions",
 }  # fmt: skip
 HEAVY = (
     "pydrake", "numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pydantic", "dask", "can",
