@@ -27,7 +27,7 @@ def read_hdf5(path: Path) -> dict[str, Any]:
     Raises:
         ValueError: what the library says of a damaged file, or that it crashed.
     """
-    command = [sys.executable, "-m", __name__, str(path)]
+    command = [sys.executable, "-P", "-m", __name__, str(path)]  # -P: no module of the folder
     reader = subprocess.run(command, capture_output=True, timeout=_TIMEOUT, check=False)
     if reader.returncode < 0:
         raise ValueError(f"it makes the HDF5 library crash (signal {-reader.returncode})")

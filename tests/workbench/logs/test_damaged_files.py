@@ -68,6 +68,14 @@ def test_a_file_that_makes_the_hdf5_library_crash_is_refused(tmp_path):
     assert_refused(lambda: read(path), LogError, path.name)
 
 
+def test_a_module_of_the_users_folder_does_not_disturb_the_reader_of_hdf5(tmp_path, monkeypatch):
+    path = tmp_path / "log_7_3.mat"
+    WRITERS[path.name](path)
+    (tmp_path / "numpy.py").write_text("raise SystemExit(1)")
+    monkeypatch.chdir(tmp_path)
+    assert np.array_equal(read(path)["data.Fy"], TABLE["Fy"])
+
+
 @pytest.mark.parametrize(
     "count", [40, pytest.param(10_000, marks=[pytest.mark.slow, pytest.mark.nightly])]
 )
