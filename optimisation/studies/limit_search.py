@@ -132,7 +132,7 @@ class LimitSearch:
     def index(self, value: float) -> int:
         """Returns the index of a value on the grid, within its ends; the lower one of two."""
         index = math.floor((value - self.low) / self.tolerance + 1e-9)
-        return min(max(index, 0), self._last)
+        return min(max(index, 0), round((self.high - self.low) / self.tolerance))
 
     def value(self, index: int) -> float:
         """Returns the value at an index of the grid."""
@@ -149,13 +149,10 @@ class LimitSearch:
         if start == "scan":
             values = self._scan(bracket, not verdicts)
         else:
-            values = [self._climb(start, bracket)]
+            stride = self.tolerance * max(1, round(self.scan / self.tolerance))
+            values = [self.value(self.index(bracket.next_value(start, stride)))]
+        # A value that is known already ends a climb.
         return [value for value in values if value not in verdicts]
-
-    def _climb(self, start: float, bracket: Bracket) -> float:
-        """Returns the next value of a climb; one that is known already ends it."""
-        stride = self.tolerance * max(1, round(self.scan / self.tolerance))
-        return self.value(self.index(bracket.next_value(start, stride)))
 
     def _scan(self, bracket: Bracket, is_new: bool) -> list[float]:
         held = bracket.held
@@ -167,10 +164,6 @@ class LimitSearch:
             return []
         cuts = np.linspace(held, lost, SCAN_SECTIONS + 1)[1:-1]
         return [rounded(value) for value in cuts]
-
-    @property
-    def _last(self) -> int:
-        return round((self.high - self.low) / self.tolerance)
 
 
 def rounded(value: float) -> float:

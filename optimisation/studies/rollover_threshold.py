@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -73,13 +74,9 @@ class Threshold:
     @property
     def summary(self) -> dict[str, str]:
         """One row of a table, in words."""
-        failed = []
-        tipped = []
-        for value, outcome in self.outcomes.items():
-            if outcome == TIPPED:
-                tipped.append(f"{value:g}")
-            elif outcome.startswith("failed"):
-                failed.append(f"{value:g}: {outcome}")
+        outcomes = self.outcomes.items()
+        tipped = [f"{value:g}" for value, outcome in outcomes if outcome == TIPPED]
+        failed = [f"{value:g}: {words}" for value, words in outcomes if words.startswith("failed")]
         islands = [f"{first:g} to {last:g}" for first, last in self.islands]
         return {
             "factor": self.search.factor,
@@ -194,17 +191,12 @@ def _threshold(
     search: LimitSearch, rows: dict[float, Any], verdicts: Mapping[float, bool | None]
 ) -> Threshold:
     bracket = Bracket.from_verdicts(verdicts)
-    islands: list[tuple[float, float]] = []
-    in_island = False
-    for value in rows:
-        if value <= bracket.lost:
-            continue
-        holds = bool(verdicts[value])
-        if holds and in_island:
-            islands[-1] = (islands[-1][0], value)
-        elif holds:
-            islands.append((value, value))
-        in_island = holds
+    beyond = [value for value in rows if value > bracket.lost]
+    islands = []
+    for holds, stretch in groupby(beyond, lambda value: bool(verdicts[value])):
+        values = list(stretch)
+        if holds:
+            islands.append((values[0], values[-1]))
     ends = [end if math.isfinite(end) else None for end in (bracket.held, bracket.lost)]
     return Threshold(search, ends[0], ends[1], tuple(islands), rows)
 

@@ -215,10 +215,8 @@ def _provenance(task: RunTask, scenario: Scenario | RigScenario | None) -> Row:
         resolved = json.dumps(scenario.resolved(), sort_keys=True)
         row["seed"] = scenario.seed
         row["scenario_sha256"] = hashlib.sha256(resolved.encode()).hexdigest()
-    return {
-        **row,
-        **{f"version_{name}": version for name, version in sorted(software_versions().items())},
-    }
+    versions = sorted(software_versions().items())
+    return row | {f"version_{name}": version for name, version in versions}
 
 
 def open_run_engine(
@@ -263,7 +261,8 @@ class CachedRunner:
         gives a row with an error.
         """
         keys = [run_key(task) for task in tasks]
-        rows = self._rows_by_key(evaluate, tasks, keys, _lost)
+        lost = partial(failed_row, error=WORKER_LOST)
+        rows = self._rows_by_key(evaluate, tasks, keys, lost)
         return [row | {"run": task.name} for task, row in zip(tasks, rows, strict=True)]
 
     def map(
@@ -325,10 +324,6 @@ def cached_runs(
         progress(f"{runs.ran} runs made; {len(store.rows)} are in {out}")
 
 
-def _lost(task: RunTask) -> Row:
-    return failed_row(task, WORKER_LOST)
-
-
 def _result_of(function: Callable[[Any], Any], item: Any) -> Row:
     return {"result": function(item)}
 
@@ -384,7 +379,5 @@ def _column(name: str, values: list[Any]) -> pd.Series:
         return pd.Series(values, dtype="boolean")
     is_text = name in TEXT_COLUMNS or name.startswith("version_")
     if not is_text and all(isinstance(value, int | float) for value in present):
-        return pd.Series(
-            [None if value is None else float(value) for value in values], dtype="float64"
-        )
+        return pd.Series(values, dtype="float64")
     return pd.Series([None if value is None else str(value) for value in values], dtype="str")

@@ -3,14 +3,15 @@ numbers.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+import yaml
+from pydantic import Field, field_validator, model_validator
 from scipy.stats import norm, qmc
 
 from aerodima.optimisation.studies.runs import RunTask, load_any_scenario
@@ -95,14 +96,13 @@ class Sample(StrictModel):
             shares = qmc.Sobol(dimensions, rng=generator).random_base2(power)[:number]
         else:
             shares = qmc.LatinHypercube(dimensions, rng=generator).random(number)
-        distributions = self.factors.values()
-        columns = [one.at(share) for one, share in zip(distributions, shares.T, strict=True)]
-        rows: list[dict[str, Value]] = []
-        for values in zip(*columns, strict=True):
-            numbers = [float(f"{value:.12g}") for value in values]
-            rows.append(dict(zip(self.factors, numbers, strict=True)))
+        rows: list[dict[str, Value]] = [{} for _ in range(number)]
+        for (name, distribution), share in zip(self.factors.items(), shares.T, strict=True):
+            for row, value in zip(rows, distribution.at(share), strict=True):
+                row[name] = float(f"{value:.12g}")
         if self.new_seeds:
-            rows = [row | {"seed": 1 + index} for index, row in enumerate(rows)]
+            for index, row in enumerate(rows):
+                row["seed"] = 1 + index
         return rows
 
 
@@ -118,30 +118,43 @@ class Block(StrictModel):
     settings: tuple[str, ...] = Field(
         default=(), description="overrides of every run, such as car.mass=5.5"
     )
-    grid: dict[str, Annotated[list[Value], Field(min_length=1)] | Range] = Field(default={})
+    grid: dict[str, list[Value] | Range] = Field(default={})
     sample: Sample | None = None
+
+    @field_validator("grid", mode="before")
+    @classmethod
+    def _refuse_empty_factors(cls, grid: Any) -> Any:
+        """Raises one sentence for the mistake that the schema would answer with one per kind of
+        factor.
+        """
+        for name, values in grid.items() if isinstance(grid, dict) else ():
+            if values in ([], {}, None):
+                raise ValueError(f"{name}: {values!r} is no value; must have at least one")
+        return grid
 
     def points(self) -> Iterator[dict[str, Value]]:
         """Yields factor -> value of each run."""
         cells = list(product(*self._axes))
-        samples: Sequence[Mapping[str, Value]] = [{}]
-        anew = False
+        samples: list[dict[str, Value]] = [{}] * len(cells)
         if self.sample is not None:
-            anew = self.sample.anew
-            samples = self.sample.rows(len(cells) if anew else 1)
-        each = len(samples) // len(cells) if anew else len(samples)
-        for index, values in enumerate(cells):
-            point = dict(zip(self.grid, values, strict=True))
-            first = index * each if anew else 0
-            for sampled in samples[first : first + each]:
-                sums = {name: _sum(point.get(name, 0.0), value) for name, value in sampled.items()}
-                yield point | sums
+            if self.sample.anew:
+                samples = self.sample.rows(len(cells))
+            else:
+                samples = self.sample.rows() * len(cells)
+        for index, sampled in enumerate(samples):
+            point = dict(zip(self.grid, cells[index // self._samples], strict=True))
+            for name, value in sampled.items():
+                point[name] = _sum(point.get(name, 0.0), value)
+            yield point
 
     @property
     def size(self) -> int:
         """Number of points."""
-        samples = 1 if self.sample is None else self.sample.number
-        return math.prod(map(len, self._axes)) * samples
+        return math.prod(map(len, self._axes)) * self._samples
+
+    @property
+    def _samples(self) -> int:
+        return 1 if self.sample is None else self.sample.number
 
     @property
     def _axes(self) -> list[list[Value]]:
@@ -199,24 +212,9 @@ def load_study(path: str | Path) -> Study:
     """
     path = find_file(path, "studies", "study", SweepError)
     data = {"schema": STUDY_SCHEMA, "name": path.stem} | read_yaml(path, SweepError)
-    _refuse_empty_factors(path, data)
     study = checked(Study, _in_blocks(data), str(path), SweepError, schema=STUDY_SCHEMA)
     check_factors(study, str(path))
     return study
-
-
-def _refuse_empty_factors(path: Path, data: Json) -> None:
-    """Raises one sentence for the mistake that the schema would answer with one per
-    kind of factor.
-    """
-    blocks = data.get("blocks", [data])
-    for block in blocks if isinstance(blocks, list) else []:
-        grid = block.get("grid") if isinstance(block, dict) else None
-        for name, values in grid.items() if isinstance(grid, dict) else ():
-            if values in ([], {}, None):
-                raise SweepError(
-                    f"{path}: grid: {name}: {values!r} is no value; must have at least one"
-                )
 
 
 def check_factors(study: Study, where: str) -> None:
@@ -284,13 +282,10 @@ def _text(value: Value) -> str:
     """Returns the text that YAML reads back: floats in full precision (`1e-05` would be text,
     `1.0e-05` is a number).
     """
-    if isinstance(value, bool):
-        return str(value).lower()
-    text = str(value)
-    mantissa, exponent, power = text.partition("e")
-    if isinstance(value, float) and exponent and "." not in mantissa:
-        return f"{mantissa}.0e{power}"
-    return text
+    if isinstance(value, str):
+        return value
+    text: str = yaml.safe_dump(value)
+    return text.splitlines()[0]
 
 
 def _in_blocks(data: Json) -> Json:
