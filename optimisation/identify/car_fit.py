@@ -230,7 +230,7 @@ class CarModel:
         Their friction is from the lateral acceleration, and each has its best delay.
         """
         drive = self.drive
-        x = dict(zip(self.parameters.names, self.parameters.initial.tolist(), strict=True))
+        x = self.parameters.by_name(self.parameters.initial)
         best, lowest = x, math.inf
         low, high = np.array([prior_range(name) for name in CAR]).T
         acceleration = np.abs(drive.channels["lateral_acceleration"].value)

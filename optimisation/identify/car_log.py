@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -222,10 +223,7 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
         raise FitError(
             f"is a log of kind {log.kind!r}; this fit needs a drive of the car, 'car_run'"
         )
-    content: Json = {
-        key: dict(value) if isinstance(value, dict) else value
-        for key, value in log.scenario.items()
-    }
+    content: Json = deepcopy(dict(log.scenario))
     for setting in settings:
         Scenario.apply_setting(content, setting)
     scenario = Scenario.from_dict(content, "its scenario")

@@ -84,23 +84,21 @@ def averages_table(results: Sequence[FitResult], keys: Sequence[str] = ()) -> pd
     Returns:
         A row per group and parameter: the keys, parameter, unit, and its `averages`.
     """
-    groups: dict[tuple[Any, ...], list[FitResult]] = {}
-    for result in results:
-        groups.setdefault(tuple(result.facts[key] for key in keys), []).append(result)
+    groups: dict[tuple[Any, ...], list[tuple[float, float]]] = {}
+    for result in sorted(results, key=lambda result: [result.facts[key] for key in keys]):
+        facts = [result.facts[key] for key in keys]
+        for e in result.free:
+            if e.name.startswith("start_"):
+                continue
+            pairs = groups.setdefault((*facts, e.name, e.unit), [])
+            if e.identifiable:
+                pairs.append((e.value, result.resnorm))
+    heads = [*keys, "parameter", "unit"]
     rows = []
-    for place, group in sorted(groups.items()):
-        units = {}
-        pairs: dict[str, list[tuple[float, float]]] = defaultdict(list)
-        for result in group:
-            for e in result.free:
-                units[e.name] = e.unit
-                if e.identifiable and not e.name.startswith("start_"):
-                    pairs[e.name].append((e.value, result.resnorm))
-        facts = dict(zip(keys, place, strict=True))
-        for name, unit in units.items():
-            if name in pairs:
-                numbers = averages(*np.array(pairs[name]).T)
-                rows.append({**facts, "parameter": name, "unit": unit, **numbers})
+    for place, pairs in groups.items():
+        if pairs:
+            row = dict(zip(heads, place, strict=True))
+            rows.append(row | averages(*np.array(pairs).T))
     return pd.DataFrame(rows)
 
 
@@ -154,7 +152,8 @@ def static_sets(results: Sequence[FitResult]) -> tuple[dict[str, Json], list[str
         angles = sorted({angle for _, angle in grid})
         if len(speeds) < 2 or len(angles) < 2:
             continue
-        holes = [(v, a) for a in angles for v in speeds if (v, a) not in grid]
+        places = [(speed, angle) for angle in angles for speed in speeds]
+        holes = [place for place in places if place not in grid]
         if holes:
             speed, angle = holes[0]
             more = f" and {len(holes) - 1} more" if len(holes) > 1 else ""
@@ -163,20 +162,24 @@ def static_sets(results: Sequence[FitResult]) -> tuple[dict[str, Json], list[str
                 f"{angle:g} degrees{more}"
             )
             continue
-        ordered = [(v, a) for a in angles for v in speeds]
-        number = sum(map(len, grid.values()))
-        limits = [round(math.radians(angle), 9) for angle in (angles[0], angles[-1])]
-        sets[name] = {
+        content: Json = {
             "schema": SCHEMA,
             "law": "polar",
             "quasi_steady_limit_m_per_s": CHEETAH_LIMIT,
             "name": f"cheetah tail {tail}, {axis} axis",
-            "source": f"aerodima fit static over {number} holds",
+            "source": f"aerodima fit static over {sum(map(len, grid.values()))} holds",
             "kind": "table",
-            "range": {"speed_m_per_s": [speeds[0], speeds[-1]], "angle_rad": limits},
-            "nodes": [_static_node(*node, grid[node]) for node in ordered],
         }
+        nodes = [_static_node(*place, grid[place]) for place in places]
+        sets[name] = content | _nodes_and_range(nodes, "speed_m_per_s", "angle_rad")
     return sets, left_out
+
+
+def _nodes_and_range(nodes: list[Json], *axes: str) -> Json:
+    """Make the entries of the nodes, the lowest first, and of the range that they span."""
+    first = nodes[0]
+    last = nodes[-1]
+    return {"range": {axis: [first[axis], last[axis]] for axis in axes}, "nodes": nodes}
 
 
 def _static_node(speed: float, angle: float, group: list[FitResult]) -> Json:
@@ -194,8 +197,8 @@ def _average(name: str, pairs: Sequence[tuple[float, float]]) -> dict[str, float
     """Average values with resnorms: weighted under the name itself, the others beside it."""
     numbers = averages(*np.array(pairs).T)
     del numbers["samples"]
-    keys = {"weighted": name}
-    return {keys.get(key, f"{name}_{key}"): round(value, 5) for key, value in numbers.items()}
+    rounded = {f"{name}_{key}": round(value, 5) for key, value in numbers.items()}
+    return {name: rounded.pop(f"{name}_weighted"), **rounded}
 
 
 def robot_tail_set(results: Sequence[FitResult]) -> Json | None:
@@ -220,8 +223,7 @@ def robot_tail_set(results: Sequence[FitResult]) -> Json | None:
         "name": "robot tail, bins over the relative speed",
         "source": f"aerodima fit robot-tail over {len(results)} swings",
         "kind": "speed_table",
-        "range": {"speed_m_per_s": [nodes[0]["speed_m_per_s"], nodes[-1]["speed_m_per_s"]]},
-        "nodes": nodes,
+        **_nodes_and_range(nodes, "speed_m_per_s"),
     }
 
 

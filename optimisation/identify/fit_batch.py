@@ -7,7 +7,6 @@ other versions of the software.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -23,6 +22,7 @@ from aerodima.workbench.batch.row_store import (
     ProgressBar,
     ProgressLine,
     RowStore,
+    content_key,
     no_progress,
     print_resume_hint,
     read_rows,
@@ -77,8 +77,7 @@ def fit_logs(
         FitError: a log is named twice, or none, or the folder holds results of other settings.
     """
     names = _unique(logs)
-    versions = json.dumps(software_versions(), sort_keys=True)
-    keys = {name: _key(name, versions) for name in names}
+    keys = {name: _key(name) for name in names}
     identity = {"settings": settings}
     force = force or _holds_only_failures(out / JOURNAL, identity)
     with RowStore(out / JOURNAL, identity, force=force, error=FitError) as store:
@@ -143,12 +142,10 @@ def _failed(name: str, reason: str = WORKER_KILLED) -> Json:
     return {"log": name, "result": None, "error": reason}
 
 
-def _key(name: str, versions: str) -> str:
+def _key(name: str) -> str:
     """Make a hash that changes with the log, its file or the versions of the software."""
     try:
         state = Path(name).stat()
     except OSError:
         return f"{name} is missing"
-    return hashlib.sha256(
-        f"{name} {state.st_size} {state.st_mtime_ns} {versions}".encode()
-    ).hexdigest()[:16]
+    return content_key(name, state.st_size, state.st_mtime_ns, software_versions())

@@ -4,6 +4,7 @@ page.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -66,9 +67,6 @@ def write_report(
     failed = dict(failed or {})
     tables = dict(tables or {})
     budget = budget_table(results)
-    plots = {
-        name: zoomable(figure, "", _heading(name)) for name, figure in figures_of(results).items()
-    }
     whole = {
         "schema": SCHEMA,
         "title": title,
@@ -78,6 +76,8 @@ def write_report(
         "tables": {name: table.to_dict("records") for name, table in tables.items()},
         "fits": [_plain(result) for result in results],
     }
+    # Numbers of NumPy and tuples become plain ones on their way through JSON.
+    plain = json.loads(json.dumps(whole, default=np.generic.item))
     sections = [
         *_findings(results, failed, left_out),
         Section("Results", [_estimates(results)]),
@@ -86,9 +86,7 @@ def write_report(
     ]
     contents: dict[str, Content] = {
         "fits.csv": pd.DataFrame([result.row() for result in results]),
-        "fits.yaml": yaml.safe_dump(
-            _numbers(whole), sort_keys=False, allow_unicode=True, width=120
-        ),
+        "fits.yaml": yaml.safe_dump(plain, sort_keys=False, allow_unicode=True, width=120),
     }
     if len(budget):
         contents["budget.csv"] = budget
@@ -96,7 +94,8 @@ def write_report(
         link = "The same in", Link(f"{name}.csv")
         sections.append(Section(_heading(name), [_frame(table), link]))
         contents[f"{name}.csv"] = table
-    for name, plot in plots.items():
+    for name, figure in figures_of(results).items():
+        plot = zoomable(figure, "", _heading(name))
         sections.append(Section(plot.alternative, [plot]))
         contents[f"{name}.png"] = plot.data
     contents["report.html"] = Page(title, "", sections)
@@ -149,17 +148,6 @@ def _plain(result: FitResult) -> Json:
     del content["curves"]
     renamed = {"unidentifiable": "not_determined"}
     return {renamed.get(key, key): value for key, value in content.items()}
-
-
-def _numbers(value: Any) -> Any:
-    """Convert to plain Python values all the way down."""
-    if isinstance(value, Mapping):
-        return {str(key): _numbers(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_numbers(item) for item in value]
-    if isinstance(value, np.generic):
-        return value.item()
-    return value
 
 
 def _heading(name: str) -> str:

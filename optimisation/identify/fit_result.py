@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AliasChoices, Field
 
-from aerodima.optimisation.identify.least_squares import Parameters, Solution
+from aerodima.optimisation.identify.least_squares import Solution
 from aerodima.optimisation.identify.uncertainty import Uncertainty
 from aerodima.workbench.core.file_reading import Facts, Json
 
@@ -126,10 +126,13 @@ class FitResult:
             row[f"{name}{suffix}"] = e.value
             if e.frozen:
                 continue
-            row[f"{name}_std{suffix}"] = e.standard_deviation
-            row[f"{name}_noise_std{suffix}"] = e.noise_deviation
-            row[f"{name}_lower95{suffix}"] = e.lower
-            row[f"{name}_upper95{suffix}"] = e.upper
+            spreads = {
+                "std": e.standard_deviation,
+                "noise_std": e.noise_deviation,
+                "lower95": e.lower,
+                "upper95": e.upper,
+            }
+            row |= {f"{name}_{key}{suffix}": value for key, value in spreads.items()}
             row[f"{name}_identifiable"] = e.identifiable
             row[f"{name}_bound"] = e.bound
         row |= {f"residual_rms_{channel}": value for channel, value in self.residual_rms.items()}
@@ -184,7 +187,7 @@ def make_result(
         rms[name] = float(np.sqrt(np.mean(np.square(solution.residual[rows])))) * weight
     directions = intervals.unidentifiable
     unidentifiable = tuple(text for text in directions if text.split(" ")[0] not in constants)
-    beyond = dict(zip(parameters.names, intervals.beyond.tolist(), strict=True))
+    beyond = parameters.by_name(intervals.beyond)
     best = solution.best
     found = [*warnings, *(f"the data do not determine {text}" for text in unidentifiable)]
     found += _bound_warnings(estimates, beyond)
@@ -240,11 +243,11 @@ def _estimates(solution: Solution, intervals: Uncertainty) -> list[Estimate]:
 
 def _attempts(solution: Solution) -> tuple[Json, ...]:
     """Write the starts as plain data."""
-    values = solution.problem.parameters
+    parameters = solution.problem.parameters
     return tuple(
         {
-            "start": _by_name(values, attempt.start),
-            "found": _by_name(values, attempt.x),
+            "start": parameters.by_name(attempt.start),
+            "found": parameters.by_name(attempt.x),
             "cost": attempt.cost,
             "success": attempt.success,
             "status": attempt.status,
@@ -252,10 +255,6 @@ def _attempts(solution: Solution) -> tuple[Json, ...]:
         }
         for attempt in solution.attempts
     )
-
-
-def _by_name(parameters: Parameters, x: np.ndarray) -> dict[str, float]:
-    return dict(zip(parameters.names, x.tolist(), strict=True))
 
 
 def _bound_warnings(estimates: Sequence[Estimate], beyond: Mapping[str, float]) -> list[str]:

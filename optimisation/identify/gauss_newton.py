@@ -99,7 +99,7 @@ def solve(problem: Problem | FitProgram, starts: Sequence[FloatArray] | None = N
     if not np.isfinite(best.cost):
         reasons = "; ".join(dict.fromkeys(attempt.status for attempt in attempts))
         raise FitError(f"{problem.name}: no start of {len(attempts)} could be solved: {reasons}")
-    residual = np.asarray(problem.residual(best.x), float)
+    residual = problem.finite_residual(best.x)
     return Solution(problem, best.x, residual, problem.central_jacobian(best.x), best, attempts)
 
 
@@ -318,9 +318,7 @@ def bounded_step(
     A = np.vstack([R, D, terms.factor])
     b = np.concatenate([c, np.zeros(len(A) - len(c))])
     Q, T = np.linalg.qr(A)
-    free = -(Q.T @ b)
-    if np.any(terms.slope):
-        free -= np.linalg.solve(T.T, terms.slope)
+    free = -(Q.T @ b) - np.linalg.solve(T.T, terms.slope)
     size = float(np.linalg.norm(free)) or 1.0
     inverse = np.linalg.inv(T) * size
     step = inverse @ (free / size)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodima.optimisation.identify.huber import LIMIT, Loss, spread
+from aerodima.optimisation.identify.huber import LIMIT, Loss, huber_weight, spread
 from aerodima.optimisation.identify.noise import correlation_time
 from aerodima.optimisation.identify.residual_check import (
     CHANCE,
@@ -54,33 +54,31 @@ def hold_mean(
         step: 0 in the rest and 1 in the hold (n); None without a rest.
         loss: squares; `huber` holds samples back that lie far off.
     """
-    rows = [np.ones_like(time), time - time.mean()]
-    if step is None:
-        index = 0
-    else:
-        index = len(rows)
-        rows.append(step)
-    design = np.stack(rows)
-    count = len(rows)
-    share = np.linalg.inv(design @ design.T)[index, index]
-    means = []
-    variances = []
-    lags = []
-    checks = []
-    for row in values:
-        coefficients, scatter, widened = _coefficients(row, design, loss)
-        lag = correlation_time(scatter[:MAX_CORRELATED])
-        freedom = max(len(row) / lag - count, 1.0)
-        means.append(coefficients[index])
-        variances.append(float(scatter @ scatter) / freedom * widened * share)
-        lags.append(lag)
-        check = check_residual(scatter, count)
-        if loss == "squares" and (check.far_off or chance_of([check]) < CHANCE):
-            # What lies far off has bent the fit: how far shows against one that it has bent less.
-            robust, _, _ = _coefficients(row, design, "huber")
-            check = check_residual(row - robust @ design, count)
-        checks.append(check)
-    return HoldMean(np.array(means), np.array(variances), np.array(lags), tuple(checks))
+    constant = np.ones_like(time)
+    drift = time - time.mean()
+    # What is wanted stands last.
+    design = np.stack([drift, constant] if step is None else [constant, drift, step])
+    readings = [_reading_mean(row, design, loss) for row in values]
+    means, variances, lags, checks = zip(*readings, strict=True)
+    return HoldMean(np.array(means), np.array(variances), np.array(lags), checks)
+
+
+def _reading_mean(
+    row: FloatArray, design: FloatArray, loss: Loss
+) -> tuple[float, float, float, ResidualCheck]:
+    """Fits one reading: the last coefficient, its variance, lag and check."""
+    count = len(design)
+    coefficients, scatter, widened = _coefficients(row, design, loss)
+    lag = correlation_time(scatter[:MAX_CORRELATED])
+    freedom = max(len(row) / lag - count, 1.0)
+    share = np.linalg.inv(design @ design.T)[-1, -1]
+    variance = float(scatter @ scatter) / freedom * widened * share
+    check = check_residual(scatter, count)
+    if loss == "squares" and (check.far_off or chance_of([check]) < CHANCE):
+        # What lies far off has bent the fit: how far shows against one that it has bent less.
+        robust, _, _ = _coefficients(row, design, "huber")
+        check = check_residual(row - robust @ design, count)
+    return coefficients[-1], variance, lag, check
 
 
 def _coefficients(
@@ -97,7 +95,7 @@ def _coefficients(
         scale = spread(residual)
         if scale == 0.0:
             return solution, residual, 1.0
-        weight = _huber_weight(residual / scale)
+        weight = huber_weight(residual / scale)
         weighted = design * weight
         before = solution
         solution = (row * weight) @ design.T @ np.linalg.inv(weighted @ design.T)
@@ -105,13 +103,9 @@ def _coefficients(
         change = np.abs((solution - before) @ design)
         if np.max(change) < _SETTLED * scale:
             break
-    sizes = residual / scale
-    within = float(np.mean(np.abs(sizes) <= LIMIT))
-    return solution, residual * _huber_weight(sizes), 1.0 / within**2
-
-
-def _huber_weight(size: FloatArray) -> FloatArray:
-    return np.minimum(1.0, LIMIT / np.maximum(np.abs(size), LIMIT))
+    limit = LIMIT * scale
+    within = float(np.mean(np.abs(residual) <= limit))
+    return solution, np.clip(residual, -limit, limit), 1.0 / within**2
 
 
 def residual_warnings(mean: HoldMean, channels: list[str], time: FloatArray) -> list[str]:

@@ -39,6 +39,11 @@ def huber(residual: FloatArray, limit: float = LIMIT) -> FloatArray:
     return np.where(size <= limit, residual, np.sign(residual) * beyond)
 
 
+def huber_weight(size: FloatArray) -> FloatArray:
+    """Compute the limit over sizes (m) beyond it, else 1: how much samples still count."""
+    return LIMIT / np.maximum(np.abs(size), LIMIT)
+
+
 def spread(values: FloatArray) -> float:
     """Compute the robust standard deviation: 1.4826 times the median deviation from the median."""
     return _NORMAL * float(np.median(np.abs(values - np.median(values))))
@@ -70,29 +75,23 @@ def solve_huber(problem: Problem, squares: Solution) -> HuberSolution:
     Raises:
         FitError: no finite residual on the way.
     """
-    solution = squares
-    scale = spread(solution.residual)
+    scale = spread(squares.residual)
     # Residuals that vanish (fewer rows than unknowns, exact data) have no outliers.
-    least = 1e-9 * max(float(np.max(np.abs(solution.residual))), 1e-300)
+    least = 1e-9 * max(float(np.max(np.abs(squares.residual))), 1e-300)
     if scale <= least:
-        return HuberSolution(solution, solution, 0, scale)
+        return HuberSolution(squares, squares, 0, scale)
+    x = squares.x
     for _ in range(_MAX_SCALES):
-        robust = solve(_huberised(problem, scale), [solution.x])
-        residual = np.asarray(problem.residual(robust.x), float)
+        best = solve(_huberised(problem, scale), [x]).best
+        x = best.x
+        residual = problem.finite_residual(x)
         before = scale
         scale = max(spread(residual), least)
         if abs(scale - before) <= _SETTLED * before:
             break
-        solution = robust
-    best = replace(robust.best, status=f"Huber: {robust.best.status}")
-    solution = Solution(
-        problem,
-        robust.x,
-        residual,
-        problem.central_jacobian(robust.x),
-        best,
-        (*squares.attempts, best),
-    )
+    best = replace(best, status=f"Huber: {best.status}")
+    attempts = (*squares.attempts, best)
+    solution = Solution(problem, x, residual, problem.central_jacobian(x), best, attempts)
     if scale <= least:
         return HuberSolution(solution, solution, 0, scale)
     limit = LIMIT * scale
@@ -111,16 +110,13 @@ def _huberised(problem: Problem, scale: float) -> Problem:
     jacobian = problem.jacobian
 
     def residual(x: FloatArray) -> FloatArray:
-        return scale * huber(np.asarray(problem.residual(x), float) / scale)
+        return scale * huber(problem.finite_residual(x) / scale)
 
     if jacobian is None:
         return replace(problem, residual=residual)
 
     def bent_jacobian(x: FloatArray) -> FloatArray:
-        size = np.abs(np.asarray(problem.residual(x), float)) / scale
-        square = LIMIT * LIMIT
-        beyond = LIMIT / np.sqrt(np.maximum(2.0 * LIMIT * size - square, square))
-        weight = np.where(size <= LIMIT, 1.0, beyond)
+        weight = huber_weight(residual(x) / scale)
         return weight[:, None] * np.asarray(jacobian(x), float)
 
     return replace(problem, residual=residual, jacobian=bent_jacobian)

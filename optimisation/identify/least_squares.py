@@ -174,8 +174,11 @@ class Parameters:
 
     def values(self, x: Sequence[float] | FloatArray) -> dict[str, float]:
         """List all values by name, the fixed ones included, for a vector of the unknowns."""
-        values = {parameter.name: parameter.initial for parameter in self.all}
-        return values | dict(zip(self.names, map(float, x), strict=True))
+        return {parameter.name: parameter.initial for parameter in self.all} | self.by_name(x)
+
+    def by_name(self, x: Iterable[float]) -> dict[str, float]:
+        """List numbers of the unknowns (p) by their names."""
+        return dict(zip(self.names, map(float, x), strict=True))
 
     def starts(self, starts: Iterable[Mapping[str, float]] = ()) -> list[FloatArray]:
         """List the vectors to start from: the initial values, then further ones by name.
@@ -194,7 +197,7 @@ class Parameters:
                     f"{', '.join(self.names)}"
                 )
             moved = [replace(p, initial=start.get(p.name, p.initial)) for p in self.free]
-            vectors.append(np.array([p.initial for p in moved]))
+            vectors.append(Parameters.of(moved).initial)
         return vectors
 
     def sides(self, x: FloatArray) -> IntArray:
@@ -206,8 +209,8 @@ class Parameters:
     def active(self, x: FloatArray) -> dict[str, str]:
         """List the unknowns that sit on a bound, with `lower` or `upper`."""
         words = {-1: "lower", 1: "upper"}
-        sides = zip(self.names, self.sides(x).tolist(), strict=True)
-        return {name: words[side] for name, side in sides if side}
+        sides = self.by_name(self.sides(x))
+        return {name: words[round(side)] for name, side in sides.items() if side}
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -147,14 +146,11 @@ def fit_line(
     def residual(p: FloatArray) -> FloatArray:
         return design @ p - y / height
 
-    problem = Problem(Parameters.of(unknowns), residual, lambda _: design, name=name)
-    channels = {channel: (slice(None), height)}
-    facts = {"points": len(x)}
     return fit(
-        problem,
-        lambda solution: independent_noise(solution.residual, len(solution.x)),
-        channels=channels,
-        facts=facts,
+        Problem(Parameters.of(unknowns), residual, lambda _: design, name=name),
+        lambda solution: independent_noise(solution.residual, len(unknowns)),
+        channels={channel: (slice(None), height)},
+        facts={"points": len(x)},
         loss=loss,
     )
 
@@ -163,8 +159,7 @@ def robot_tail_line() -> FitResult:
     """Fit C_N = slope v + intercept through the 160 distinct coefficients (Tables 6.3, 11.4-11.7;
     ERRATA E26).
     """
-    rows = robot_tail_rows()
-    rows = rows.sort_values("relative_velocity_m_per_s")
+    rows = robot_tail_rows().sort_values("relative_velocity_m_per_s")
     speed = rows.relative_velocity_m_per_s.to_numpy(float)
     values = rows.cd.to_numpy(float)
     line = fit_line(
@@ -259,14 +254,11 @@ def with_constants(balance: StaticBalance, tail: int, values: dict[str, float]) 
 
 def predicted_currents(rigs: dict[int, StaticBalance], rows: pd.DataFrame) -> FloatArray:
     """Predict the current of each row (n), A, from its published coefficients."""
+    tests = rows[["tail", "angle_of_attack_deg", "wind_speed_m_per_s", "cd", "cl", "psi3_rad"]]
     currents = []
-    row: Any
-    for row in rows.itertuples():
-        angle = math.radians(row.angle_of_attack_deg)
-        current = rigs[row.tail].holding_current(
-            angle, row.wind_speed_m_per_s, row.cd, row.cl, row.psi3_rad
-        )
-        currents.append(current)
+    for tail, degrees, *wind_and_coefficients in tests.itertuples(index=False):
+        angle = math.radians(degrees)
+        currents.append(rigs[tail].holding_current(angle, *wind_and_coefficients))
     return np.array(currents)
 
 
@@ -303,9 +295,9 @@ def fit_rig_constants(rows: pd.DataFrame | None = None) -> RigConstants:
     )
     table["relative_error"] = predicted / published - 1.0
     ordered = table.sort_values("published_a")
+    held = ordered.published_a.to_numpy()
     labels = "published current, A", "current from the published coefficients, A"
-    currents = ordered.published_a.to_numpy(), ordered.predicted_a.to_numpy()
-    curve = make_curve(*currents, currents[0], *labels)
+    curve = make_curve(held, ordered.predicted_a.to_numpy(), held, *labels)
     return RigConstants(replace(result, curves={"holding current": curve}), table)
 
 
@@ -315,4 +307,4 @@ def _cell_noise(residual: FloatArray, rows: pd.DataFrame, unknowns: int) -> Nois
     cells = int(cell.max()) + 1
     freedom = max(cells - unknowns, 1)
     variance = float(np.mean(np.square(residual))) * cells / freedom
-    return Noise(variance * (cell[:, None] == cell[None, :]), float(freedom), float(cells))
+    return Noise(variance * np.equal.outer(cell, cell), float(freedom), float(cells))

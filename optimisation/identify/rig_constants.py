@@ -19,38 +19,64 @@ from aerodima.workbench.scenario.rig_scenario import (
     RigUncertaintyParameters,
 )
 
-CONSTANTS: dict[str, tuple[float, dict[str, float]]] = {
-    "mount_mass": (0.5, {"mount.mass": 1.0}),
-    "mount_com_x": (0.1, {"mount.com_x": 1.0, "mount.pivot_x": -1.0}),
-    "mount_com_y": (0.1, {"mount.com_y": 1.0, "mount.pivot_y": -1.0}),
-    "pivot_x": (0.1, {"mount.pivot_x": 1.0}),
-    "pivot_y": (0.1, {"mount.pivot_y": 1.0}),
-    "pivot_z": (0.1, {"mount.pivot_z": 1.0}),
-    "bar_mass": (0.2, {"bar.mass": 1.0}),
-    "bar_com": (0.08, {"bar.com_distance": 1.0}),
-    "bar_inertia": (1e-3, {"bar.inertia_xx": 1.0}),
-    "bar_width": (0.015, {"bar.width": 1.0}),
-    "bar_drag": (1.5, {"bar.drag_coefficient": 1.0}),
-    "tail_mass": (0.05, {"tail.mass": 1.0}),
-    "tail_com": (0.1, {"tail.com_distance": 1.0}),
-    "tail_gap": (0.05, {"tail.gap": 1.0}),
-    "tail_length": (0.1, {"tail.length": 1.0}),
-    "tail_width": (0.03, {"tail.major_axis": 1.0}),
-    "rotor_inertia": (5e-3, {"maxon.reflected_inertia": 1.0}),
-    "torque_constant": (0.2, {"maxon.torque_constant": 1.0}),
-    "jet_edge_depth": (0.15, {"tunnel.jet_edge_depth": 1.0}),
-    "wind_speed": (0.3, {}),
-    "air_density": (0.5, {"environment.air_density": 1.0}),
-    "coulomb": (0.04, {"friction.coulomb": 1.0}),
-    "viscous": (0.03, {"friction.viscous": 1.0}),
-    "encoder_zero": (0.2, {}),
-    "encoder_gain": (0.3, {}),
-    "current_bias": (2.0, {}),
-    "current_delay": (0.05, {}),
-    "force_gain": (0.5, {}),
+CONSTANTS = {
+    "mount_mass": 0.5,
+    "mount_com_x": 0.1,
+    "mount_com_y": 0.1,
+    "pivot_x": 0.1,
+    "pivot_y": 0.1,
+    "pivot_z": 0.1,
+    "bar_mass": 0.2,
+    "bar_com": 0.08,
+    "bar_inertia": 1e-3,
+    "bar_width": 0.015,
+    "bar_drag": 1.5,
+    "tail_mass": 0.05,
+    "tail_com": 0.1,
+    "tail_gap": 0.05,
+    "tail_length": 0.1,
+    "tail_width": 0.03,
+    "rotor_inertia": 5e-3,
+    "torque_constant": 0.2,
+    "jet_edge_depth": 0.15,
+    "wind_speed": 0.3,
+    "air_density": 0.5,
+    "coulomb": 0.04,
+    "viscous": 0.03,
+    "encoder_zero": 0.2,
+    "encoder_gain": 0.3,
+    "current_bias": 2.0,
+    "current_delay": 0.05,
+    "force_gain": 0.5,
 }
-"""Name -> bound to either side where it is free, and keys of the scenario that it shifts, each with
-a sign; none for an error of an instrument."""
+"""Name -> bound to either side where it is free."""
+_KEYS = {
+    "mount_mass": "mount.mass",
+    "mount_com_x": "mount.com_x",
+    "mount_com_y": "mount.com_y",
+    "pivot_x": "mount.pivot_x",
+    "pivot_y": "mount.pivot_y",
+    "pivot_z": "mount.pivot_z",
+    "bar_mass": "bar.mass",
+    "bar_com": "bar.com_distance",
+    "bar_inertia": "bar.inertia_xx",
+    "bar_width": "bar.width",
+    "bar_drag": "bar.drag_coefficient",
+    "tail_mass": "tail.mass",
+    "tail_com": "tail.com_distance",
+    "tail_gap": "tail.gap",
+    "tail_length": "tail.length",
+    "tail_width": "tail.major_axis",
+    "rotor_inertia": "maxon.reflected_inertia",
+    "torque_constant": "maxon.torque_constant",
+    "jet_edge_depth": "tunnel.jet_edge_depth",
+    "air_density": "environment.air_density",
+    "coulomb": "friction.coulomb",
+    "viscous": "friction.viscous",
+}
+"""Name -> key of the scenario that it shifts; none for an error of an instrument."""
+_OPPOSITE_KEYS = {"mount_com_x": "mount.pivot_x", "mount_com_y": "mount.pivot_y"}
+"""Name -> key that it shifts the other way."""
 BIASES = ("fx_bias", "fy_bias", "fz_bias", "tx_bias", "ty_bias", "tz_bias")
 """What is left in the readings of the force sensor, N and N m."""
 _BIAS_REACH = 500.0
@@ -147,7 +173,7 @@ def constant_parameters(
 
 
 def _free_parameter(name: str) -> Parameter:
-    reach = _BIAS_REACH if name in BIASES else CONSTANTS[name][0]
+    reach = _BIAS_REACH if name in BIASES else CONSTANTS[name]
     return Parameter(name, _unit(name), 0.0, -reach, reach, scale=_SCALE * reach)
 
 
@@ -162,16 +188,20 @@ def shifted(scenario: RigScenario, values: Mapping[str, float]) -> RigScenario:
     the scenario.
     """
     changes: dict[str, dict[str, float]] = {}
+
+    def shift_key(key: str, shift: float) -> None:
+        section, entry = key.split(".")
+        if section == "tail":
+            section = f"tail_{scenario.experiment.tail}"
+        changed = changes.setdefault(section, {})
+        value = getattr(getattr(scenario, section), entry)
+        changed[entry] = changed.get(entry, value) + shift
+
     for name, shift in values.items():
-        if name not in CONSTANTS:
-            continue
-        for key, sign in CONSTANTS[name][1].items():
-            section, entry = key.split(".")
-            if section == "tail":
-                section = f"tail_{scenario.experiment.tail}"
-            changed = changes.setdefault(section, {})
-            value = getattr(getattr(scenario, section), entry)
-            changed[entry] = changed.get(entry, value) + sign * shift
+        if name in _KEYS:
+            shift_key(_KEYS[name], shift)
+        if name in _OPPOSITE_KEYS:
+            shift_key(_OPPOSITE_KEYS[name], -shift)
     return with_values(scenario, changes)
 
 

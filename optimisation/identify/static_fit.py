@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -107,7 +107,7 @@ class StaticResidual:
         self._constant -= np.append(data.wrench[self._rows] / self._weights, data.speed / speed)
         self._motor = np.zeros(len(self._scale))
         self._motor[-1] = -creep * self._balance.torque_constant
-        self._last: tuple[float, FloatArray] = (math.nan, np.empty(0))
+        self._effect = lru_cache(maxsize=1)(self._wind_effect)
 
     def _scaled(self, wrench: FloatArray, torque: float) -> FloatArray:
         return np.append(wrench[self._rows], torque) * self._scale
@@ -117,18 +117,13 @@ class StaticResidual:
         """Rows of each channel and the weight that they were divided by."""
         names = [*(REACTIONS[i] for i in self._rows), "speed"]
         weights = [*self._weights.tolist(), speed_accuracy()]
-        rows = [slice(i, i + 1) for i in range(len(names))]
-        return dict(zip(names, zip(rows, weights, strict=True), strict=True))
+        return {name: (slice(i, i + 1), weights[i]) for i, name in enumerate(names)}
 
-    def _effect(self, psi: float) -> FloatArray:
+    def _wind_effect(self, psi: float) -> FloatArray:
         """Compute the weighted rows of bar, unit C_D and unit C_L (3 x m)."""
-        last, weighted = self._last
-        if last != psi:
-            data = self._data
-            effect = self._balance.wind_effect(data.angle, data.wind_speed, psi)
-            weighted = effect[:, [*self._rows, 6]] * self._scale
-            self._last = (psi, weighted)
-        return weighted
+        data = self._data
+        effect = self._balance.wind_effect(data.angle, data.wind_speed, psi)
+        return effect[:, [*self._rows, 6]] * self._scale
 
     def __call__(self, x: FloatArray) -> FloatArray:
         """Compute the residual (present axes + 1) of C_D, C_L, psi3 and current."""
@@ -195,9 +190,8 @@ def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:
     facts: Json = dict(data.facts)
     if math.isfinite(data.current):
         facts["logged_current_a"] = data.current
-    facts["exposed_length_m"] = exposed = StaticBalance.from_scenario(data.scenario).exposed_length(
-        data.angle
-    )
+    balance = StaticBalance.from_scenario(data.scenario)
+    facts["exposed_length_m"] = exposed = balance.exposed_length(data.angle)
     result = fit(
         problem,
         lambda solution: residual.noise(solution.x),
@@ -252,12 +246,14 @@ def _mistake(result: FitResult, data: StaticData, parameters: Parameters) -> lis
     residual = StaticResidual(exact)
     x = np.array([result[name].value for name in UNKNOWNS])
     noise = residual.noise(x).covariance
-    constants = result.constants.items()
-    ends = [StaticResidual(shifted_data(exact, {n: c["known_to"]}))(x) for n, c in constants]
+    ends = []
+    sizes = []
+    for name, constant in result.constants.items():
+        prior = constant["known_to"]
+        ends.append(StaticResidual(shifted_data(exact, {name: prior}))(x))
+        sizes.append(abs(constant["shift"]) / prior)
     shifts = (np.array(ends) - residual(x)).T
-    sizes = np.array([abs(c["shift"]) / c["known_to"] for _, c in constants])
-
-    off = np.where(sizes > MAX_SHIFT_SIGMA, sizes, 1.0)
+    off = [size if size > MAX_SHIFT_SIGMA else 1.0 for size in sizes]
 
     def unlikelihood(hold: StaticData, factors: FloatArray, shifts: FloatArray) -> float:
         """Compute -2 log likelihood of the readings; `factors` have put those of the hold right."""

@@ -34,7 +34,7 @@ from aerodima.optimisation.identify.noise import correlation_time
 from aerodima.optimisation.identify.rig_constants import BIASES, constant_parameters
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import FitError
-from aerodima.workbench.core.file_reading import Facts, Json
+from aerodima.workbench.core.file_reading import Facts
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import Interval, check_signals, naming, stated_rest
 from aerodima.workbench.scenario.rig_scenario import RigScenario
@@ -171,6 +171,7 @@ def _static_data(log: RunLog, rest: Interval | None, name: str, options: FitOpti
     variance[channels] = mean.variance + np.square(offset.deviation[channels])
     rate, rate_deviation = _mean_rate(log, time, hold, scenario.count_angle)
     current, current_deviation = _mean_current(log, hold, scenario, warnings)
+    extra = log.extra
     biases = dict(zip(BIASES, offset.deviation.tolist(), strict=True))
     return StaticData(
         name=name,
@@ -187,22 +188,17 @@ def _static_data(log: RunLog, rest: Interval | None, name: str, options: FitOpti
         current=current,
         current_deviation=current_deviation,
         effective_samples=float(np.count_nonzero(hold) / mean.lags.max()),
-        facts=_facts(log, held, speed),
+        facts={
+            "tail": str(extra["tail"]),
+            "axis": str(extra["axis"]),
+            "angle_deg": round(math.degrees(held), 3),
+            "wind_speed_m_per_s": speed,
+        },
         offset_deviation=offset.deviation,
         constants=constant_parameters(log, scenario, "static", options, biases),
         still=rest is not None and _is_still(mean, scenario, channels, time, hold),
         warnings=tuple(warnings),
     )
-
-
-def _facts(log: RunLog, held: float, speed: float) -> Json:
-    """Make the labels of the hold for reports."""
-    return {
-        "tail": str(log.extra["tail"]),
-        "axis": str(log.extra["axis"]),
-        "angle_deg": round(math.degrees(held), 3),
-        "wind_speed_m_per_s": speed,
-    }
 
 
 def _require_held(angle: FloatArray) -> None:

@@ -123,10 +123,7 @@ def friction_parameters(robot: bool = False) -> list[Parameter]:
 def friction_law(data: SwingData) -> TorqueLaw:
     """Make the friction of the values; air and motor as in the scenario."""
     scenario = data.scenario
-    air = air_torque(scenario)
-    fixed = []
-    if air is not None:
-        fixed.append(air)
+    fixed = _air(scenario)
     if scenario.is_robot:
         fixed.append(motor_of(scenario))
     gain = scenario.joint_friction.tanh_gain
@@ -162,9 +159,14 @@ def still_tail_law(data: SwingData) -> TorqueLaw:
     """Make the quasi-steady coefficients of the tail and the published friction; values change
     nothing of them.
     """
-    air = air_torque(data.scenario)
-    torques = [known_friction(data.scenario), *([air] if air is not None else [])]
+    torques = [known_friction(data.scenario), *_air(data.scenario)]
     return lambda values: torques
+
+
+def _air(scenario: RigScenario) -> list[Torque]:
+    """Make the torque of the air on the tail; none where there is no wind or tail."""
+    air = air_torque(scenario)
+    return [] if air is None else [air]
 
 
 def added_mass_parameter(data: SwingData) -> Parameter:

@@ -20,7 +20,7 @@ from aerodima.optimisation.identify.fit_result import FitResult, make_curve
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution
 from aerodima.optimisation.identify.log_rig import differences
 from aerodima.optimisation.identify.noise import Noise, serial_noise
-from aerodima.optimisation.identify.rig_constants import shifted, speed_accuracy
+from aerodima.optimisation.identify.rig_constants import shifted, speed_accuracy, with_values
 from aerodima.optimisation.identify.swing_log import SwingData, motor_torque
 from aerodima.optimisation.identify.uncertain_constants import UncertainRig
 from aerodima.workbench.core.array_types import FloatArray
@@ -143,10 +143,8 @@ class SwingModel:
         if not any(shifts.values()):
             return self
         scenario = shifted(data.scenario, shifts)
-        experiment = scenario.experiment
-        wind = experiment.wind_speed * (1.0 + values.get("wind_speed", 0.0))
-        experiment = experiment.model_copy(update={"wind_speed": wind})
-        scenario = scenario.model_copy(update={"experiment": experiment})
+        wind = scenario.experiment.wind_speed * (1.0 + values.get("wind_speed", 0.0))
+        scenario = with_values(scenario, {"experiment": {"wind_speed": wind}})
         bias = values.get("current_bias", 0.0)
         delay = values.get("current_delay", 0.0)
         motor, ramp = motor_torque(scenario, data.current, len(data.motor), bias, delay)

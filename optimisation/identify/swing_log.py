@@ -5,7 +5,7 @@ motor's torque.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -216,11 +216,22 @@ def _swing_data(log: RunLog, kind: str, name: str, options: FitOptions) -> Swing
         maxon = scenario.maxon
         noise = maxon.torque_constant * maxon.current_noise / math.sqrt(stride)
     grid = np.arange(count) * float(np.mean(np.diff(t)))
-    constants = constant_parameters(log, scenario, kind, options)
-    data = SwingData(
-        name, scenario, grid, readings, motor, ramp, noise, rounding, rate, current, constants
+    return SwingData(
+        name=name,
+        scenario=scenario,
+        time=grid,
+        angle=readings,
+        motor=motor,
+        ramp=ramp,
+        motor_deviation=noise,
+        rounding=rounding,
+        start_rate=rate,
+        current=current,
+        constants=constant_parameters(log, scenario, kind, options),
+        release=float(release),
+        facts=facts,
+        warnings=tuple(warnings),
     )
-    return replace(data, release=float(release), facts=facts, warnings=tuple(warnings))
 
 
 def _release(time: FloatArray, angle: FloatArray, scenario: RigScenario, log: RunLog) -> int:

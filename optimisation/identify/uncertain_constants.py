@@ -8,7 +8,7 @@ as they can, and what stays open is in every interval; the budget has the shares
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -85,24 +85,24 @@ def fit_constants(
     ones = Noise(np.ones(len(solution.residual)), noise.degrees_of_freedom, noise.effective_samples)
     intervals = uncertainty(solution, ones)
     best = replace(solution.best, cost=0.5 * float(data.residual @ data.residual))
-    known = [c.name for c in rig.constants if c.has_prior]
+    shifts = problem.parameters.by_name(solution.x)
+    deviations = problem.parameters.by_name(intervals.standard_deviation)
+    known = {c.name: c.prior_std for c in rig.constants if c.has_prior}
+    constants = {}
+    for name, prior in known.items():
+        if name in shifts:
+            constants[name] = {
+                "shift": shifts[name],
+                "deviation": deviations[name],
+                "known_to": prior,
+            }
     result = make_result(
         replace(data, best=best), intervals, channels, first.facts, warnings, known
     )
-    constants = {}
-    columns = zip(
-        problem.parameters.free, solution.x, intervals.standard_deviation.tolist(), strict=True
-    )
-    for p, shift, deviation in columns:
-        if p.name in known:
-            constants[p.name] = {
-                "shift": float(shift),
-                "deviation": deviation,
-                "known_to": p.prior_std,
-            }
-    result = _with_budget(result, solution, rows, known)
-    found = [*result.warnings, *_misfit_warnings(result, solution, rows, known)]
-    return replace(result, attempts=first.attempts, constants=constants, warnings=tuple(found))
+    result = replace(result, attempts=first.attempts, constants=constants)
+    result = _with_budget(result, solution, rows)
+    found = [*result.warnings, *_misfit_warnings(result, solution, rows)]
+    return replace(result, warnings=tuple(found))
 
 
 def _with_moving_constants(rig: UncertainRig, given: list[Parameter]) -> tuple[Problem, Noise]:
@@ -114,7 +114,7 @@ def _with_moving_constants(rig: UncertainRig, given: list[Parameter]) -> tuple[P
     sizes = [p.prior_std if p.has_prior else 1.0 for p in problem.parameters.free]
     whitened = Whitening.from_covariance(noise.covariance)(start.jacobian)
     effects = np.linalg.norm(whitened, axis=0) * sizes
-    effect = dict(zip(problem.parameters.names, effects.tolist(), strict=True))
+    effect = problem.parameters.by_name(effects)
     kept = []
     for c in rig.constants:
         fixed = c.has_prior and effect[c.name] < _NEGLIGIBLE
@@ -157,7 +157,7 @@ def _size(noise: Noise) -> float:
 
 def _unsolved(problem: Problem, x: FloatArray, jacobian: FloatArray) -> Solution:
     """Hold residual and Jacobian at x, without solving."""
-    residual = np.asarray(problem.residual(x), float)
+    residual = problem.finite_residual(x)
     return Solution(problem, x, residual, jacobian, best=None, attempts=())  # type: ignore[arg-type]
 
 
@@ -168,28 +168,25 @@ def _whitened(problem: Problem, whitening: Whitening, loss: Loss) -> Problem:
     deviations = np.array([free[i].prior_std for i in indices])
 
     def residual(x: FloatArray) -> FloatArray:
-        data = whitening(np.asarray(problem.residual(x), float))
+        data = whitening(problem.finite_residual(x))
         if loss == "huber":
             data = huber(data)
-        return np.concatenate([data, np.asarray(x, float)[indices] / deviations])
+        return np.concatenate([data, x[indices] / deviations])
 
     return replace(problem, residual=residual, jacobian=None)
 
 
-def _with_budget(
-    result: FitResult, solution: Solution, rows: int, known: Collection[str]
-) -> FitResult:
+def _with_budget(result: FitResult, solution: Solution, rows: int) -> FitResult:
     """Give the result its budget, and the deviations that noise alone would give.
 
     Args:
         solution: of the whitened problem.
         rows: number of those of the data; the others are priors.
-        known: names of the constants that have a prior.
     """
     parameters = solution.problem.parameters
     names = parameters.names
-    fitted = [i for i, name in enumerate(names) if name not in known]
-    sources = ["noise", *(name for name in names if name in known)]
+    fitted = [i for i, name in enumerate(names) if name not in result.constants]
+    sources = ["noise", *result.constants]
     J = solution.jacobian * parameters.scales
     parts = np.square(np.linalg.pinv(J, RANK_TOLERANCE))
     split = np.column_stack([parts[:, :rows].sum(axis=1), parts[:, rows:]])
@@ -210,17 +207,16 @@ def _with_budget(
     return replace(result, estimates=tuple(estimates.values()), budget=budget)
 
 
-def _misfit_warnings(
-    result: FitResult, solution: Solution, rows: int, known: Collection[str]
-) -> list[str]:
+def _misfit_warnings(result: FitResult, solution: Solution, rows: int) -> list[str]:
     """Warn of constants far from their prior, and of a residual that nothing explains."""
     warnings = []
-    for p, shift in zip(solution.problem.parameters.free, solution.x, strict=True):
-        if p.name in known and abs(shift) > MAX_SHIFT_SIGMA * p.prior_std:
+    for name, constant in result.constants.items():
+        shift = constant["shift"]
+        prior = constant["known_to"]
+        if abs(shift) > MAX_SHIFT_SIGMA * prior:
             warnings.append(
-                f"{MISFITS[0]}{p.name} shifted by {shift:.3g}, "
-                f"{abs(shift) / p.prior_std:.1f} of its standard deviations "
-                f"({p.prior_std:.2g}): set it, or free it (--free {p.name})"
+                f"{MISFITS[0]}{name} shifted by {shift:.3g}, {abs(shift) / prior:.1f} of its "
+                f"standard deviations ({prior:.2g}): set it, or free it (--free {name})"
             )
     freedom = rows - len(result.free)
     power = float(solution.residual @ solution.residual)
