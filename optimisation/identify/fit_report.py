@@ -66,9 +66,7 @@ def write_report(
     failed = dict(failed or {})
     tables = dict(tables or {})
     budget = budget_table(results)
-    plots = {
-        name: zoomable(figure, "", _heading(name)) for name, figure in figures_of(results).items()
-    }
+    plots = {name: zoomable(figure, _heading(name)) for name, figure in figures_of(results).items()}
     whole = {
         "schema": SCHEMA,
         "title": title,
