@@ -95,7 +95,7 @@ def write_report(
         sections.append(Section(_heading(name), [_frame(table), link]))
         contents[f"{name}.csv"] = table
     for name, figure in figures_of(results).items():
-        plot = zoomable(figure, "", _heading(name))
+        plot = zoomable(figure, _heading(name))
         sections.append(Section(plot.alternative, [plot]))
         contents[f"{name}.png"] = plot.data
     contents["report.html"] = Page(title, "", sections)

@@ -201,7 +201,7 @@ def write_verification(folder: Path, result: Verification, *, force: bool = Fals
             broken.append(index)
     table = Table(["check", "value", "unit", "allowed"], rows, broken)
     picture = plot_overlay([result.log], [name])
-    motion = zoomable(picture, "", "Six signals of the run over time")
+    motion = zoomable(picture, "Six signals of the run over time")
     sections = [
         Section("The car of the swing", [table, motion]),
         Section("Provenance", [Preformatted(verdict)]),

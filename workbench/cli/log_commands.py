@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -125,16 +125,17 @@ def export(
     """
     from aerodima.workbench.logs.exporters import FORMATS, export_log
 
-    form = next((known for known in FORMATS if known == to), None)
-    if form is None:
+    if to not in FORMATS:
         raise LogError(f"--to: {to!r} must be one of {', '.join(FORMATS)}")
-    path = out or log.with_suffix(f".{form}")
-    if path.suffix.lower() != f".{form}":
-        raise LogError(f"--out {path}: ending {path.suffix!r} must be .{form} with --to {form}")
+    path = out or log.with_suffix(f".{to}")
+    if path.suffix.lower() != f".{to}":
+        raise LogError(f"--out {path}: ending {path.suffix!r} must be .{to} with --to {to}")
     _refuse_raw(path, log)
     refuse_existing(path, force, LogError)
     run_log = workbench.read_run_log(log)
-    written = export_log(run_log, path, form, force, _scene(run_log) if form == "mcap" else ())
+    form: Any = to
+    scene = _scene(run_log) if to == "mcap" else ()
+    written = export_log(run_log, path, form, force, scene)
     typer.echo("\n".join(map(str, written)))
 
 
@@ -223,7 +224,6 @@ def compare(
         metrics_rows,
         scenario_differences,
     )
-    from aerodima.workbench.view.report_page import write_files
 
     differences = scenario_differences(run_logs)
     for group in (differences, metrics_rows(run_logs)):
@@ -233,10 +233,8 @@ def compare(
     if other and not of_plants(run_logs):
         typer.echo(f"note: these are different cars: {', '.join(other)}")
     if html is not None:
-        (written,) = write_files(
-            html.parent, {html.name: comparison_page(run_logs, names)}, force=force
-        )
-        typer.echo(f"page: {written}")
+        page = comparison_page(run_logs, names).html()
+        typer.echo(f"page: {write_atomically(html, page, force, UserError)}")
 
 
 def _refuse_raw(out: Path, log: Path) -> None:

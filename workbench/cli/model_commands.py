@@ -26,16 +26,13 @@ def register(app: typer.Typer) -> None:
     models = cli.command_group(
         app, "models", "Look into models, tails, coefficients and diagrams.", cli.CHECKS
     )
-    models.command()(check)
-    models.command()(tail)
+    for command in (check, tail, diagram, range_of_motion, export):
+        models.command()(command)
     coefficients = cli.command_group(
         models, "coefficients", "Look at sets of aerodynamic coefficients."
     )
     coefficients.command("list")(list_sets)
     coefficients.command()(plot)
-    models.command()(diagram)
-    models.command("range-of-motion")(range_of_motion)
-    models.command()(export)
 
 
 def check(

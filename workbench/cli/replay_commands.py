@@ -115,9 +115,8 @@ def replay(
 
 def _write_video(runs: list[Path], video: Path, start: float, rate: float, force: bool) -> None:
     from aerodima.workbench.cli.run_commands import show_progress
-    from aerodima.workbench.view.video import check_video, write_video
+    from aerodima.workbench.view.video import write_video
 
-    check_video(video, force)
     names = [name.replace("_", " ") for name in run_names(runs)]
     filmed = {name: workbench.read_run_log(path) for name, path in zip(names, runs, strict=True)}
     progress = show_progress("frame", "")

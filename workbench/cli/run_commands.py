@@ -141,7 +141,10 @@ def run(options: RunOptions) -> None:
         law = _user_law(options.law, scenario)
     if law is None and options.diagram is None and not options.other_car:
         refuse_other_car(scenario)
-    _refuse_outputs(options.out, options.html, options.force)
+    refuse_existing(options.out, options.force, LogError)
+    refuse_existing(options.html, options.force, UserError)
+    if options.html is not None:
+        make_folder(options.html.parent, UserError)
     run_log = _simulated(scenario, options, law)
     swing = swing_of_scenario(scenario) if own else None
     if swing is not None:
@@ -154,13 +157,6 @@ def run(options: RunOptions) -> None:
         from aerodima.workbench.view.replay_page import write_replay_html
 
         typer.echo(f"replay: {write_replay_html(run_log, options.html, force=options.force)}")
-
-
-def _refuse_outputs(log: Path | None, html: Path | None, force: bool) -> None:
-    refuse_existing(log, force, LogError)
-    refuse_existing(html, force, UserError)
-    if html is not None:
-        make_folder(html.parent, UserError)
 
 
 def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> RunLog:

@@ -81,13 +81,13 @@ def flip_bracket(configuration: Literal["tailless", "tailed"]) -> FlipBracket:
     """Returns the published bracket of the simulated car (thesis 7.1.1, 7.1.2; which speed is
     which: ERRATA E37, E38).
     """
-    constants = _constants("m/s")
     survived = {
         "tailless": "fastest_simulated_tailless_commanded_speed",
         "tailed": "simulated_tailed_range_high",
     }
     return FlipBracket(
-        constants[survived[configuration]], constants[f"simulated_{configuration}_flip_speed"]
+        survived=_constant(survived[configuration]),
+        flipped=_constant(f"simulated_{configuration}_flip_speed"),
     )
 
 
@@ -96,7 +96,7 @@ def inner_lift_yaw_rate() -> float:
     """Returns the yaw rate up to which both inner wheels of the thesis' simulated car stay on the
     ground, rad/s (thesis 6.3.4).
     """
-    return _constants("rad/s")["tail_trigger_yaw_rate"]
+    return _constant("tail_trigger_yaw_rate")
 
 
 def _figures(row: dict[str, str]) -> PublishedValues:
@@ -113,9 +113,6 @@ def _figures(row: dict[str, str]) -> PublishedValues:
     )
 
 
-def _constants(unit: str) -> dict[str, float]:
-    return {
-        row["name"]: float(row["value_si"])
-        for row in published_rows("constants")
-        if row["unit_si"] == unit
-    }
+def _constant(name: str) -> float:
+    values = {row["name"]: row["value_si"] for row in published_rows("constants")}
+    return float(values[name])

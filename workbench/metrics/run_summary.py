@@ -168,8 +168,8 @@ def metrics_of_runs(run_logs: Sequence[RunLog]) -> list[Json]:
             `plant_metrics`.
     """
     if of_plants(run_logs):
-        return [dict(plant_metrics(run_log)) for run_log in run_logs]
-    return [dict(metrics_of(run_log).as_row()) for run_log in run_logs]
+        return [plant_metrics(run_log) for run_log in run_logs]
+    return [metrics_of(run_log).as_row() for run_log in run_logs]
 
 
 @dataclass(frozen=True)
@@ -203,11 +203,6 @@ class RunSummary:
     def survived(self) -> bool:
         """Returns whether the car stayed on its wheels."""
         return self.metrics.outcome.result == "survived"
-
-    @property
-    def clean(self) -> bool:
-        """Returns whether it survived and nothing but the wheels touched the ground."""
-        return bool(self.metrics.outcome.clean)
 
     def as_row(self) -> Json:
         """Returns one flat row for a table, without impulses; units are at the end of the names."""

@@ -11,6 +11,7 @@ and right turns are measured alike. Definitions: design section 10, thesis secti
 
 import math
 from dataclasses import asdict, dataclass
+from itertools import compress
 from typing import Literal
 
 import numpy as np
@@ -30,9 +31,6 @@ from aerodima.workbench.metrics.published_values import (
     TurnMetrics,
 )
 from aerodima.workbench.scenario.signal_table import GROUND_CONTACTS, WHEELS
-
-OF_THE_TURN = ("speed_in_turn_m_per_s", "lift_yaw_rate_rad_per_s")
-"""What the thesis says of a turn beside its eight metrics."""
 
 
 @dataclass(frozen=True)
@@ -114,14 +112,15 @@ class RunMetrics:
         """Returns one flat row for a table: raw metrics under their names, filtered ones with
         `filtered_` before them.
         """
-        whole = (
+        own = (
             "peak_roll_rad",
             "two_wheel_time_s",
             "heading_change_rad",
             "tail_torque_peak_n_m",
             "tail_energy_j",
+            "speed_in_turn_m_per_s",
+            "lift_yaw_rate_rad_per_s",
         )
-        own = (*whole, *OF_THE_TURN)
         return {
             "outcome": self.outcome.result,
             "clean": self.outcome.clean,
@@ -253,9 +252,7 @@ def outcome_from(
         before = time < turn_start
         board_before = _time_while(time, hit[:, board] & before)
         hit[before, board] = False
-        touched = tuple(
-            part for part, ever in zip(GROUND_CONTACTS, hit.any(axis=0), strict=True) if ever
-        )
+        touched = tuple(compress(GROUND_CONTACTS, hit.any(axis=0)))
         clean = not touched
     if flipped:
         clean = False
@@ -288,13 +285,10 @@ def _speed_in_turn(signals: TurnSignals) -> float:
 
 
 def _lift_yaw_rate(signals: TurnSignals, loads: FloatArray) -> float:
-    inner = [
-        index
-        for index, wheel in enumerate(WHEELS)
-        if wheel.endswith("left" if signals.sign > 0 else "right")
-    ]
+    side = "left" if signals.sign > 0 else "right"
+    inner = [wheel.endswith(side) for wheel in WHEELS]
     window = signals.in_window
-    lifted = np.flatnonzero(_wheels_loaded(loads[window][:, inner]) < len(inner))
+    lifted = np.flatnonzero(_wheels_loaded(loads[window][:, inner]) < sum(inner))
     until = None
     if lifted.size:
         until = lifted[0] + 1

@@ -45,14 +45,12 @@ def _plot_speed(coefficients: CoefficientSet) -> Figure:
     speed = np.linspace(0.0, right, 400)
     law = coefficients.law()
     if isinstance(law, TwoSidedLaw):
-        axes.plot(speed, np.full_like(speed, law.along_normal), label="hollow side to the wind")
-        axes.plot(speed, np.full_like(speed, law.against_normal), label="round side to the wind")
+        axes.plot([0.0, right], [law.along_normal] * 2, label="hollow side to the wind")
+        axes.plot([0.0, right], [law.against_normal] * 2, label="round side to the wind")
     else:
         assert isinstance(law, NormalForceLaw)
         curve = law.coefficient
-        values = np.full_like(speed, np.nan)
-        for row, place in enumerate(speed):
-            values[row] = curve(float(place)) if callable(curve) else curve
+        values = [curve(float(place)) if callable(curve) else curve for place in speed]
         axes.plot(speed, values, color=BLUE, label="used by the law (edge value held outside)")
     nodes = coefficients.nodes
     if "cn" in nodes:
@@ -68,7 +66,7 @@ def _plot_speed(coefficients: CoefficientSet) -> Figure:
     )
     axes.set_ylim(0.0, 1.1 * axes.dataLim.ymax)
     axes.axvspan(0.0, low, color="0.9", zorder=0, label="not measured")
-    axes.axvspan(high, max(right, high), color="0.9", zorder=0)
+    axes.axvspan(high, right, color="0.9", zorder=0)
     limit = coefficients.quasi_steady_limit
     axes.axvline(limit, color=GREY, linestyle=":", linewidth=1.0, label="quasi-steady limit")
     axes.legend(loc="lower center", fontsize=8)

@@ -12,9 +12,9 @@ from itertools import product
 
 import numpy as np
 import pandas as pd
-from pydrake.math import RollPitchYaw
 from pydrake.systems.framework import DiagramBuilder
 from scipy.integrate import cumulative_trapezoid
+from scipy.spatial.transform import Rotation
 
 from aerodima.workbench.car.car_plant import CarPlant, add_car_plant
 from aerodima.workbench.car.ground_truth import own_instances
@@ -114,14 +114,13 @@ def _motion(scenario: Scenario, time: FloatArray, signals: dict[str, FloatArray]
             positions[:, names.index(name)] = signals[source]
     start = car.plant.GetBodyByName("chassis").floating_positions_start()
     pose = positions[:, start : start + 7]
-    pose[:, 4] = cumulative_trapezoid(speed * np.cos(yaw), time, initial=0.0)
-    pose[:, 5] = cumulative_trapezoid(speed * np.sin(yaw), time, initial=0.0)
+    velocity = speed * np.array([np.cos(yaw), np.sin(yaw)])
+    pose[:, 4:6] = cumulative_trapezoid(velocity, time, initial=0.0).T
     corners = _corners(scenario)
-    for row in range(time.size):
-        R_WB = RollPitchYaw(roll[row], pitch[row], yaw[row]).ToRotationMatrix()
-        heights = R_WB.matrix()[2] @ corners
-        pose[row, :4] = R_WB.ToQuaternion().wxyz()
-        pose[row, 6] = max(0.0, -float(np.min(heights)))
+    R_WB = Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))
+    heights = R_WB.as_matrix()[:, 2] @ corners
+    pose[:, :4] = R_WB.as_quat(canonical=True, scalar_first=True)
+    pose[:, 6] = np.maximum(0.0, -np.min(heights, axis=1))
     vectors = {"position": pose[:, 4:], "com": _centre_of_mass(car, positions)}
     tail_roll = zero
     if car.tail is not None:

@@ -165,5 +165,5 @@ def shortest_turn(direction: FloatArray) -> RotationMatrix:
     w = 1.0 + float(direction[2])
     if w < 1e-9:
         return RotationMatrix.MakeXRotation(np.pi)
-    wxyz = np.array([w, -direction[1], direction[0], 0.0]) / np.sqrt(2.0 * w)
-    return RotationMatrix(Quaternion(wxyz))
+    wxyz = np.array([w, -direction[1], direction[0], 0.0])
+    return RotationMatrix(Quaternion(wxyz / np.sqrt(2.0 * w)))

@@ -156,7 +156,8 @@ def _forces(arrows: list[ForceArrow], row: int, time: float) -> Any:
         along_x = RotationMatrix.MakeYRotation(-np.pi / 2.0)
         turn = shortest_turn(arrow.lengths[row] / length) @ along_x
         look = _look(RigidTransform(turn, arrow.points[row]), arrow.colour)
-        _entity(update, arrow.name, WORLD_FRAME, time).arrows.add(
+        entity = _entity(update, arrow.name, WORLD_FRAME, time)
+        entity.arrows.add(
             shaft_length=max(length - HEAD_LENGTH, 1e-3),
             shaft_diameter=2.0 * SHAFT_RADIUS,
             head_length=HEAD_LENGTH,

@@ -151,13 +151,13 @@ class ManualSchedule:
     def at(self, time: float) -> DriverInput:
         """Inputs at `time` s; asked in the order of time."""
         command = self.command
-        max_change = ACCELERATION * (time - self._time)
-        change = _clip(command.speed - self._speed, max_change)
+        elapsed = time - self._time
+        change = _clip(command.speed - self._speed, ACCELERATION * elapsed)
         self._speed += change
         self._time = time
         acceleration = 0.0
-        if max_change > 0.0:
-            acceleration = change / max_change * ACCELERATION
+        if elapsed > 0.0:
+            acceleration = change / elapsed
         throttle = self.line.throttle(self._speed, acceleration)
         return DriverInput(_clip(command.steering, self.limit), throttle, command.planned_turn)
 

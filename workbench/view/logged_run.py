@@ -49,7 +49,7 @@ _FLOOR_TOLERANCE = 0.02
 lower floor."""
 _SAMPLED_ROWS = 40
 """Rows that say how large the plant is and how low it reaches."""
-_MIN_SIZE = 0.15
+MIN_SIZE = 0.15
 """The camera does not come nearer than to a plant of this radius, m."""
 _FOLLOW_TIME = 0.15
 """Width (s) of the smoothing of the camera's path: it does not shake with the car."""
@@ -213,7 +213,7 @@ def _add_plant(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
         if shape["body"] != WORLD_BODY:
             paths.append(point_paths(plant, shape["body"], shape_points(shape), positions[rows]))
     points = np.concatenate(paths, axis=1)
-    size = max(_MIN_SIZE, float(np.max(np.linalg.norm(points - com, axis=2))))
+    size = max(MIN_SIZE, float(np.max(np.linalg.norm(points - com, axis=2))))
     lowest = float(np.min(points[:, 1:, 2], initial=0.0))
     floor = lowest if lowest < -_FLOOR_TOLERANCE else 0.0
     target = float(np.median(path[:, 2])) - floor

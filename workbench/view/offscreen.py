@@ -15,7 +15,7 @@ from functools import cache, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 from pydrake.geometry import (
     ClippingRange,
@@ -140,13 +140,16 @@ def floor_picture(camera: Camera, height: float) -> tuple[FloatArray, FloatArray
     fine = _line_share(points, 0.25, _FINE_WIDTH, pixel)
     metre = _line_share(points, 1.0, _METRE_WIDTH, pixel)
     clear = 1.0 - np.clip(distance / 40.0, 0.0, 1.0)
-    no_metre = 1 - metre
-    bare = (1 - fine) * no_metre * clear
-    shares = np.stack([bare, fine * no_metre * clear, metre * clear, 1 - clear], axis=-1)
-    picture = np.empty((camera.height, camera.width, 3))
-    picture[:horizon] = _SKY
-    picture[horizon:] = shares @ np.array([_FLOOR, _FINE, _METRE, _SKY])
+    lines = _blend(_blend(_FLOOR, _FINE, fine), _METRE, metre)
+    picture = np.full((camera.height, camera.width, 3), _SKY)
+    picture[horizon:] = _blend(_SKY, lines, clear)
     return picture, points
+
+
+def _blend(below: ArrayLike, above: ArrayLike, share: FloatArray) -> FloatArray:
+    """Covers colours with others by a share of each pixel, (m, n)."""
+    lower = np.asarray(below, float)
+    return lower + share[..., None] * (np.asarray(above, float) - lower)
 
 
 def _line_share(points: FloatArray, step: float, half: float, pixel: FloatArray) -> FloatArray:
@@ -154,7 +157,8 @@ def _line_share(points: FloatArray, step: float, half: float, pixel: FloatArray)
     m.
     """
     place = points[..., :2]
-    to_line = np.min(np.abs(place - step * np.round(place / step)), axis=-1)
+    nearest = step * np.round(place / step)
+    to_line = np.min(np.abs(place - nearest), axis=-1)
     cover = np.clip((half + pixel - to_line) / (2 * pixel), 0.0, 1.0)
     return np.minimum(cover, 2 * half / np.maximum(pixel, 2 * half))
 
@@ -213,7 +217,6 @@ class OffscreenRun:
         self._plant_context = logged.plant.GetMyMutableContextFromRoot(self._context)
         self._scene_context = logged.scene_graph.GetMyContextFromRoot(self._context)
         self._path = logged.camera_path
-        self._arrows = logged.arrows
         self._traces = traces(logged)
 
     def camera(self, row: int, azimuth: float, place: Place, size: tuple[int, int]) -> Camera:
@@ -247,7 +250,7 @@ class OffscreenRun:
         draw = ImageDraw.Draw(image)
         for _, colour, points in self._traces:
             _draw_line(draw, camera, points[: row + 1], colour, 2)
-        for arrow in self._arrows:
+        for arrow in self.logged.arrows:
             if arrow.shown[row]:
                 foot = arrow.points[row]
                 ends = np.array([foot, foot + arrow.lengths[row]])

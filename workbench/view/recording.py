@@ -9,6 +9,7 @@ trace grows by short pieces that appear.
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat, MeshcatAnimation, MeshcatVisualizer, Rgba
 from pydrake.math import RigidTransform
@@ -101,9 +102,7 @@ def nearest_rows(time: FloatArray, wanted: FloatArray) -> IntArray:
     """Finds the row of the log nearest to each wanted time, s; the last one for times after its
     end.
     """
-    after = np.clip(np.searchsorted(time, wanted), 1, time.size - 1)
-    before = after - 1
-    return np.where(wanted - time[before] < time[after] - wanted, before, after)
+    return pd.Index(time).get_indexer(wanted, method="nearest")
 
 
 def _follow(
@@ -155,7 +154,7 @@ def _draw_traces(
         for index, (start, end) in enumerate(pairwise(edges)):
             path = f"{WORLD}/trace/{name}/{index}"
             fine = _whole_steps(rows[start], rows[end], 4 * (end - start) + 1)
-            vertices, faces = tube(points[fine], _TRACE_RADIUS)
+            vertices, faces = tube(points[fine])
             meshcat.SetTriangleMesh(path, vertices, faces, Rgba(*colour))
             animation.SetProperty(0, path, "visible", False)
             animation.SetProperty(int(end), path, "visible", True)
@@ -168,7 +167,7 @@ def _whole_steps(first: int, last: int, count: int) -> IntArray:
     return np.unique(np.linspace(first, last, count).round().astype(int))
 
 
-def tube(points: FloatArray, radius: float) -> tuple[FloatArray, NDArray[np.int32]]:
+def tube(points: FloatArray) -> tuple[FloatArray, NDArray[np.int32]]:
     """Wraps a square tube about a line of points (n, 3): vertices (3, 4 n) and faces (3, m); WebGL
     draws lines a pixel wide.
     """
@@ -178,7 +177,7 @@ def tube(points: FloatArray, radius: float) -> tuple[FloatArray, NDArray[np.int3
     side = _unit(np.cross(along, [0.0, 0.0, 1.0]), [0.0, 1.0, 0.0])
     up = _unit(np.cross(side, along), [0.0, 0.0, 1.0])
     corners = np.stack([side, up, -side, -up], axis=1)
-    rings = points[:, None, :] + radius * corners
+    rings = points[:, None, :] + _TRACE_RADIUS * corners
     corner = np.arange(4)
     first = 4 * np.arange(len(points) - 1)[:, None]
     a = first + corner
@@ -201,14 +200,11 @@ def _draw_arrow(
 ) -> None:
     """Draws a force as an arrow that moves, and is hidden where it is short."""
     drawn = DrawnArrow.make(meshcat, arrow.name, arrow.colour)
-    shown = arrow.shown
-    last = len(rows) - 1
-    was_shown = None
+    shown = arrow.shown[rows].tolist()
     for frame, row in enumerate(rows):
-        if shown[row] != was_shown or frame == last:
-            was_shown = shown[row]
-            animation.SetProperty(frame, drawn.path, "visible", bool(was_shown))
-        if not was_shown:
-            continue
-        drawn.move(animation, arrow.points[row], arrow.lengths[row], frame)
-    meshcat.SetProperty(drawn.path, "visible", bool(shown[rows[0]]))
+        changes = shown[frame] != shown[frame - 1]
+        if changes or frame in (0, len(rows) - 1):
+            animation.SetProperty(frame, drawn.path, "visible", shown[frame])
+        if shown[frame]:
+            drawn.move(animation, arrow.points[row], arrow.lengths[row], frame)
+    meshcat.SetProperty(drawn.path, "visible", shown[0])

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from aerodima.workbench.core.atomic_write import refuse_existing
+from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.core.errors import LogError, UserError
 from aerodima.workbench.core.file_reading import Facts, Json
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
@@ -29,7 +29,6 @@ from aerodima.workbench.view.report_page import (
     Table,
     Templated,
     render,
-    write_files,
 )
 from aerodima.workbench.view.run_channels import channels_of, line_looks
 from aerodima.workbench.view.run_figures import RUN_STYLES
@@ -61,7 +60,7 @@ def write_replay_html(
     """
     path = Path(path)
     refuse_existing(path, force, UserError)
-    return write_files(path.parent, {path.name: replay_page(run_log, rate)}, force=force)[0]
+    return write_atomically(path, replay_page(run_log, rate), force, UserError)
 
 
 def replay_page(run_log: RunLog, rate: float = 1.0, *, signals: bool = True) -> str:

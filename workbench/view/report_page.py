@@ -20,7 +20,7 @@ from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.file_reading import Facts, Json
 from aerodima.workbench.logs.mapping import unit_in_name
-from aerodima.workbench.view.chart_panels import NoChartError, chart_panels
+from aerodima.workbench.view.chart_panels import chart_panels
 from aerodima.workbench.view.figure_style import png
 
 if TYPE_CHECKING:
@@ -159,13 +159,9 @@ class Templated:
     values: Facts
 
 
-def zoomable(drawing: Figure, caption: Text, alternative: str) -> Plot:
-    """Makes an interactive plot, or a plain one of a figure that `chart_panels` refuses."""
-    try:
-        panels = chart_panels(drawing)
-    except NoChartError:
-        return Plot(drawing, caption, alternative)
-    return InteractivePlot(drawing, caption, alternative, panels=panels)
+def zoomable(drawing: Figure, alternative: str) -> Plot:
+    """Makes an interactive plot of a figure that was not drawn yet; see `chart_panels`."""
+    return InteractivePlot(drawing, "", alternative, panels=chart_panels(drawing))
 
 
 Part: TypeAlias = Text | Finding | Bullets | Table | Plot | Folded | Preformatted | Templated
@@ -197,19 +193,14 @@ class Page:
         return render("page.html", page=self)
 
     @property
+    def parts(self) -> list[Part]:
+        """Lists what stands in the chapters, one after the other."""
+        return [part for section in self.sections for part in section.parts]
+
+    @property
     def interactive(self) -> bool:
         """Says whether the plot library must be on the page for its plots."""
-        return any(_has_interactive(section.parts) for section in self.sections)
-
-
-def _has_interactive(parts: Sequence[Part]) -> bool:
-    """Says whether a plot among the parts, or inside one, is interactive."""
-    for part in parts:
-        if isinstance(part, Finding | Folded) and _has_interactive(part.parts):
-            return True
-        if isinstance(part, InteractivePlot):
-            return True
-    return False
+        return any(isinstance(part, InteractivePlot) for part in self.parts)
 
 
 def write_files(
@@ -231,7 +222,7 @@ def write_files(
     made: dict[str, str | bytes] = {}
     for name, content in contents.items():
         if isinstance(content, Page):
-            for part in (part for section in content.sections for part in section.parts):
+            for part in content.parts:
                 if isinstance(part, Plot) and part.name:
                     made[f"{part.name}.png"] = part.data
             made[name] = content.html()

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from aerodima.workbench.car.turn_signals import turn_window
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, LowPass, low_pass
@@ -139,6 +140,7 @@ def plot_turn(run_log: RunLog, title: str = "") -> Figure:
         figure, grid = new_figure(11.0, 7.6, 3, 2, sharex=True)
         start = max(run_log.time[0], window[0] - _BEFORE)
         end = min(run_log.time[-1], window[1] + _AFTER)
+        inside = (run_log.time >= start) & (run_log.time <= end)
         for axes, (heading, label, lines) in zip(grid.flat, _TURN_PANELS, strict=True):
             axes.set(ylabel=label, title=heading, xlim=(start, end))
             shade_turn(axes, window)
@@ -148,7 +150,7 @@ def plot_turn(run_log: RunLog, title: str = "") -> Figure:
                     look: Any = {"color": line.colour, "linestyle": line.line}
                     axes.plot(run_log.time, values, label=line.label, **look)
             if axes.get_lines():
-                _fit_to_shown(axes, start, end)
+                _fit_to_shown(axes, inside)
                 axes.legend(loc="upper left", ncols=4, columnspacing=1.0, handlelength=1.6)
             else:
                 where: Any = {"transform": axes.transAxes, "ha": "center"}
@@ -181,13 +183,9 @@ def _roll(run_log: RunLog) -> FloatArray | None:
     return _values(run_log, "roll_estimate_rad")
 
 
-def _fit_to_shown(axes: Axes, start: float, end: float) -> None:
-    """Scales the y axis to what is shown, leaving room for the legend."""
-    visible = []
-    for line in axes.get_lines():
-        time, values = map(np.asarray, line.get_data())
-        visible += [values[(time >= start) & (time <= end)]]
-    shown = np.concatenate(visible)
+def _fit_to_shown(axes: Axes, inside: BoolArray) -> None:
+    """Scales the y axis to the shown samples of its lines, leaving room for the legend."""
+    shown = np.array([line.get_ydata() for line in axes.get_lines()])[:, inside]
     low = float(np.min(shown))
     high = float(np.max(shown))
     span = max(high - low, 1e-3)
@@ -239,8 +237,7 @@ def plot_overlay(run_logs: Sequence[RunLog], names: Sequence[str]) -> Figure:
                     axes.plot(run_log.time, values, color=colour, linestyle=line)
         for axes in grid[-1]:
             axes.set_xlabel(time_label)
-        handles = []
-        for colour, line in RUN_STYLES[: len(names)]:
-            handles += grid[0, 0].plot([], [], color=colour, linestyle=line)
+        styles = RUN_STYLES[: len(names)]
+        handles = [Line2D([], [], color=colour, linestyle=line) for colour, line in styles]
         figure.legend(handles, names, loc="outside upper center", ncols=min(3, len(names)))
     return figure

@@ -16,6 +16,7 @@ import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from aerodima.workbench.car.run_view import Progress
 from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
@@ -23,9 +24,6 @@ from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.view.captions import RESULT_COLOURS, run_caption, state_caption
 from aerodima.workbench.view.offscreen import OffscreenRun
 from aerodima.workbench.view.recording import check_rate, nearest_rows
-
-Progress = Callable[[float, float], None]
-"""Told how many of how many frames are drawn."""
 
 FRAMES_PER_SECOND = 25
 """Frames per second of the video, whatever its rate."""
@@ -63,7 +61,7 @@ def write_video(
         runs: name above its picture -> run, 1 to `MAX_RUNS`.
         path: ending .gif, .webp or .mp4; refused when it exists, unless `force`.
         rate: seconds of the runs per second of the video; 0.25 is slow motion.
-        progress: see `Progress`.
+        progress: told how many of how many frames are drawn.
         start: how long after the beginning of the logs the video begins, s.
 
     Raises:
@@ -78,12 +76,6 @@ def write_video(
     check_range("--video: number of runs", len(runs), 1, MAX_RUNS, NO_UNIT)
     film = Film(runs, rate, start)
     return write_atomically(path, partial(write, film=film, progress=progress), force, UserError)
-
-
-def check_video(path: Path, force: bool) -> None:
-    """Checks what can be wrong before a log is read: see `write_video`."""
-    refuse_existing(path, force, UserError)
-    _encoder(path)
 
 
 class Film:
@@ -107,22 +99,21 @@ class Film:
         self._columns = len(runs)
         if len(runs) > 3:
             self._columns = math.ceil(len(runs) / 2)
+        self._shown = [OffscreenRun(run_log) for run_log in runs.values()]
+        drawn = [shown.logged for shown in self._shown]
         self._rows = []
-        self._pictures = []
         self._headers = []
-        for name, run_log in runs.items():
-            shown = OffscreenRun(run_log)
-            self._rows.append(nearest_rows(run_log.time, run_log.time[0] + since))
-            self._pictures.append(shown)
-            self._headers.append(_header(name, shown.logged.run_log, self._panel[0]))
-        drawn = [shown.logged for shown in self._pictures]
+        for name, logged in zip(runs, drawn, strict=True):
+            time = logged.run_log.time
+            self._rows.append(nearest_rows(time, time[0] + since))
+            self._headers.append(_header(name, logged.run_log, self._panel[0]))
         self._azimuth = float(np.median([logged.camera_azimuth for logged in drawn]))
         self._place = max(logged.camera_place for logged in drawn)
 
     @property
     def size(self) -> tuple[int, int]:
         """Gives width and height, pixels."""
-        rows = math.ceil(len(self._pictures) / self._columns)
+        rows = math.ceil(len(self._shown) / self._columns)
         width = self._columns * (self._panel[0] + _GAP) - _GAP
         height = rows * (self._panel[1] + _HEADER + _GAP) - _GAP
         return width, height
@@ -152,7 +143,7 @@ class Film:
     def _panel_picture(self, index: int, number: int) -> Image.Image:
         """Draws one run in a frame."""
         row = int(self._rows[index][number])
-        shown = self._pictures[index]
+        shown = self._shown[index]
         picture = shown.picture(row, shown.camera(row, self._azimuth, self._place, self._panel))
         text = state_caption(shown.logged.run_log, row)
         place = (10, self._panel[1] - 26)

@@ -150,7 +150,9 @@ def _grid_lines(area: Area, step: float, height: float) -> tuple[FloatArray, Flo
     along_y = _line_starts(x0, x1, y0, y1, step)
     along_x = _line_starts(y0, y1, x0, x1, step)[::-1]
     start = np.hstack([along_y, along_x])
-    end = np.hstack([along_y + np.c_[[0.0, 1.0]], along_x + np.c_[[1.0, 0.0]]])
+    ends_along_y = along_y + np.c_[[0.0, 1.0]]
+    ends_along_x = along_x + np.c_[[1.0, 0.0]]
+    end = np.hstack([ends_along_y, ends_along_x])
     heights = np.full((1, start.shape[1]), height)
     start = np.vstack([start, heights])
     end = np.vstack([end, heights])

@@ -44,7 +44,7 @@ from aerodima.workbench.view.force_arrows import (
     DrawnArrow,
     point_on_axis,
 )
-from aerodima.workbench.view.logged_run import SCENE
+from aerodima.workbench.view.logged_run import MIN_SIZE, SCENE
 from aerodima.workbench.view.scene_shapes import plant_shapes, scene_bodies, shape_points
 from aerodima.workbench.view.viewer import WORLD, area_around, draw_ground
 
@@ -54,8 +54,6 @@ PICTURES_PER_SECOND = 32.0
 """That of Drake's own visualizer."""
 _FLOOR_MARGIN = 10.0
 """Floor about the place of the start, m."""
-_MIN_SIZE = 0.15
-"""The camera does not come nearer than to a plant of this radius, m."""
 
 
 @dataclass(frozen=True)
@@ -277,28 +275,22 @@ class LiveScene(LeafSystem):
         for name in tails:
             arrow = DrawnArrow.make(meshcat, f"air_on_{name}", AIR_COLOUR)
             self._tails.append((arrow, self.DeclareVectorInputPort(f"{name}_air", 12)))
-        self._placed = False
-        self.DeclareInitializationPublishEvent(self._start)
+        self.DeclareInitializationPublishEvent(self._place)
         self.DeclarePeriodicPublishEvent(1.0 / PICTURES_PER_SECOND, 0.0, self._show)
-
-    def _start(self, context: Context) -> EventStatus:
-        self._placed = False
-        return self._show(context)
 
     def _show(self, context: Context) -> EventStatus:
         com = vector_of(self._com, context)[:3]
-        if not self._placed:
-            self._place(context, com)
         self._meshcat.SetTransform(WORLD, RigidTransform(-com * [1.0, 1.0, 0.0]))
         for arrow, port in self._tails:
             self._draw(arrow, vector_of(port, context))
         return EventStatus.Succeeded()
 
-    def _place(self, context: Context, com: FloatArray) -> None:
+    def _place(self, context: Context) -> EventStatus:
         """Puts the camera where all of the robot is seen, and a floor below it unless it hangs
         below z = 0.
         """
-        size = _MIN_SIZE
+        com = vector_of(self._com, context)[:3]
+        size = MIN_SIZE
         if self._poses is not None:
             places = vector_of(self._poses, context).reshape(-1, 7)[:, 4:]
             distances = np.linalg.norm(places - com, axis=1) + self._reach
@@ -307,7 +299,7 @@ class LiveScene(LeafSystem):
         self._meshcat.SetCameraPose(target + size * np.array([1.4, -2.9, 0.9]), target)
         if com[2] >= 0.0:
             draw_ground(self._meshcat, area_around(com[None, :], _FLOOR_MARGIN))
-        self._placed = True
+        return EventStatus.Succeeded()
 
     def _draw(self, arrow: DrawnArrow, air: FloatArray) -> None:
         """Moves the arrow of one tail force, or hides it."""

@@ -4,6 +4,7 @@ points right.
 
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.view.watched_plant import LiveScene
 
@@ -45,8 +46,7 @@ def shown(com, force):
     live.GetInputPort("poses").FixValue(context, [1.0, 0.0, 0.0, 0.0, *com])
     ends = [com[0], com[1], com[2], com[0], com[1], com[2] + 1.0]
     live.GetInputPort("tail_air").FixValue(context, [*force, *np.cross(middle, force), *ends])
-    live.ForcedPublish(context)
-    live._start(context)
+    Simulator(live, context).Initialize()
     return meshcat
 
 

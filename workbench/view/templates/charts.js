@@ -1,24 +1,16 @@
 // Charts of uPlot from plain panels. Charts of one group share the zoom of the time axis, and what else is linked.
 //
-// A panel: { title, x_label, y_label, series, shapes, x_range, y_range, x_log, y_log, x_ticks, y_ticks, note }. A series has
+// A panel: { title, x_label, y_label, series, shapes, x_range, y_range, x_ticks, y_ticks, note }. A series has
 // { label, x, y (null: a gap), colour, dash, width, mark, size, fill, joined }, its x increasing; a shape { x, y, stroke, fill,
-// dash, width, mark, size } is drawn below, its x in any order (null: a gap; "low", "high": at the edge of the chart), its size
-// one number or one per point.
+// dash, width, mark, size } is drawn below, its x in any order (null: a gap; "low", "high": at the edge of the chart).
 // Without a range an axis holds what its series have.
 // A page with replays and with plots has this file twice: nothing here is declared by `const` or `let`.
 var AXIS = { stroke: "#1c2430", font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif",
              grid: { stroke: "#e2e2e2" }, ticks: { stroke: "#9a9a9a" }, labelSize: 18 };
 
-function marker(context, mark, x, y, size) {
-  const r = size / 2;
+function disc(context, x, y, size) {
   context.beginPath();
-  if (mark === "s") { context.rect(x - r, y - r, size, size); }
-  else if (mark === "D") { [[0, -r], [r, 0], [0, r], [-r, 0]].forEach(([a, b]) => context.lineTo(x + a, y + b)); }
-  else if (mark === "^") { [[0, -r], [r, r], [-r, r]].forEach(([a, b]) => context.lineTo(x + a, y + b)); }
-  else if (mark === "v") { [[0, r], [r, -r], [-r, -r]].forEach(([a, b]) => context.lineTo(x + a, y + b)); }
-  else if (mark === "x") { [[-r, -r, r, r], [-r, r, r, -r]].forEach(([a, b, c, d]) => {
-    context.moveTo(x + a, y + b); context.lineTo(x + c, y + d); }); return; }
-  else { context.arc(x, y, r, 0, 2 * Math.PI); }
+  context.arc(x, y, size / 2, 0, 2 * Math.PI);
   context.closePath();
 }
 
@@ -40,9 +32,9 @@ function drawShapes(chart, shapes) {
     context.setLineDash((shape.dash || []).map((length) => length * ratio));
     if (shape.mark) {
       context.setLineDash([]);
-      for (const [index, [x, y]] of points.entries()) {
+      for (const [x, y] of points) {
         if (Number.isNaN(x + y)) { continue; }
-        marker(context, shape.mark, x, y, (shape.size[index] || shape.size) * ratio);
+        disc(context, x, y, shape.size * ratio);
         context.fill();
         context.stroke();
       }
@@ -61,10 +53,9 @@ function drawShapes(chart, shapes) {
   context.restore();
 }
 
-function axisOf(label, ticks, log, size) {
+function axisOf(label, ticks, size) {
   const axis = { ...AXIS, scale: size.scale, label, size: size.across, space: size.space, values: (chart, splits) => splits.map((place) => (place === null ? "" : String(Number(place.toPrecision(6))))) };
   if (!label) { delete axis.label; axis.labelSize = 0; }
-  if (log) { axis.space = 40; }
   if (ticks) {
     const names = new Map(ticks);
     axis.splits = (chart, index, low, high) => [...names.keys()].filter((place) => place >= low && place <= high);
@@ -89,19 +80,19 @@ function optionsOf(panel, own) {
     value: (chart, value) => (value === null || value === undefined ? "–" : Number(value.toPrecision(5)).toString()),
   }));
   const slanted = panel.x_ticks && longest(panel.x_ticks) * panel.x_ticks.length > 60;
-  const below = axisOf(panel.x_label, panel.x_ticks, panel.x_log,
+  const below = axisOf(panel.x_label, panel.x_ticks,
     { scale: "x", across: slanted ? 24 + 4 * longest(panel.x_ticks) : panel.x_ticks ? 40 : 28, space: 46 });
   if (slanted) { below.rotate = -30; }
   const range = (limits) => (limits ? { range: () => limits.slice().sort((a, b) => a - b) } : {});
   return {
     ...own,
     scales: {
-      x: { time: false, distr: panel.x_log ? 3 : 1, range: (chart, low, high) => [low, high], dir: backwards(panel.x_range) },
-      y: { distr: panel.y_log ? 3 : 1, ...range(panel.y_range), dir: backwards(panel.y_range) },
+      x: { time: false, range: (chart, low, high) => [low, high], dir: backwards(panel.x_range) },
+      y: { ...range(panel.y_range), dir: backwards(panel.y_range) },
     },
     axes: [
       below,
-      axisOf(panel.y_label, panel.y_ticks, panel.y_log,
+      axisOf(panel.y_label, panel.y_ticks,
         { scale: "y", across: acrossNames(panel.y_ticks), space: 20 }),
     ],
     series: [{ label: panel.x_name || panel.x_label || "x", value: (chart, value) => (value === null ? "–" : Number(value.toPrecision(6)).toString()) },

@@ -25,7 +25,7 @@ function drawFigure(figure, data) {
       }
       if (key.mark) {
         context.setLineDash([]);
-        marker(context, key.mark, 28, 16, Math.min(2 * key.size, 26)); context.fill(); context.stroke();
+        disc(context, 28, 16, Math.min(2 * key.size, 26)); context.fill(); context.stroke();
       }
       entry.append(key.label);
     }
