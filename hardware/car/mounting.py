@@ -36,10 +36,10 @@ class Mounting(QuantityModel):
     tail_pitch_direction: Sign = quantity("1", "sign of the pitch motor's angle")
     tail_roll_direction: Sign = quantity("1", "sign of the roll motor's angle")
     sail_direction: Sign = quantity("1", "sign of the sail encoder")
-    sail_zero: float = quantity("rad", "encoder angle at sail angle 0", ge=-7, le=7)
+    sail_zero: float = quantity("rad", "encoder angle at sail angle 0", "[-7, 7]")
     steering_direction: Sign = quantity("1", "+1: a longer pulse steers to the left")
     steering_range: float = quantity(
-        "rad", "steering angle at the least and most pulse", gt=0, le=1.2
+        "rad", "steering angle at the least and most pulse", "(0, 1.2]"
     )
     throttle_direction: Sign = quantity("1", "+1: a longer pulse drives forward")
     imu_x: str = quantity("1", "chip axis along B's x, such as +x or -y")

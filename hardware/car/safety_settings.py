@@ -9,72 +9,72 @@ class DriveSafety(QuantityModel):
     """Limits of `models/parameters/hardware/drive_safety.yaml`."""
 
     operator_silence: float = quantity(
-        "s", "age of the operator's command at which the car stops", gt=0, le=1
+        "s", "age of the operator's command at which the car stops", "(0, 1]"
     )
-    tail_hold: float = quantity("s", "from throttle 0 to the exit of the motors", ge=0, le=5)
+    tail_hold: float = quantity("s", "from throttle 0 to the exit of the motors", "[0, 5]")
     after_exit: float = quantity(
-        "s", "from the exit of the motors to the end of the loop", ge=0, le=5
+        "s", "from the exit of the motors to the end of the loop", "[0, 5]"
     )
     imu_silence: float = quantity(
-        "s", "age of a sample at which the IMU counts as silent", gt=0, le=1
+        "s", "age of a sample at which the IMU counts as silent", "(0, 1]"
     )
     gps_silence: float = quantity(
-        "s", "age of a sample at which the GPS counts as silent", gt=0, le=10
+        "s", "age of a sample at which the GPS counts as silent", "(0, 10]"
     )
-    attitude_limit: float = quantity("rad", "of roll and pitch", gt=0, le=3.2)
-    attitude_time: float = quantity("s", "beyond that limit, after which the car stops", ge=0, le=1)
+    attitude_limit: float = quantity("rad", "of roll and pitch", "(0, 3.2]")
+    attitude_time: float = quantity("s", "beyond that limit, after which the car stops", "[0, 1]")
     full_steering: float = quantity(
-        "rad", "steering at which a car that drives must turn", gt=0, le=1.2
+        "rad", "steering at which a car that drives must turn", "(0, 1.2]"
     )
     driving_throttle: float = quantity(
-        "1", "throttle at which the car moves, whatever its load", gt=0, le=1
+        "1", "throttle at which the car moves, whatever its load", "(0, 1]"
     )
     least_yaw_rate: float = quantity(
-        "rad/s", "of a car that turns at that steering and throttle", gt=0, le=10
+        "rad/s", "of a car that turns at that steering and throttle", "(0, 10]"
     )
-    straight_time: float = quantity("s", "with less, after which the car stops", ge=0, le=5)
-    throttle_limit: float = quantity("1", "largest throttle, forwards and backwards", gt=0, le=1)
-    throttle_start: float = quantity("1", "throttle that comes on at once", ge=0, le=1)
+    straight_time: float = quantity("s", "with less, after which the car stops", "[0, 5]")
+    throttle_limit: float = quantity("1", "largest throttle, forwards and backwards", "(0, 1]")
+    throttle_start: float = quantity("1", "throttle that comes on at once", "[0, 1]")
     throttle_rate: float = quantity(
-        "1/s", "at which the rest comes on; it goes back at once", gt=0, le=100
+        "1/s", "at which the rest comes on; it goes back at once", "(0, 100]"
     )
-    speed_limit: float = quantity("m/s", "measured speed at which the car stops", gt=0, le=30)
-    speed_time: float = quantity("s", "beyond that limit, after which the car stops", ge=0, le=2)
+    speed_limit: float = quantity("m/s", "measured speed at which the car stops", "(0, 30]")
+    speed_time: float = quantity("s", "beyond that limit, after which the car stops", "[0, 2]")
     still_time: float = quantity(
-        "s", "for which the car is looked at before it is armed", gt=0, le=10
+        "s", "for which the car is looked at before it is armed", "(0, 10]"
     )
-    still_rate: float = quantity("rad/s", "of a car that stands still", gt=0, le=10)
+    still_rate: float = quantity("rad/s", "of a car that stands still", "(0, 10]")
     still_acceleration: float = quantity(
-        "m/s2", "of a car that stands still, gravity removed, on average", gt=0, le=20
+        "m/s2", "of a car that stands still, gravity removed, on average", "(0, 20]"
     )
-    upright: float = quantity("rad", "roll and pitch of a car that may be armed", gt=0, le=1.6)
-    gyro_calibration: int = quantity("1", "least level of the IMU's gyro, 0 to 3", ge=0, le=3)
-    overrun: float = quantity("s", "lateness of a cycle that counts as an overrun", gt=0, le=1)
-    most_overruns: int = quantity("1", "overruns in a row at which the car stops", ge=1, le=1000)
+    upright: float = quantity("rad", "roll and pitch of a car that may be armed", "(0, 1.6]")
+    gyro_calibration: int = quantity("1", "least level of the IMU's gyro, 0 to 3", "[0, 3]")
+    overrun: float = quantity("s", "lateness of a cycle that counts as an overrun", "(0, 1]")
+    most_overruns: int = quantity("1", "overruns in a row at which the car stops", "[1, 1000]")
     slow_tick: float = quantity(
-        "s", "in which a controller computes; a longer tick counts as slow", gt=0, le=1
+        "s", "in which a controller computes; a longer tick counts as slow", "(0, 1]"
     )
     most_slow_ticks: int = quantity(
-        "1", "slow ticks within a second at which the car stops", ge=1, le=1000
+        "1", "slow ticks within a second at which the car stops", "[1, 1000]"
     )
     longest_tick: float = quantity(
-        "s", "after which a controller that computes is interrupted", gt=0, le=1
+        "s", "after which a controller that computes is interrupted", "(0, 1]"
     )
-    arm_timeout: float = quantity("s", "in which the motors must take commands", gt=0, le=60)
-    answer_timeout: float = quantity("s", "in which every device must have answered", gt=0, le=60)
+    arm_timeout: float = quantity("s", "in which the motors must take commands", "(0, 60]")
+    answer_timeout: float = quantity("s", "in which every device must have answered", "(0, 60]")
     heartbeat_answer: float = quantity(
-        "s", "without the Teensy's answer to a heartbeat; the car stops", gt=0, le=0.25
+        "s", "without the Teensy's answer to a heartbeat; the car stops", "(0, 0.25]"
     )
     longest_watchdog_test: float = quantity(
-        "s", "from the cut to the exit frames in a watchdog test", gt=0, le=1
+        "s", "from the cut to the exit frames in a watchdog test", "(0, 1]"
     )
     zero_tolerance: float = quantity(
-        "rad", "between the tail held at its mark and what is measured", gt=0, le=1
+        "rad", "between the tail held at its mark and what is measured", "(0, 1]"
     )
-    least_disk: float = quantity("MB", "free space where the log is written", ge=0, le=1e6)
-    least_voltage: float = quantity("V", "of the tail motors' pack", ge=0, le=100)
-    most_voltage: float = quantity("V", "of the tail motors' pack", ge=0, le=100)
-    fuse: float = quantity("A", "of the tail motors' pack", gt=0, le=1000)
+    least_disk: float = quantity("MB", "free space where the log is written", "[0, 1e6]")
+    least_voltage: float = quantity("V", "of the tail motors' pack", "[0, 100]")
+    most_voltage: float = quantity("V", "of the tail motors' pack", "[0, 100]")
+    fuse: float = quantity("A", "of the tail motors' pack", "(0, 1000]")
 
 
 def load_drive_safety() -> DriveSafety:
@@ -86,21 +86,19 @@ class TeensyTiming(QuantityModel):
     """Timing of the Teensy's watchdog and of what it sends once it has acted."""
 
     watchdog_timeout: float = quantity(
-        "s", "without a valid text frame or heartbeat, after which it acts", ge=0.1, le=0.25
+        "s", "without a valid text frame or heartbeat, after which it acts", "[0.1, 0.25]"
     )
-    exit_burst: int = quantity("1", "exit frames per motor at once", ge=1, le=10)
-    exit_cycles: int = quantity("1", "further exit frames per motor", ge=1, le=1000)
-    exit_cycle: float = quantity("s", "interval of these", gt=0, le=0.1)
-    reminder: float = quantity("s", "interval of the exit frames after that", gt=0, le=1)
-    attitude_time: float = quantity(
-        "s", "beyond the attitude limit, after which it acts", ge=0, le=1
-    )
+    exit_burst: int = quantity("1", "exit frames per motor at once", "[1, 10]")
+    exit_cycles: int = quantity("1", "further exit frames per motor", "[1, 1000]")
+    exit_cycle: float = quantity("s", "interval of these", "(0, 0.1]")
+    reminder: float = quantity("s", "interval of the exit frames after that", "(0, 1]")
+    attitude_time: float = quantity("s", "beyond the attitude limit, after which it acts", "[0, 1]")
     straight_time: float = quantity(
-        "s", "without a turn at full steering, after which it acts", ge=0, le=5
+        "s", "without a turn at full steering, after which it acts", "[0, 5]"
     )
-    attitude_age: float = quantity("s", "oldest attitude with which the car drives", gt=0, le=1)
+    attitude_age: float = quantity("s", "oldest attitude with which the car drives", "(0, 1]")
     reply_wait: float = quantity(
-        "s", "how long a reply text frame waits for the motors", gt=0, le=0.01
+        "s", "how long a reply text frame waits for the motors", "(0, 0.01]"
     )
 
 
