@@ -16,6 +16,7 @@ touches nothing.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from types import MappingProxyType
 
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
@@ -305,24 +306,23 @@ def _special(motor_id: int, last: bytes) -> CanFrame:
     return CanFrame(motor_id, _RESERVED + last)
 
 
-def _field(name: str, profile: FirmwareProfile) -> tuple[float, float, int, str]:
-    """Returns lowest and highest value of a field, its bits and its unit."""
-    if name == "position":
-        return -profile.position, profile.position, 16, "rad"
-    if name == "velocity":
-        return -profile.speed, profile.speed, 12, "rad/s"
-    if name == "torque":
-        return -profile.torque, profile.torque, 12, "N m"
-    if name == "kp":
-        return 0.0, profile.kp, 12, "N m/rad"
-    return 0.0, profile.kd, 12, "N m s/rad"
+@cache
+def _fields(profile: FirmwareProfile) -> dict[str, tuple[float, float, int, str]]:
+    """Returns lowest and highest value, bits and unit of every field."""
+    return {
+        "position": (-profile.position, profile.position, 16, "rad"),
+        "velocity": (-profile.speed, profile.speed, 12, "rad/s"),
+        "torque": (-profile.torque, profile.torque, 12, "N m"),
+        "kp": (0.0, profile.kp, 12, "N m/rad"),
+        "kd": (0.0, profile.kd, 12, "N m s/rad"),
+    }
 
 
 def _pack(values: MitCommand | MitReply, names: Sequence[str], profile: FirmwareProfile) -> int:
     """Returns the bits of fields, the first one in the most significant bits."""
     packed = 0
     for name in names:
-        low, high, bits, unit = _field(name, profile)
+        low, high, bits, unit = _fields(profile)[name]
         steps = (1 << bits) - 1
         packed = packed << bits | _encode(name, getattr(values, name), low, high, steps, unit)
     return packed
@@ -332,7 +332,7 @@ def _unpack(packed: int, names: Sequence[str], profile: FirmwareProfile) -> list
     """Returns the values of the fields in these bits, in the order of `names`."""
     values = []
     for name in reversed(names):
-        low, high, bits, _ = _field(name, profile)
+        low, high, bits, _ = _fields(profile)[name]
         steps = (1 << bits) - 1
         values.append(low + (packed & steps) * (high - low) / steps)
         packed >>= bits
