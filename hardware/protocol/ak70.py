@@ -320,9 +320,10 @@ def _fields(profile: FirmwareProfile) -> dict[str, tuple[float, float, int, str]
 
 def _pack(values: MitCommand | MitReply, names: Sequence[str], profile: FirmwareProfile) -> int:
     """Returns the bits of fields, the first one in the most significant bits."""
+    fields = _fields(profile)
     packed = 0
     for name in names:
-        low, high, bits, unit = _fields(profile)[name]
+        low, high, bits, unit = fields[name]
         steps = (1 << bits) - 1
         packed = packed << bits | _encode(name, getattr(values, name), low, high, steps, unit)
     return packed
@@ -330,9 +331,10 @@ def _pack(values: MitCommand | MitReply, names: Sequence[str], profile: Firmware
 
 def _unpack(packed: int, names: Sequence[str], profile: FirmwareProfile) -> list[float]:
     """Returns the values of the fields in these bits, in the order of `names`."""
+    fields = _fields(profile)
     values = []
     for name in reversed(names):
-        low, high, bits, _ = _fields(profile)[name]
+        low, high, bits, _ = fields[name]
         steps = (1 << bits) - 1
         values.append(low + (packed & steps) * (high - low) / steps)
         packed >>= bits

@@ -42,8 +42,8 @@ class Inertial:
     @property
     def matrix(self) -> FloatArray:
         """Build the inertia about the centre of mass (3 x 3), kg m2."""
-        inertia = RotationalInertia(*self.moments, *self.products, skip_validity_check=True)
-        return inertia.CopyToFullMatrix3()
+        xy, xz, yz = self.products
+        return np.diag(self.moments) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
 
     @classmethod
     def solid(cls, mass: float, shape: UnitInertia, com: Vector3 = (0.0, 0.0, 0.0)) -> "Inertial":

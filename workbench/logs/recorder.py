@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 import pandas as pd
@@ -66,6 +66,13 @@ class MemoryLog:
 
 
 LogSink = JournalWriter | MemoryLog
+
+
+class RowSink(Protocol):
+    """Takes the rows of a recorder."""
+
+    def append(self, row: np.ndarray) -> None:
+        """Takes one row, whose array is used again."""
 
 
 def open_log(
@@ -172,7 +179,7 @@ class RunRecorder(LeafSystem):
 
     def __init__(
         self,
-        journal: LogSink,
+        journal: RowSink,
         signals: Signals,
         rate: float,
         step: float | None,
@@ -202,7 +209,7 @@ class RunRecorder(LeafSystem):
     def add_to_builder(
         cls,
         builder: DiagramBuilder,
-        journal: LogSink,
+        journal: RowSink,
         signals: Signals,
         rate: float,
         step: float | None = None,
