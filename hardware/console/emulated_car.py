@@ -242,8 +242,12 @@ def _own_folder(folder: Path) -> Path:
     """Returns the folder; where an earlier car left its files, one in it with the next number from
     2.
     """
-    folders = (folder, *(folder / str(number) for number in range(2, 10_000)))
-    return next(candidate for candidate in folders if not (candidate / READY_FILE).exists())
+    candidate = folder
+    number = 1
+    while (candidate / READY_FILE).exists():
+        number += 1
+        candidate = folder / str(number)
+    return candidate
 
 
 def _last_line(text: str) -> str:

@@ -16,7 +16,6 @@ touches nothing.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from types import MappingProxyType
 
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
@@ -306,24 +305,24 @@ def _special(motor_id: int, last: bytes) -> CanFrame:
     return CanFrame(motor_id, _RESERVED + last)
 
 
-@cache
-def _fields(profile: FirmwareProfile) -> dict[str, tuple[float, float, int, str]]:
-    """Returns lowest and highest value, bits and unit of every field."""
-    return {
-        "position": (-profile.position, profile.position, 16, "rad"),
-        "velocity": (-profile.speed, profile.speed, 12, "rad/s"),
-        "torque": (-profile.torque, profile.torque, 12, "N m"),
-        "kp": (0.0, profile.kp, 12, "N m/rad"),
-        "kd": (0.0, profile.kd, 12, "N m s/rad"),
-    }
+def _field(name: str, profile: FirmwareProfile) -> tuple[float, float, int, str]:
+    """Returns lowest and highest value of a field, its bits and its unit."""
+    if name == "position":
+        return -profile.position, profile.position, 16, "rad"
+    if name == "velocity":
+        return -profile.speed, profile.speed, 12, "rad/s"
+    if name == "torque":
+        return -profile.torque, profile.torque, 12, "N m"
+    if name == "kp":
+        return 0.0, profile.kp, 12, "N m/rad"
+    return 0.0, profile.kd, 12, "N m s/rad"
 
 
 def _pack(values: MitCommand | MitReply, names: Sequence[str], profile: FirmwareProfile) -> int:
     """Returns the bits of fields, the first one in the most significant bits."""
-    fields = _fields(profile)
     packed = 0
     for name in names:
-        low, high, bits, unit = fields[name]
+        low, high, bits, unit = _field(name, profile)
         steps = (1 << bits) - 1
         packed = packed << bits | _encode(name, getattr(values, name), low, high, steps, unit)
     return packed
@@ -331,10 +330,9 @@ def _pack(values: MitCommand | MitReply, names: Sequence[str], profile: Firmware
 
 def _unpack(packed: int, names: Sequence[str], profile: FirmwareProfile) -> list[float]:
     """Returns the values of the fields in these bits, in the order of `names`."""
-    fields = _fields(profile)
     values = []
     for name in reversed(names):
-        low, high, bits, _ = fields[name]
+        low, high, bits, _ = _field(name, profile)
         steps = (1 << bits) - 1
         values.append(low + (packed & steps) * (high - low) / steps)
         packed >>= bits

@@ -20,7 +20,6 @@ from pathlib import Path
 from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.core.file_reading import Json, read_json
-from aerodima.workbench.core.yaml_files import require_mapping
 
 _FOLDERS = ("/run/lock", "/var/lock", tempfile.gettempdir())
 _UNKNOWN_WAIT = 1.0
@@ -132,8 +131,12 @@ def _take(path: Path, device: str) -> int:
 
 
 def _read(path: Path) -> Json:
-    with contextlib.suppress(HardwareError):  # not written yet
-        return require_mapping(read_json(path, HardwareError), str(path), HardwareError)
+    try:
+        note = read_json(path, HardwareError)
+    except HardwareError:  # not written yet
+        return {}
+    if isinstance(note, dict):
+        return note
     return {}
 
 
