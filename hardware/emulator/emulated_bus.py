@@ -149,13 +149,14 @@ class EmulatedMotor:
         motor_id: int,
         board: FaultBoard,
         events: EventLog,
+        zero: float = 0.0,
         direction: int = 1,
     ) -> None:
         self.joint = joint
         self.motor_id = motor_id
         self._board = board
         self._events = events
-        self._zero = 0.0
+        self._zero = zero
         self._direction = direction
         self._command = NEUTRAL
         self._angle = 0.0
