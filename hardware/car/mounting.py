@@ -128,5 +128,4 @@ def _chip_to_body(imu_x: str, imu_y: str) -> FloatArray:
 
 
 def _share(value: int, pulses: tuple[int, int, int]) -> float:
-    lowest, idle, highest = pulses
-    return (value - idle) / ((highest - idle) if value >= idle else (idle - lowest))
+    return float(np.interp(value, pulses, (-1.0, 0.0, 1.0)))

@@ -257,15 +257,16 @@ class _SailRate:
     def update(self, teensy: TeensyLink, mounting: Mounting) -> tuple[float, float]:
         """Returns angle in [0, 2 pi) rad and rate rad/s; zeros before the first reply."""
         sent = teensy.sent_time
-        if not math.isfinite(sent) or (self._past and sent <= self._past[-1][0]):
+        past = self._past
+        if not math.isfinite(sent) or (past and sent <= past[-1][0]):
             return self._seen
         angle = mounting.sail_angle(teensy.sail)
-        self._past.append((sent, angle))
-        while len(self._past) > 2 and sent - self._past[1][0] >= _RATE_WINDOW - 1e-3:
-            self._past.popleft()
-        span = sent - self._past[0][0]
+        past.append((sent, angle))
+        while len(past) > 2 and sent - past[1][0] >= _RATE_WINDOW - 1e-3:
+            past.popleft()
+        span = sent - past[0][0]
         if span > 1e-3:
-            rate = math.remainder(angle - self._past[0][1], 2.0 * math.pi) / span
+            rate = math.remainder(angle - past[0][1], 2.0 * math.pi) / span
         else:
             rate = 0.0
         self._seen = angle, rate
@@ -280,7 +281,7 @@ class CarReporter:
         car: its number, which tells it from others on the channel.
     """
 
-    def __init__(self, has_tail: bool = True, car: int = 0) -> None:
+    def __init__(self, has_tail: bool, car: int) -> None:
         self._has_tail = has_tail
         self._car = car
         self._due = 0.0

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from aerodima.workbench.control.tail_law import TailLaw
     from aerodima.workbench.scenario.scenario import Scenario
 
+Words = list[str]
+"""Words of a command line."""
 OLD_FLAGS = {
     "--firmware": ("firmware", "--out"),
     "--zero": ("zero", ""),
@@ -49,14 +51,14 @@ DriveScenario = Annotated[str, cli.named("Scenario, or its bundle (JSON)", "scen
 class DriveGroup(TyperGroup):
     """The group `drive`; takes the flags of version 0.3 too, with a line of deprecation."""
 
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # Typer's context is private
+    def parse_args(self, ctx: Any, args: Words) -> Words:  # Typer's context is private
         """Parses the words; those of version 0.3 as the sub-command that replaces them."""
         if args and args[0] not in self.commands and not ctx.resilient_parsing and _is_old(args[0]):
             args = current_words(args)
             print(f"deprecated: use `aerodima drive {shlex.join(args)}`", file=sys.stderr)
         return super().parse_args(ctx, args)
 
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+    def resolve_command(self, ctx: Any, args: Words) -> Any:
         """Returns the sub-command; raises `UserError` with all of them for an unknown one."""
         if args[0] not in self.commands and not ctx.resilient_parsing:
             raise UserError(f"drive {args[0]}: must be one of {', '.join(self.commands)}")
@@ -70,7 +72,7 @@ def _is_old(word: str) -> bool:
     return bool(Path(word).suffix) or (models_dir() / "scenarios" / f"{word}.yaml").exists()
 
 
-def current_words(words: list[str]) -> list[str]:
+def current_words(words: Words) -> Words:
     """Translates the words after `aerodima drive` of version 0.3 to a sub-command and its words."""
     for flag, (command, option) in OLD_FLAGS.items():
         for index, word in enumerate(words):
@@ -86,7 +88,7 @@ def current_words(words: list[str]) -> list[str]:
     return ["run", *words]
 
 
-def _without_run_options(words: list[str], command: str) -> list[str]:
+def _without_run_options(words: Words, command: str) -> Words:
     """Returns the words without those that a sub-command lacks and version 0.3 read over."""
     if command == "check":  # it takes what a drive takes, and never arms
         return [word for word in words if word != "--arm"]

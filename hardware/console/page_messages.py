@@ -167,7 +167,7 @@ def _report_state(report: CarReport) -> Json:
 
 
 def _fault_name(source: str, code: int) -> str:
-    codes: type[MotorFault] | type[SourceFault] = MotorFault if source in _MOTORS else SourceFault
+    codes: type[MotorFault | SourceFault] = MotorFault if source in _MOTORS else SourceFault
     try:
         return codes(code).name.lower().replace("_", " ")
     except ValueError:

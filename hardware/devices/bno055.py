@@ -72,7 +72,6 @@ class Register(IntEnum):
     GYRO = 0x14
     CALIBRATION = 0x35
     SYSTEM_STATUS = 0x39
-    SYSTEM_ERROR = 0x3A
     UNITS = 0x3B
     MODE = 0x3D
 
@@ -163,7 +162,7 @@ def decode_sample(data: bytes) -> Bno055Sample:
         raise FrameError(f"BNO055 sample of {len(data)} bytes; allowed is {SAMPLE_BYTES}")
     numbers = _SAMPLE.unpack(data)
     quaternion = tuple(value / _QUATERNION for value in numbers[6:10])
-    norm = math.sqrt(sum(value * value for value in quaternion))
+    norm = math.hypot(*quaternion)
     if abs(norm - 1.0) > _NORM_TOLERANCE:
         raise FrameError(
             f"BNO055 quaternion of length {norm:.3g}: the fusion does not run, or bytes were "

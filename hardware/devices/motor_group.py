@@ -41,9 +41,7 @@ class MotorGroup:
             for motor in self.motors
             if motor.fault
         ]
-        if texts:
-            return min(texts)[1]
-        return ""
+        return min(texts, default=(False, ""))[1]
 
     @property
     def ready(self) -> bool:
@@ -98,13 +96,12 @@ class MotorGroup:
         """Returns the motor of a frame: named in its first byte or as its CAN id, in the last byte
         of an extended one.
         """
+        motor_id = frame.arbitration_id
         if frame.extended:
-            return self._by_id.get(frame.arbitration_id & 0xFF)
-        if frame.arbitration_id == 0:
-            if frame.data:
-                return self._by_id.get(frame.data[0])
-            return None
-        return self._by_id.get(frame.arbitration_id)
+            motor_id &= 0xFF
+        elif motor_id == 0 and frame.data:
+            motor_id = frame.data[0]
+        return self._by_id.get(motor_id)
 
     def _switch_off_together(self, now: float) -> None:
         for faulted in self.motors:

@@ -137,10 +137,11 @@ class ReplyCount:
         if frames:
             self._unanswered.append([now, frames])
         while replies and self._unanswered:
-            paid = min(replies, int(self._unanswered[0][1]))
+            oldest = self._unanswered[0]
+            paid = min(replies, int(oldest[1]))
             replies -= paid
-            self._unanswered[0][1] -= paid
-            if not self._unanswered[0][1]:
+            oldest[1] -= paid
+            if not oldest[1]:
                 self._unanswered.popleft()
         # without frames of its own a motor may still be asked by the Teensy, which repeats its last
         # order

@@ -98,15 +98,13 @@ class FrozenSensorMonitor:
 
     Args:
         name: of the signal.
-        most: samples that may be alike; a living sensor differs in its last bits.
 
     Attributes:
         fault_text: that it has frozen; empty while it lives.
     """
 
-    def __init__(self, name: str, most: int) -> None:
+    def __init__(self, name: str) -> None:
         self._name = name
-        self._most = most
         self._last: object = None
         self._alike = 0
         self.fault_text = ""
@@ -121,7 +119,7 @@ class FrozenSensorMonitor:
             self._alike += 1
         self._last = sample
         self.fault_text = ""
-        if self._alike > self._most:
+        if self._alike > _MAX_EQUAL:
             self.fault_text = f"the {self._name} has frozen: {self._alike} samples alike"
 
 
@@ -226,7 +224,7 @@ class Bno055Session(Session[Bno055Sample]):
 
     def __init__(self) -> None:
         self._frozen = tuple(
-            FrozenSensorMonitor(f"{name} of the IMU", _MAX_EQUAL)
+            FrozenSensorMonitor(f"{name} of the IMU")
             for name in ("gyro", "acceleration", "attitude")
         )
         self._attitude = AttitudeMonitor()
@@ -357,7 +355,7 @@ class GpsSession(Session[GpsSample]):
 
     def __init__(self) -> None:
         self._stream = GpsStream()
-        self._frozen = FrozenSensorMonitor("GPS", _MAX_EQUAL)
+        self._frozen = FrozenSensorMonitor("GPS")
 
     @property
     def fault_text(self) -> str:  # type: ignore[override]

@@ -1,6 +1,6 @@
 """Messages of a u-blox receiver: UBX NAV-PVT, out of a stream with other messages and noise.
 
-Frames are cut out and their checksums verified here; their fields are read and written by pyubx2
+Frames are cut out here; their checksums and fields are read and written by pyubx2
 (NAV-PVT: u-blox 8 / M8 protocol specification, UBX-13003221). `make_nav_pvt` is for emulators.
 """
 
@@ -68,7 +68,8 @@ class GpsStream:
         total = length + 8
         if length <= _MAX_PAYLOAD and len(data) < total:
             return 0, None
-        if length > _MAX_PAYLOAD or ubx_checksum(data[2 : total - 2]) != data[total - 2 : total]:
+        checksum = _ubx_library().calc_checksum
+        if length > _MAX_PAYLOAD or checksum(data[2 : total - 2]) != data[total - 2 : total]:
             self.rejected += 1
             return 1, None
         if not data.startswith(_HEAD):
@@ -85,9 +86,9 @@ def decode_nav_pvt(frame: bytes) -> GpsSample:
 
     Raises `FrameError` if it is no NAV-PVT or a field cannot be.
     """
-    UBXReader, _, _ = _ubx_library()
+    library = _ubx_library()
     try:
-        message = UBXReader.parse(frame)
+        message = library.UBXReader.parse(frame)
         speed = message.gSpeed / 1000.0
         accurate = message.sAcc / 1000.0 <= _MAX_ACCURACY
         fix = bool(message.gnssFixOk) and message.fixType in _FIXES and accurate
@@ -105,16 +106,16 @@ def make_nav_pvt(sample: GpsSample) -> bytes:
 
     Raises `FrameError` for a speed that is none.
     """
-    _, UBXMessage, get = _ubx_library()
+    library = _ubx_library()
     if sample.fix and not 0.0 <= sample.speed <= _MAX_SPEED:
         raise FrameError(f"GPS speed {sample.speed!r} m/s; allowed is 0 to {_MAX_SPEED:g}")
     clock = 0.0 if sample.time_of_day is None else sample.time_of_day
     minutes, seconds = divmod(clock, 60.0)
     hours, minutes = divmod(minutes, 60.0)
-    frame: bytes = UBXMessage(
+    frame: bytes = library.UBXMessage(
         "NAV",
         "NAV-PVT",
-        get,
+        library.GET,
         year=2026,
         month=1,
         day=1,
@@ -131,21 +132,11 @@ def make_nav_pvt(sample: GpsSample) -> bytes:
     return frame
 
 
-def ubx_checksum(data: bytes) -> bytes:
-    """The two bytes of the 8-bit Fletcher sum over class, id, length and payload."""
-    first = 0
-    second = 0
-    for byte in data:
-        first = first + byte & 0xFF
-        second = second + first & 0xFF
-    return bytes([first, second])
-
-
-def _ubx_library() -> tuple[Any, Any, Any]:
+def _ubx_library() -> Any:
     try:
-        from pyubx2 import GET, UBXMessage, UBXReader
+        import pyubx2
     except ImportError:
         raise HardwareError(
             "the GPS needs pyubx2: pip install 'aerodima-workbench[hardware]'"
         ) from None
-    return UBXReader, UBXMessage, GET
+    return pyubx2

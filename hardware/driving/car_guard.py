@@ -272,15 +272,16 @@ class CarGuard:
             self.was_idle = True
 
     def _judge(self, now: float) -> None:
-        status = self.reading.named_status
-        hard, reason = self._reason(self.reading)
+        reading = self.reading
+        status = reading.named_status
+        hard, reason = self._reason(reading)
         least = math.inf
         if reason:
-            least = least_delay(self.reading, self._has_tail)
+            least = least_delay(reading, self._has_tail)
             reason = with_delay(reason, max(self._delays), least)
-        fallen = self._limits.tilt(self.reading, now)
-        fallen = fallen or self._limits.straight(self.reading, self._steering, now)
-        speed = self._limits.too_fast(self.reading, now) or self._limits.blind(self.reading, now)
+        fallen = self._limits.tilt(reading, now)
+        fallen = fallen or self._limits.straight(reading, self._steering, now)
+        speed = self._limits.too_fast(reading, now) or self._limits.blind(reading, now)
         hard = hard or bool(fallen)
         reason = reason or fallen or speed
         armed = status.armed == 1.0
@@ -288,12 +289,8 @@ class CarGuard:
             hard = True
             reason = reason or "the tail motors are off"
         self._was_armed = armed
-        if (
-            self.stage is Stage.DRIVING
-            and not reason
-            and self.reading.operator.mode is not self._mode
-        ):
-            reason = f"the operator left {self._mode.name} for {self.reading.operator.mode.name}"
+        if self.stage is Stage.DRIVING and not reason and reading.operator.mode is not self._mode:
+            reason = f"the operator left {self._mode.name} for {reading.operator.mode.name}"
             self.left = True
         elif self.left and status.operator_fault in _GONE:
             self.left = False

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from aerodima.hardware.car.car_ports import CarPorts
 from aerodima.hardware.car.safety_settings import DriveSafety
@@ -75,7 +76,10 @@ class Check:
         return f"{mark:6}  {self.name}: {self.text}"
 
 
-def report(checks: list[Check], say: Say, refuse: bool = True) -> None:
+Checks = list[Check]
+
+
+def report(checks: Checks, say: Say, refuse: bool = True) -> None:
     """Says every check; raises `HardwareError` with those that failed, if they are to be
     refused.
     """
@@ -88,12 +92,12 @@ def report(checks: list[Check], say: Say, refuse: bool = True) -> None:
         raise HardwareError("; ".join(failed))
 
 
-def preflight_checks(scenario: Scenario, folder: Path, safety: DriveSafety) -> list[Check]:
+def preflight_checks(scenario: Scenario, folder: Path, safety: DriveSafety) -> Checks:
     """Rates of the scenario, space for the log, clocks of this computer."""
     return [*_rates(scenario), _disk(folder, safety), _sleep(), _calendar()]
 
 
-def device_checks(car: WiredCar, reading: CarReading, safety: DriveSafety) -> list[Check]:
+def device_checks(car: WiredCar, reading: CarReading, safety: DriveSafety) -> Checks:
     """Checks the state of every device, and whether the watchdog answers that switches the motors
     off when this program dies; with a note on the battery, which nothing measures.
 
@@ -118,9 +122,7 @@ def device_checks(car: WiredCar, reading: CarReading, safety: DriveSafety) -> li
     return [*checks, battery, _gps_clock(car.gps_time), watchdog]
 
 
-def motor_checks(
-    car: WiredCar, scenario: Scenario, ports: CarPorts, safety: DriveSafety
-) -> list[Check]:
+def motor_checks(car: WiredCar, scenario: Scenario, ports: CarPorts, safety: DriveSafety) -> Checks:
     """Checks firmware profile by the replies, zero by where the tail is held; with the motors
     holding.
     """
@@ -141,7 +143,7 @@ def motor_checks(
     return [*checks, *zero_checks(car.reading, scenario, safety)]
 
 
-def _rates(scenario: Scenario) -> list[Check]:
+def _rates(scenario: Scenario) -> Checks:
     checks = []
     for key, rate, allowed in (
         ("controller.rate", scenario.controller.rate, 1.0 / PERIOD),
@@ -153,9 +155,8 @@ def _rates(scenario: Scenario) -> list[Check]:
 
 
 def _disk(folder: Path, safety: DriveSafety) -> Check:
-    existing = folder.resolve()
-    while not existing.is_dir():
-        existing = existing.parent
+    folder = folder.resolve()
+    existing = next(place for place in (folder, *folder.parents) if place.is_dir())
     free = shutil.disk_usage(existing).free / _MB
     text = f"{free:.0f} MB free in {existing}; needed: {safety.least_disk:g} MB"
     return Check("log disk", free >= safety.least_disk, text)
@@ -199,7 +200,7 @@ def _gps_clock(gps_time: float | None) -> Check:
     )
 
 
-def zero_checks(reading: CarReading, scenario: Scenario, safety: DriveSafety) -> list[Check]:
+def zero_checks(reading: CarReading, scenario: Scenario, safety: DriveSafety) -> Checks:
     """Checks whether the tail is held at a mark: an angle at which its law waits, or the stop it
     falls on without power.
     """
@@ -274,20 +275,18 @@ def _speed_ratio(profile: FirmwareProfile, replies: TimedFrames) -> float | None
     velocity = np.array([reply.velocity for reply in decoded])
     wrapped = np.array([reply.position for reply in decoded])
     position = np.unwrap(wrapped, period=2 * profile.position)
-    steps = 0.5 * (velocity[1:] + velocity[:-1]) * np.diff(times)
-    travelled = np.concatenate([[0.0], np.cumsum(steps)])
-    x = travelled - travelled.mean()
-    y = position - position.mean()
+    travelled = cumulative_trapezoid(velocity, times, initial=0.0)
     # A resting motor reports half a step of speed, which adds up to a slow false travel.
     false_travel = profile.speed / 4095 * (times[-1] - times[0])
-    if np.ptp(x) < 4 * false_travel + 0.1 or np.ptp(y) < 1e-3:
+    if np.ptp(travelled) < 4 * false_travel + 0.1 or np.ptp(position) < 1e-3:
         return None
-    return float(x @ y / (x @ x))
+    slope, _ = np.polyfit(travelled, position, 1)
+    return float(slope)
 
 
 def standstill_checks(
     samples: Sequence[Bno055Sample], reading: np.ndarray, safety: DriveSafety
-) -> list[Check]:
+) -> Checks:
     """Checks whether the car stood still in the last moment.
 
     Args:

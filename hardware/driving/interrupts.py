@@ -14,6 +14,8 @@ from typing import NoReturn
 from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.driving.plain_loop import Pilot, PilotStep
 
+Stop = Callable[[str], None]
+"""Stops the car for a reason."""
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _MAX_INTERRUPTS = 3
 """Interrupts of one tick after which the controller is given up: it catches them and goes on."""
@@ -38,7 +40,7 @@ class ControllerExit(BaseException):
 
 
 @contextmanager
-def stop_on_exit(stop: Callable[[str], None]) -> Iterator[None]:
+def stop_on_exit(stop: Stop) -> Iterator[None]:
     """Calls `stop` and raises `ControllerExit` where the block calls `os._exit`, on any thread;
     processes that it forks end as ever.
     """
@@ -59,9 +61,7 @@ def stop_on_exit(stop: Callable[[str], None]) -> Iterator[None]:
 
 
 @contextmanager
-def stop_on_signals(
-    stop: Callable[[str], None], give_up: Callable[[str], None]
-) -> Iterator[list[int]]:
+def stop_on_signals(stop: Stop, give_up: Stop) -> Iterator[list[int]]:
     """Calls `stop` with the name of a signal that ends a drive; yields the numbers that came.
 
     Within the block SIGALRM raises `TickTimeout`, for `time_limit`, and calls `give_up` with the

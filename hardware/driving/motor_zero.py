@@ -124,9 +124,9 @@ def _steady(joint: Joint, values: list[float]) -> float:
         raise HardwareError(
             f"{joint}: {len(values)} replies; is the motor powered, is its id right?"
         )
-    if max(values) - min(values) > _MAX_SPREAD:
-        spread = math.degrees(max(values) - min(values))
+    spread = max(values) - min(values)
+    if spread > _MAX_SPREAD:
         raise HardwareError(
-            f"{joint}: moved by {spread:.1f} degrees meanwhile; hold the tail still"
+            f"{joint}: moved by {math.degrees(spread):.1f} degrees meanwhile; hold the tail still"
         )
     return float(np.median(values))

@@ -286,6 +286,5 @@ class ManualPilot(Pilot):
         tail += np.clip(stick - tail, -self._max_travel, self._max_travel)
         self._tail = tail
         steering = min(self._steer, max(-self._steer, operator.steering))
-        pitch = np.array([tail[0], 0.0, kp, kd, 0.0])
-        roll = np.array([tail[1], 0.0, kp, kd, 0.0])
+        pitch, roll = (np.array([angle, 0.0, kp, kd, 0.0]) for angle in tail)
         return PilotStep(CarCommand(steering, operator.throttle, pitch, roll), 0.0, 0)

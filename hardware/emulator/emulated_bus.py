@@ -33,6 +33,7 @@ from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.transport.can_adapter import TrafficLog, can
 from aerodima.workbench.core.errors import HardwareError
 
+Frames = list[CanFrame]
 _ENTER = 0xFC
 """Last byte of the frame that enters a motor."""
 _EXIT = 0xFD
@@ -68,7 +69,6 @@ class EmulatedBus:
     channel is opened anew or the fault ends.
 
     Attributes:
-        frames: carried so far, answers included.
         watch: receives every frame of the owner and of the motors, when a second node is on the
             bus.
         to_owner: receives what the second node sends, and what the motors answer to it.
@@ -79,7 +79,6 @@ class EmulatedBus:
         self._board = board
         self._log = log
         self._healed = False
-        self.frames = 0
         self.watch: Callable[[CanFrame], None] | None = None
         self.to_owner: Callable[[CanFrame], None] | None = None
 
@@ -92,7 +91,7 @@ class EmulatedBus:
         """Notes that the owner has opened its channel anew."""
         self._healed = self._board.entry("bus_off") is not None
 
-    def carry(self, frame: CanFrame) -> list[CanFrame]:
+    def carry(self, frame: CanFrame) -> Frames:
         """Takes a frame of the owner; the motors' answers."""
         if self.off:
             return []
@@ -108,7 +107,7 @@ class EmulatedBus:
             if self.to_owner is not None and not self.off:
                 self.to_owner(received)
 
-    def _pass_on(self, frame: CanFrame) -> list[CanFrame]:
+    def _pass_on(self, frame: CanFrame) -> Frames:
         self._note(frame, received=False)
         motor = None if frame.extended else self._motors.get(frame.arbitration_id)
         answers = motor.receive(frame.data) if motor is not None and len(frame.data) == 8 else []
@@ -117,7 +116,6 @@ class EmulatedBus:
         return answers
 
     def _note(self, frame: CanFrame, received: bool) -> None:
-        self.frames += 1
         self._log.add(
             can.Message(
                 timestamp=time.time(),
@@ -197,7 +195,7 @@ class EmulatedMotor:
             self._torque = -self._torque
         self._past.append((time.monotonic(), self._angle, self._speed, self._torque))
 
-    def receive(self, data: bytes) -> list[CanFrame]:
+    def receive(self, data: bytes) -> Frames:
         """Obeys 8 bytes that came under its id; its answer, as faults leave it."""
         if is_special(data):
             self._obey_special(data[7])
@@ -269,11 +267,11 @@ class EmulatedMotor:
         reply = MitReply(self.motor_id, position, velocity, torque, temperature, code)
         return make_reply(reply, _PROFILE)
 
-    def _answers(self) -> list[CanFrame]:
+    def _answers(self) -> Frames:
         frame = self._reply()
         number = frame.arbitration_id
         data = frame.data
-        answers: dict[Fault, list[CanFrame]] = {
+        answers: dict[Fault, Frames] = {
             "reply_lost": [],
             "v3_frame": [CanFrame(0x2900 | self.motor_id, data, extended=True)],
             "foreign_id": [CanFrame(0x7F, b"\x7f" + data[1:])],
@@ -412,12 +410,10 @@ class PtyPort:
 
     def read(self) -> bytes:
         """Returns what has come; empty if nothing has."""
-        try:
+        with suppress(OSError):
             if self.plugged:
                 return os.read(self._master, _MAX_BYTES)
-            return b""
-        except OSError:
-            return b""
+        return b""
 
     def write(self, data: bytes) -> None:
         """Sends bytes; what does not fit is lost, as on a real line."""

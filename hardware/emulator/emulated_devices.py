@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
+from pydrake.math import RollPitchYaw
 
 from aerodima.hardware.car.mounting import Mounting
 from aerodima.hardware.devices.bno055 import Bno055Chip
@@ -62,7 +63,7 @@ class EmulatedTeensy:
         board: FaultBoard,
         events: EventLog,
         now: float,
-        watches: bool = False,
+        watches: bool,
     ) -> None:
         self._watches = watches
         if watches:
@@ -196,9 +197,7 @@ class EmulatedImu:
 
 def _gravity(reading: np.ndarray) -> np.ndarray:
     """Returns the acceleration (3,) that a car at rest feels in the attitude of a reading, m/s2."""
-    roll, pitch = reading[:2]
-    upwards = [-math.sin(pitch), math.cos(pitch) * math.sin(roll), math.cos(pitch) * math.cos(roll)]
-    return STANDARD_GRAVITY * np.array(upwards)
+    return STANDARD_GRAVITY * RollPitchYaw(reading[:3]).ToRotationMatrix().matrix()[2]
 
 
 class EmulatedGps:

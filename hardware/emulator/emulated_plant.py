@@ -27,6 +27,8 @@ from aerodima.workbench.view.viewer import ChaseCamera
 
 _PICTURE = 1.0 / 30.0
 """Between two moves of the view's camera, s."""
+_TRUTH_RATE = 100.0
+"""Hz of the log of the truth, as of a drive's; more rows would cost a fifth of a processor."""
 _INPUTS = (
     "steering_angle",
     "throttle",
@@ -50,7 +52,6 @@ class EmulatedCar:
 
     Args:
         log: Parquet file of the truth; its journal beside it grows while the emulator runs.
-        log_rate: rows per second, Hz.
         facts: go into the log's metadata under `extra`.
         meshcat: where the car is shown, followed from behind; None nowhere.
 
@@ -62,9 +63,8 @@ class EmulatedCar:
         self,
         scenario: Scenario,
         log: Path,
-        log_rate: float,
         facts: Json,
-        meshcat: Meshcat | None = None,
+        meshcat: Meshcat | None,
     ) -> None:
         builder = DiagramBuilder()
         station = make_car_station(_with_eager_imu(scenario), meshcat=meshcat)
@@ -89,7 +89,7 @@ class EmulatedCar:
         # A disk that is asked to sync may wait.
         self._journal = RunJournal(log, recorded_columns(signals), metadata)
         RunRecorder.add_to_builder(
-            builder, self._journal, signals, log_rate, scenario.simulation.step
+            builder, self._journal, signals, _TRUTH_RATE, scenario.simulation.step
         )
         self._simulator = Simulator(builder.Build())
         self._context: Any = self._simulator.get_mutable_context()

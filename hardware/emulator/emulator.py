@@ -66,8 +66,6 @@ _POLL_PERIOD = 0.001
 """The firmware's loop and the script are looked at that often at least, s."""
 _SAMPLE_PERIOD = 0.01
 """Between two looks at what GPS and sail measure, s: the period of the 100 Hz loop."""
-_TRUTH_RATE = 100.0
-"""Hz of the log of the truth, as of a drive's; more rows would cost a fifth of a processor."""
 _LATE = 0.01
 """A delay of the emulated car behind the clock that is noted among the events, s."""
 
@@ -121,7 +119,7 @@ class Emulator:
         truth = self._folder / TRUTH_FILE
         facts = {"emulated": settings.wiring}
         self._view = open_meshcat() if settings.view else None
-        self._car = EmulatedCar(settings.scenario, truth, _TRUTH_RATE, facts, self._view)
+        self._car = EmulatedCar(settings.scenario, truth, facts, self._view)
         self._sample_due = 0.0
         self._tipped = False
         self._tipping_angle = load_drive_safety().attitude_limit
@@ -268,18 +266,18 @@ class Emulator:
             self._board.begin("entered", now)
         if self._teensy.driving:
             self._board.begin("driving", now)
-        self._board.update(now)
+        board = self._board
+        board.update(now)
         for name, port in self._ports.items():
-            if self._board.entry("renamed", name):
-                renamed = port.link.with_name(f"{name}_1")
-            else:
-                renamed = None
-            unpowered = name == "teensy" and self._board.entry("teensy_unpowered")
-            if unpowered or self._board.entry("unplugged", name):
+            link = port.link
+            if board.entry("renamed", name):
+                link = link.with_name(f"{name}_1")
+            unpowered = name == "teensy" and board.entry("teensy_unpowered")
+            if unpowered or board.entry("unplugged", name):
                 port.unplug()
-            elif renamed is not None and port.link != renamed:
+            elif port.link != link:
                 port.unplug()
-                port.plug(renamed)
+                port.plug(link)
             else:
                 port.plug()
 

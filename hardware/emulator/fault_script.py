@@ -24,8 +24,9 @@ import json
 import math
 import random
 import time
+from collections import Counter
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field, model_validator
 
@@ -82,6 +83,9 @@ FAULT_PARTS: dict[Fault, tuple[str, ...]] = {
 choice."""
 
 
+_Angle = Annotated[float, Field(ge=-3.14, le=3.14)]
+
+
 class _Entry(StrictModel):
     time: float = Field(ge=0.0, description="s, on the clock of the script")
 
@@ -123,9 +127,9 @@ class OperatorEntry(_Entry):
         "auto_when_asked"
     )
     throttle: float = Field(default=0.0, ge=-1.0, le=1.0)
-    steering: float = Field(default=0.0, ge=-3.14, le=3.14)
-    pitch_tail: float = Field(default=0.0, ge=-3.14, le=3.14)
-    roll_tail: float = Field(default=0.0, ge=-3.14, le=3.14)
+    steering: _Angle = 0.0
+    pitch_tail: _Angle = 0.0
+    roll_tail: _Angle = 0.0
     stop: bool = False
 
     def command(self, asked: bool) -> OperatorCommand:
@@ -171,8 +175,8 @@ class FaultBoard:
         self._script = script
         self._events = events
         self._begin: float | None = None
-        self._met = dict.fromkeys(range(len(script.faults)), 0)
-        self._on: set[int] = set()
+        self._met: Counter[int] = Counter()
+        self._on: dict[int, FaultEntry] = {}
         self._random = random.Random(0)
         self.time = -math.inf
 
@@ -190,45 +194,39 @@ class FaultBoard:
             return
         self.time = now - self._begin
         for index, entry in enumerate(self._script.faults):
-            spent = entry.count is not None and self._met[index] >= entry.count
+            spent = self._met[index] == entry.count
             end = entry.time + (entry.duration or math.inf)
             on = entry.time <= self.time < end and not spent
             if on and index not in self._on:
-                self._on.add(index)
+                self._on[index] = entry
                 self._note("fault_on", entry)
             elif not on and index in self._on:
-                self._on.remove(index)
+                del self._on[index]
                 self._note("fault_off", entry)
 
     def entry(self, fault: Fault, part: str | None = None) -> FaultEntry | None:
         """Returns the entry of a fault that is on; None while it is not."""
         index = self._index(fault, part)
-        if index is None:
-            return None
-        return self._script.faults[index]
+        return self._on.get(index)
 
     def consume(self, fault: Fault, part: str | None = None) -> bool:
         """Returns whether a fault is on, and counts one of its times."""
         index = self._index(fault, part)
-        if index is None:
+        entry = self._on.get(index)
+        if entry is None:
             return False
-        entry = self._script.faults[index]
         self._met[index] += 1
         if self._met[index] == entry.count:
-            self._on.remove(index)
+            del self._on[index]
             self._note("fault_off", entry)
         return True
 
-    def _index(self, fault: Fault, part: str | None) -> int | None:
-        faults = self._script.faults
-        return next(
-            (
-                index
-                for index in self._on
-                if (faults[index].fault, faults[index].part) == (fault, part)
-            ),
-            None,
-        )
+    def _index(self, fault: Fault, part: str | None) -> int:
+        """Returns the place of a fault that is on in the script; -1 while it is not."""
+        for index, entry in self._on.items():
+            if (entry.fault, entry.part) == (fault, part):
+                return index
+        return -1
 
     def corrupt(self, device: Device, data: bytes) -> bytes:
         """Returns what silence and noise leave of the bytes that a device sends."""

@@ -23,6 +23,7 @@ torque field of the motor's frame), pulses in us, sail angle in degrees, clock i
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -181,7 +182,7 @@ def make_command(command: TeensyCommand) -> bytes:
         FrameError: NaN or infinity, a motor id that is not allowed or used twice, or a pulse out of
             range.
     """
-    _check_ids(command.motors[0].motor_id, command.motors[1].motor_id)
+    _check_ids(command.motors)
     check_pulse("servo", command.servo, SERVO_PULSES)
     check_pulse("throttle", command.throttle, THROTTLE_PULSES)
     orders = "|;".join(_write_order(order) for order in command.motors)
@@ -198,7 +199,7 @@ def decode_reply(text: bytes) -> TeensyReply:
             f"Teensy reply {text!r}: {len(fields)} fields; allowed are {_REPLY_FIELDS}"
         )
     motors = (_read_report(fields[0:4], fields[9:12]), _read_report(fields[4:8], fields[12:15]))
-    _check_ids(motors[0].motor_id, motors[1].motor_id)
+    _check_ids(motors)
     clock = _read_integer("clock", fields[15])
     status = _read_integer("status", fields[16])
     return TeensyReply(motors, _read_number("sail", fields[8]), clock, TeensyStatus(status))
@@ -299,7 +300,8 @@ def _number(name: str, value: float) -> str:
     return f"{value:.{NUMBERS[name][2]}f}"
 
 
-def _check_ids(first: int, second: int) -> None:
+def _check_ids(motors: Sequence[MotorOrder | MotorReport]) -> None:
+    first, second = (motor.motor_id for motor in motors)
     check_motor_id(first)
     check_motor_id(second)
     if first == second:

@@ -75,20 +75,21 @@ def open_bus(settings: CanSettings) -> can.BusABC:
         HardwareError: unknown interface, missing device, missing permission, interface down, server
             not reached.
     """
-    if settings.interface not in can.VALID_INTERFACES:
+    interface = settings.interface
+    if interface not in can.VALID_INTERFACES:
         known = ", ".join(sorted(can.VALID_INTERFACES))
-        raise HardwareError(f"CAN interface {settings.interface!r} is unknown; allowed: {known}")
+        raise HardwareError(f"CAN interface {interface!r} is unknown; allowed: {known}")
     arguments: Json = {
-        "interface": settings.interface,
+        "interface": interface,
         "channel": settings.channel,
         **settings.options,
     }
-    if settings.interface == "socketcand":
+    if interface == "socketcand":
         _reach(settings)
-    elif settings.interface not in ("socketcan", "virtual"):
+    elif interface not in ("socketcan", "virtual"):
         arguments.setdefault("bitrate", settings.bitrate)
     try:
-        if settings.interface == "slcan":
+        if interface == "slcan":
             return _Slcan(**{"timeout": _READ_TIMEOUT, **arguments})
         return can.Bus(**{"ignore_config": True, **arguments})
     except can.CanInterfaceNotImplementedError as error:

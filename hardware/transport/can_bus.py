@@ -118,7 +118,7 @@ class Outbox:
             if not self._urgent and not self._waiting:
                 self._condition.notify_all()
 
-    def put_back(self, may_have_left: bool = False) -> None:
+    def put_back(self, may_have_left: bool) -> None:
         """Puts back the frame in hand, which could not be sent: it goes first again, unless a newer
         one or an exit came, or it is old.
 

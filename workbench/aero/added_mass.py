@@ -125,7 +125,7 @@ class AddedMass:
         connect_spatial_forces(builder, self.plant, keeper.GetOutputPort("spatial_forces"))
         return keeper
 
-    def require_positive_definite(self, min_inertia_fraction: float = 0.0) -> None:
+    def require_positive_definite(self, min_inertia_fraction: float) -> None:
         """Refuses a negative added mass that takes more inertia away than there is, at any of 64
         sampled positions.
 

@@ -33,6 +33,7 @@ from aerodima.workbench.core.yaml_files import (
 SCHEMA = "aerodima/coefficients/1"
 _FOLDER = "coefficients"
 Number = Annotated[float, Strict()]
+Ends = tuple[float, float]
 
 
 def _refuse_gain(value: float, least: float) -> float:
@@ -41,7 +42,7 @@ def _refuse_gain(value: float, least: float) -> float:
     return value
 
 
-def _increasing(ends: tuple[float, float]) -> tuple[float, float]:
+def _increasing(ends: Ends) -> Ends:
     if not 0.0 <= ends[0] < ends[1]:
         raise ValueError(f"{list(ends)}; allowed: [lowest, highest], from 0 and increasing")
     return ends
@@ -116,12 +117,12 @@ class CoefficientSet(StrictModel, ABC):
         return self
 
     @property
-    def speed_range(self) -> tuple[float, float]:
+    def speed_range(self) -> Ends:
         """Measured relative speeds, m/s."""
         return self.range.speed_m_per_s
 
     @property
-    def angle_range(self) -> tuple[float, float] | None:
+    def angle_range(self) -> Ends | None:
         """Measured |gamma|, rad; None where the law has no angle."""
         return self.range.angle_rad if isinstance(self.range, PolarRange) else None
 
@@ -294,10 +295,7 @@ def _csv_content(path: Path) -> dict[str, Any]:
     measured = nodes[nodes.status == "measured"]
     if measured.empty:
         raise ModelError(f"{path}: no node has the status 'measured'")
-    ends = {}
-    for column in ("speed_m_per_s", "angle_rad"):
-        values = measured[column]
-        ends[column] = [float(values.min()), float(values.max())]
+    ends = measured[["speed_m_per_s", "angle_rad"]].agg(["min", "max"]).to_dict("list")
     return {
         "schema": SCHEMA,
         "name": path.stem,

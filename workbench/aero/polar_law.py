@@ -4,17 +4,17 @@
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, ClassVar
 
-import numpy as np
-
 from aerodima.workbench.aero.section_laws import (
     STILL,
+    LineForce,
     LineMotion,
     Scalar,
+    Scalars,
     SectionLaw,
     check_from_zero,
     cross,
@@ -28,6 +28,7 @@ from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.ranges import check_range
 
 Coefficient = Callable[[Scalar, Scalar], Scalar]
+Grid = tuple[float, ...]
 _LIFT_END = math.radians(10.0)
 """Usual `lift_end` of a `PolarLaw`, rad."""
 _ONE_DEGREE = math.radians(1.0)
@@ -62,9 +63,9 @@ class RegularTable:
         where: name of the file or table, for messages.
     """
 
-    speeds: tuple[float, ...]
-    angles: tuple[float, ...]
-    values: tuple[tuple[float, ...], ...]
+    speeds: Grid
+    angles: Grid
+    values: tuple[Grid, ...]
     measured: tuple[tuple[bool, ...], ...] = ()
     where: str = "coefficient table"
 
@@ -78,7 +79,7 @@ class RegularTable:
                 f"{self.where}: the table must have {len(self.speeds)} rows (speeds) "
                 f"of {len(self.angles)} values (angles)"
             )
-        require_finite("values", np.asarray(self.values, float), self.where)
+        require_finite(self.values, self.where)
 
     def __call__(self, speed: Scalar, angle: Scalar) -> Scalar:
         """The coefficient at a speed and an angle of attack."""
@@ -112,7 +113,7 @@ class RegularTable:
         return all(all(row[columns]) for row in rows)
 
 
-def _cell(grid: tuple[float, ...], value: Scalar) -> tuple[int, Scalar]:
+def _cell(grid: Grid, value: Scalar) -> tuple[int, Scalar]:
     """Index of the left neighbour and the fraction of the way to the right one, 0 to 1."""
     if value <= grid[0]:
         return 0, 0.0
@@ -225,8 +226,8 @@ class PolarLaw(SectionLaw):
         return scale * speed * (drag + lift * spanwise), -scale * lift * squared * speed
 
     def line_force(
-        self, line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
-    ) -> tuple[Scalar, ...]:
+        self, line: LineMotion, distances: Scalars, areas: Scalars, density: float
+    ) -> LineForce:
         """See `SectionLaw.line_force`."""
         u, k, a, _ = line
         u_x, u_y, u_z = u

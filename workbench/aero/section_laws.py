@@ -18,7 +18,6 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from pydrake.math import arctan2
 
-from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.ranges import check_range
 
@@ -28,6 +27,9 @@ check_above_zero = partial(check_from_zero, above_low=True)
 
 Scalar = Any  # float or AutoDiffXd
 Vector = Any  # three scalars in a row
+LineForce = tuple[Scalar, ...]  # force and moment, three scalars each
+Scalars = Sequence[Scalar]  # one a section
+Triple = tuple[Scalar, Scalar, Scalar]
 
 # Below this squared speed (m2/s2) a section feels nothing: both laws are quadratic, so value and
 # gradient are zero there.
@@ -56,7 +58,7 @@ class LineMotion(NamedTuple):
     a: Vector
     n: Vector
 
-    def velocity(self, distance: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+    def velocity(self, distance: Scalar) -> Triple:
         """Relative velocity (3) of the air at a distance (m) from the root, m/s."""
         u, k, _, _ = self
         return u[0] + distance * k[0], u[1] + distance * k[1], u[2] + distance * k[2]
@@ -67,16 +69,14 @@ def dot(a: Vector, b: Vector) -> Scalar:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def cross(a: Vector, b: Vector) -> tuple[Scalar, Scalar, Scalar]:
+def cross(a: Vector, b: Vector) -> Triple:
     """Cross product of two vectors of three scalars."""
     a_x, a_y, a_z = a
     b_x, b_y, b_z = b
     return a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x
 
 
-def add_cross(
-    v: Sequence[Scalar], a: Sequence[Scalar], b: Sequence[Scalar]
-) -> tuple[Scalar, Scalar, Scalar]:
+def add_cross(v: Scalars, a: Scalars, b: Scalars) -> Triple:
     """v + a x b: a velocity w x p further on, or a moment about another point."""
     v_x, v_y, v_z = v
     a_x, a_y, a_z = a
@@ -88,7 +88,7 @@ def add_cross(
     )
 
 
-def rotated(rows: Sequence[Vector], vector: Vector) -> tuple[Scalar, Scalar, Scalar]:
+def rotated(rows: Sequence[Vector], vector: Vector) -> Triple:
     """Rotates a vector by a matrix, three rows of which the first three numbers count."""
     x_row, y_row, z_row = rows
     return dot(x_row, vector), dot(y_row, vector), dot(z_row, vector)
@@ -106,15 +106,15 @@ class SectionLaw(ABC):
 
     @abstractmethod
     def line_force(
-        self, line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
-    ) -> tuple[Scalar, ...]:
+        self, line: LineMotion, distances: Scalars, areas: Scalars, density: float
+    ) -> LineForce:
         """Force on the line and its moment about the root: (F_x, F_y, F_z, M_x, M_y, M_z), W frame,
         N and N m.
         """
 
     def section_force(
         self, v: Vector, a: Vector, n: Vector, area: Scalar, density: float
-    ) -> tuple[Scalar, ...]:
+    ) -> LineForce:
         """Force on one section that sees the relative velocity v: (F_x, F_y, F_z), W frame, N."""
         return self.line_force(LineMotion(v, (0.0, 0.0, 0.0), a, n), (0.0,), (area,), density)[:3]
 
@@ -151,9 +151,7 @@ def polar_angle(y: Scalar, x: Scalar) -> Scalar:
     return arctan2(y, x)
 
 
-def wind_direction(
-    line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar]
-) -> Scalar:
+def wind_direction(line: LineMotion, distances: Scalars, areas: Scalars) -> Scalar:
     """Angle (rad) about the axis a from the normal n to where the air moves across the axis; 0 in
     still air.
 
@@ -187,12 +185,12 @@ def float_of(value: Scalar) -> float:
 
 def plate_force(
     line: LineMotion,
-    distances: Sequence[Scalar],
-    areas: Sequence[Scalar],
+    distances: Scalars,
+    areas: Scalars,
     density: Scalar,
     along: float,
     against: float,
-) -> tuple[Scalar, ...]:
+) -> LineForce:
     """F = 1/2 rho A C_N |v_p| v_n n for every section; see `SectionLaw.line_force`.
 
     With one C_N for both sides all numbers may be arrays of one shape, for many cars at once.
@@ -247,13 +245,13 @@ def require_increasing(name: str, values: Sequence[float], where: str) -> None:
             )
 
 
-def require_finite(name: str, values: FloatArray, where: str) -> None:
+def require_finite(values: Sequence[Any], where: str) -> None:
     """Refuses holes and NaN, naming the first."""
-    bad = np.argwhere(~np.isfinite(values))
+    bad = np.argwhere(~np.isfinite(np.asarray(values, float)))
     if bad.size:
         index = "".join(f"[{i}]" for i in bad[0])
         raise ModelError(
-            f"{where}: {name}{index} is missing or not finite; fill the hole or leave the whole "
+            f"{where}: values{index} is missing or not finite; fill the hole or leave the whole "
             "row out"
         )
 
@@ -279,7 +277,7 @@ class SpeedTable:
             raise ModelError(
                 f"{self.where}: {len(self.values)} values for {len(self.speeds)} speeds"
             )
-        require_finite("values", np.asarray(self.values, float), self.where)
+        require_finite(self.values, self.where)
 
     def __call__(self, speed: Scalar) -> Scalar:
         """The coefficient at a speed."""
@@ -332,8 +330,8 @@ class NormalForceLaw(SectionLaw):
             check_from_zero("normal-force law: coefficient", self.coefficient, unit="1")
 
     def line_force(
-        self, line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
-    ) -> tuple[Scalar, ...]:
+        self, line: LineMotion, distances: Scalars, areas: Scalars, density: float
+    ) -> LineForce:
         """See `SectionLaw.line_force`."""
         coefficient = self.coefficient
         if not callable(coefficient):
@@ -369,8 +367,8 @@ class TwoSidedLaw(SectionLaw):
             check_from_zero(f"two-sided law: {name}", getattr(self, name), unit="1")
 
     def line_force(
-        self, line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
-    ) -> tuple[Scalar, ...]:
+        self, line: LineMotion, distances: Scalars, areas: Scalars, density: float
+    ) -> LineForce:
         """See `SectionLaw.line_force`; each section takes the coefficient of the side that it shows
         to the wind.
         """
@@ -398,8 +396,8 @@ class CrossedPlatesLaw(SectionLaw):
     side: SectionLaw
 
     def line_force(
-        self, line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
-    ) -> tuple[Scalar, ...]:
+        self, line: LineMotion, distances: Scalars, areas: Scalars, density: float
+    ) -> LineForce:
         """See `SectionLaw.line_force`."""
         across = line._replace(n=cross(line.n, line.a))
         normal = self.normal.line_force(line, distances, areas, density)

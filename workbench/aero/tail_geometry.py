@@ -109,28 +109,23 @@ class TailArm(TailPart):
     @property
     def points(self) -> FloatArray:
         """Ends of its pieces in T (n + 1, 3), m, from the origin on."""
-        return np.cumsum([np.zeros(3), *_steps(self)], axis=0)
+        return np.cumsum([np.zeros(3), *self._steps], axis=0)
 
     @property
     def inertia(self) -> SpatialInertia:
         """Inertia about the origin of T from the density."""
         parts = []
-        for start, step, length in zip(self.points, _steps(self), self.lengths, strict=False):
+        for start, step, length in zip(self.points, self._steps, self.lengths, strict=False):
             rod = rod_inertia(self.density, length, self.radius)
             frame = RotationMatrix.MakeFromOneVector(step, 2)
             parts.append(placed(rod, frame, start))
         return total_inertia(parts)
 
-
-def _steps(part: TailArm | Plate) -> list[FloatArray]:
-    """Vectors from end to end of the straight pieces of a part (3 each), m."""
-    axes = part.axes
-    if len(axes) == 1:
-        axes = axes * len(part.lengths)
-    steps = []
-    for length, axis in zip(part.lengths, axes, strict=True):
-        steps.append(length * unit_vector(axis))
-    return steps
+    @property
+    def _steps(self) -> FloatArray:
+        """Vectors from end to end of its straight pieces (n, 3), m."""
+        axes = np.array([unit_vector(axis) for axis in self.axes])
+        return np.reshape(self.lengths, (-1, 1)) * axes
 
 
 class Plate(TailPart):
@@ -245,15 +240,7 @@ def _layout(run: list[Piece], sections: int) -> SectionLayout:
     if not through_origin:
         root = first.start
         start = 0.0
-    axis = as_tuple(first.axis)
-    normal = as_tuple(first.normal)
-    p_BoRo_B = as_tuple(root)
     length = sum(piece.length for piece in run)
-    if len(run) == 1 and first.chords[0] == first.chords[1]:
-        return SectionLayout.strip(
-            start=start, length=length, width=first.chords[0], number=sections,
-            p_BoRo_B=p_BoRo_B, axis_B=axis, normal_B=normal,
-        )  # fmt: skip
     distances = []
     areas = []
     near = start
@@ -264,9 +251,9 @@ def _layout(run: list[Piece], sections: int) -> SectionLayout:
             areas.append(part * sum(chords) / 2)
             near += part
     return SectionLayout(
-        p_BoRo_B,
-        axis,
-        normal,
+        as_tuple(root),
+        as_tuple(first.axis),
+        as_tuple(first.normal),
         tuple(distances),
         tuple(areas),
         sum(areas) / length,
@@ -371,7 +358,7 @@ class TailGeometry(TailPart):
 
     def facing_area(self, direction: Sequence[float]) -> float:
         """Planform seen along a direction, m2: each piece with the cosine of its normal."""
-        return float(sum(facing * piece.area for facing, piece in self._facing(direction)))
+        return float(sum(area for area, _ in self._facing(direction)))
 
     def centre_of_pressure(self, direction: Sequence[float] | None = None) -> FloatArray:
         """Centroid in T (3), m, of the planform seen along a direction, by default the first
@@ -385,15 +372,13 @@ class TailGeometry(TailPart):
         area = self.facing_area(direction)
         if area < 1e-12:
             raise ModelError(f"tail {self.name!r}: no plate faces the direction {tuple(direction)}")
-        moment = sum(
-            facing * piece.area * piece.centre for facing, piece in self._facing(direction)
-        )
+        moment = sum(area * piece.centre for area, piece in self._facing(direction))
         return np.asarray(moment / area)
 
     def _facing(self, direction: Sequence[float]) -> list[tuple[float, Piece]]:
         along = unit_vector(direction)
         return [
-            (abs(float(piece.normal @ along)), piece)
+            (abs(float(piece.normal @ along)) * piece.area, piece)
             for plate in self.plates
             for piece in plate.pieces
         ]

@@ -16,6 +16,8 @@ from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.sdf_model import Inertial
 
+Chords = tuple[float, float]
+"""Widths of a piece at its near and far end, m."""
 _GAUSS = (0.5 - math.sqrt(1.0 / 12.0), 0.5 + math.sqrt(1.0 / 12.0))
 """Points of Gauss and Legendre between 0 and 1, of half the weight each."""
 _ROUNDING = 1e-14
@@ -50,9 +52,7 @@ def rod_inertia(density: float, length: float, radius: float) -> SpatialInertia:
     return _inertia_of_moments(mass, np.array([0.0, 0.0, mass * length / 2]), second)
 
 
-def plate_inertia(
-    density: float, length: float, chords: tuple[float, float], depth: float
-) -> SpatialInertia:
+def plate_inertia(density: float, length: float, chords: Chords, depth: float) -> SpatialInertia:
     """A flat trapezoid of `density` kg/m2 about the middle of its near end, its mass spread evenly
     over `depth` along y.
     """
@@ -66,7 +66,7 @@ def plate_inertia(
 def shell_inertia(
     density: float,
     length: float,
-    chords: tuple[float, float],
+    chords: Chords,
     cap_density: float,
     closed: tuple[bool, bool],
 ) -> SpatialInertia:
@@ -114,7 +114,7 @@ def inertial_of_inertia(inertia: SpatialInertia) -> Inertial:
     return Inertial(inertia.get_mass(), (x, y, z), (xx, yy, zz), (xy, xz, yz))
 
 
-def _gauss_points(length: float, chords: tuple[float, float]) -> Iterator[tuple[float, float]]:
+def _gauss_points(length: float, chords: Chords) -> Iterator[tuple[float, float]]:
     """Place (m) and width (m) of the two slices, each of half the length."""
     near, far = chords
     for share in _GAUSS:

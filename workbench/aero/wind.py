@@ -63,18 +63,16 @@ class WindModel:
         x, y, z = (speed * part for part in jet.downstream_W)
         return cls(mean=(x, y, z))
 
-    def turbulence_step(self, step: int, previous: Any) -> list[Any]:
+    def turbulence_step(self, step: int, previous: Any) -> Any:
         """Filtered noise after one more update; `step` 0 draws from the stationary distribution."""
         generator = np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, step]))
         noise = generator.standard_normal(3)
+        deviation = np.array(self.turbulence)
         if step == 0:
-            return [std * x for std, x in zip(self.turbulence, noise, strict=True)]
+            return deviation * noise
         keep = math.exp(-_UPDATE_PERIOD / self.time_constant)
         spread = math.sqrt(1.0 - keep * keep)
-        after = []
-        for before, std, x in zip(previous, self.turbulence, noise, strict=True):
-            after.append(keep * before + spread * std * x)
-        return after
+        return keep * previous + spread * deviation * noise
 
 
 class WindParts(SystemParts):

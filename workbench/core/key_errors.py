@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 from aerodima.workbench.core.quantity import unit_of
 from aerodima.workbench.core.ranges import NO_UNIT
 
+Model = type[BaseModel]
 Place = tuple[str | int, ...]
 
 
@@ -21,7 +22,7 @@ def nearest(name: str, known: Collection[str]) -> str:
     return "must be one of: " + ", ".join(sorted(known))
 
 
-def lines_of(report: ValidationError, model: type[BaseModel]) -> list[str]:
+def lines_of(report: ValidationError, model: Model) -> list[str]:
     """Describe what is wrong with the data that a model refused, a line each."""
     items: list[Any] = list(report.errors())
     # A list whose entries are wrong is not called too short as well.
@@ -33,12 +34,12 @@ def lines_of(report: ValidationError, model: type[BaseModel]) -> list[str]:
     ]
 
 
-def keys_of(model: type[BaseModel]) -> list[str]:
+def keys_of(model: Model) -> list[str]:
     """List the keys of a section as they are written in the file."""
     return [field.alias or name for name, field in model.model_fields.items()]
 
 
-def _line(item: Any, model: type[BaseModel]) -> str:
+def _line(item: Any, model: Model) -> str:
     """Write one of pydantic's errors as `key: value is not allowed; what is`."""
     place = item["loc"]
     kind = item["type"]
@@ -63,7 +64,7 @@ def _line(item: Any, model: type[BaseModel]) -> str:
     return text
 
 
-def _nearest_key(place: Place, owners: list[type[BaseModel]]) -> str:
+def _nearest_key(place: Place, owners: list[Model]) -> str:
     name = str(place[-1])
     if len(place) == 1:
         for section, field in owners[0].model_fields.items():
@@ -72,7 +73,7 @@ def _nearest_key(place: Place, owners: list[type[BaseModel]]) -> str:
     return nearest(name, [key for owner in owners for key in keys_of(owner)])
 
 
-def _models_at(model: type[BaseModel], place: Place) -> list[type[BaseModel]]:
+def _models_at(model: Model, place: Place) -> list[Model]:
     """Find the models that may hold the keys at a place: several where the file chooses and the
     place does not say.
     """
@@ -88,11 +89,11 @@ def _models_at(model: type[BaseModel], place: Place) -> list[type[BaseModel]]:
     return models
 
 
-def _tags(model: type[BaseModel]) -> list[Any]:
+def _tags(model: Model) -> list[Any]:
     return [tag for field in model.model_fields.values() for tag in get_args(field.annotation)]
 
 
-def _models_in(annotation: Any) -> list[type[BaseModel]]:
+def _models_in(annotation: Any) -> list[Model]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for part in get_args(annotation) for model in _models_in(part)]

@@ -11,6 +11,8 @@ from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_fields import PortFields
 from aerodima.workbench.core.port_wiring import add_and_connect, concatenate
 
+Contract = Mapping[str, PortFields]
+"""Fields of every port, by its name."""
 LAST_TIME = 1e9
 """Until when a station tells the time, s."""
 
@@ -69,8 +71,8 @@ def export_outputs(builder: DiagramBuilder, ports: Mapping[str, OutputPort]) -> 
 def export_interface(
     builder: DiagramBuilder,
     system: System,
-    inputs: Mapping[str, PortFields],
-    outputs: Mapping[str, PortFields],
+    inputs: Contract,
+    outputs: Contract,
 ) -> None:
     """Adds a hardware interface and exports its ports.
 
@@ -86,8 +88,8 @@ def export_interface(
 
 def require_ports(
     system: System,
-    inputs: Mapping[str, PortFields],
-    outputs: Mapping[str, PortFields],
+    inputs: Contract,
+    outputs: Contract,
     besides: tuple[str, ...] = (),
 ) -> None:
     """Raises UserError unless the ports have names and sizes of the contract.
@@ -95,14 +97,11 @@ def require_ports(
     Args:
         besides: endings of names that are free.
     """
-    inputs_of_system = [system.get_input_port(index) for index in range(system.num_input_ports())]
-    outputs_of_system = [
-        system.get_output_port(index) for index in range(system.num_output_ports())
-    ]
-    for kind, ports, contract in (
-        ("inputs", inputs_of_system, inputs),
-        ("outputs", outputs_of_system, outputs),
+    for kind, port_of, count, contract in (
+        ("inputs", system.get_input_port, system.num_input_ports(), inputs),
+        ("outputs", system.get_output_port, system.num_output_ports(), outputs),
     ):
+        ports = [port_of(index) for index in range(count)]
         sizes = {
             port.get_name(): port.size() for port in ports if not port.get_name().endswith(besides)
         }

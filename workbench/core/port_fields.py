@@ -2,7 +2,8 @@
 
 from collections import namedtuple
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,10 +22,10 @@ class PortFields:
 
     name: str
     fields: tuple[str, ...]
-    _tuple: Any = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_tuple", namedtuple(self.name, self.fields))
+    @cached_property
+    def _tuple(self) -> Any:
+        return namedtuple(self.name, self.fields)
 
     @property
     def size(self) -> int:

@@ -7,7 +7,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from aerodima.workbench.core.errors import ScenarioError
-from aerodima.workbench.core.ranges import NO_UNIT
+from aerodima.workbench.core.ranges import NO_UNIT, check_range
 
 STANDARD_GRAVITY = 9.80665
 """Acceleration that a sensor calls 1 g, m/s2 (CGPM 1901)."""
@@ -85,8 +85,7 @@ def check_rate(rate: float, step: float | None, name: str) -> None:
         step: of the plant, s; None where no plant steps.
         name: where the rate comes from, e.g. "imu.rate".
     """
-    if not (math.isfinite(rate) and rate > 0.0):
-        raise ScenarioError(f"{name}: {rate:g} Hz must be above 0")
+    check_range(name, rate, 0.0, math.inf, "Hz", above_low=True, error=ScenarioError)
     if step is not None and rate * step > 1.0 + RATE_TOLERANCE:
         raise ScenarioError(
             f"{name}: {rate:g} Hz must be at most 1/step, {1.0 / step:g} Hz with step {step:g} s"

@@ -229,11 +229,7 @@ class CounterNoise:
 
     def first(self, count: int) -> FloatArray:
         """Draw the numbers (count, width) of the first samples: `at` 0 ... count - 1."""
-        blocks = [
-            self._generator(1 + block).standard_normal((BLOCK, self._width))
-            for block in range(-(-count // BLOCK))
-        ]
-        return np.concatenate([np.empty((0, self._width)), *blocks])[:count]
+        return np.array([self.at(index) for index in range(count)])
 
     def constant(self) -> FloatArray:
         """Draw numbers (width,) of the whole run, such as a bias; independent of all samples."""

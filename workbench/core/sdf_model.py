@@ -9,6 +9,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia, UnitInertia
@@ -157,21 +158,19 @@ class SdfModel:
             pose: position (m) and roll, pitch, yaw (rad) in the link frame.
             shape: `box`, `cylinder`, `sphere` or `mesh`, with its sizes, such as `radius=0.01`, m.
         """
-        element = ElementTree.SubElement(
+        element = SubElement(
             self._named("link", link), "collision" if colour is None else "visual", name=name
         )
-        ElementTree.SubElement(element, "pose").text = self._text(pose)
-        form = ElementTree.SubElement(ElementTree.SubElement(element, "geometry"), shape)
+        SubElement(element, "pose").text = self._text(pose)
+        form = SubElement(SubElement(element, "geometry"), shape)
         for tag, size in sizes.items():
-            ElementTree.SubElement(form, tag).text = self._text(size)
+            SubElement(form, tag).text = self._text(size)
         if colour is not None:
-            ElementTree.SubElement(
-                ElementTree.SubElement(element, "material"), "diffuse"
-            ).text = colour
+            SubElement(SubElement(element, "material"), "diffuse").text = colour
             return
-        properties = ElementTree.SubElement(element, _drake("proximity_properties"))
+        properties = SubElement(element, _drake("proximity_properties"))
         for tag in _CONTACT:
-            ElementTree.SubElement(properties, _drake(tag))
+            SubElement(properties, _drake(tag))
 
     def set_contact(
         self, link: str, shape: str | None, stiffness: float, dissipation: float, friction: float
@@ -227,13 +226,13 @@ class SdfModel:
         document = ElementTree.tostring(self._root, encoding="unicode")
         return f'<?xml version="1.0"?>\n{document}\n'
 
-    def _named(self, kind: str, name: str) -> ElementTree.Element:
+    def _named(self, kind: str, name: str) -> Element:
         elements = {str(element.get("name")): element for element in self.model.findall(kind)}
         if name not in elements:
             raise ModelError(f"{self.path}: no {kind} {name!r}; it has {', '.join(elements)}")
         return elements[name]
 
-    def _shapes(self, link: str, shape: str | None, kind: str = "*") -> list[ElementTree.Element]:
+    def _shapes(self, link: str, shape: str | None, kind: str = "*") -> list[Element]:
         kinds = ("visual", "collision") if kind == "*" else (kind,)
         elements = [element for element in self._named("link", link) if element.tag in kinds]
         if shape is None:
@@ -243,7 +242,7 @@ class SdfModel:
             raise ModelError(f"{self.path}: link {link!r} has no shape {shape!r}")
         return named
 
-    def _child(self, element: ElementTree.Element, tag: str) -> ElementTree.Element:
+    def _child(self, element: Element, tag: str) -> Element:
         child = element.find(tag)
         if child is None:
             raise ModelError(
@@ -259,7 +258,7 @@ class SdfModel:
             return " ".join(map(self._text, value))
         return f"{value:.{self._digits}g}"
 
-    def _set_position(self, element: ElementTree.Element, position: Sequence[float]) -> None:
+    def _set_position(self, element: Element, position: Sequence[float]) -> None:
         pose = self._child(element, "pose")
         angles = (pose.text or "0 0 0 0 0 0").split()[3:]
         pose.text = " ".join([*map(self._text, position), *angles])

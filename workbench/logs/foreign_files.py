@@ -38,6 +38,10 @@ from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.logs.hdf5_reading import read_hdf5
 from aerodima.workbench.logs.mapping import CsvFormat
 
+Columns = dict[str, pd.Series]
+"""Values by the name of the column."""
+Texts = dict[str, str]
+"""Reason why it is unreadable, or name of the times, by the name of the column."""
 MAX_COLUMNS = 64
 """A matrix with more columns than this (and than rows) has its channels in rows; a list with more
 numbers is a picture or a table of something else, not a log."""
@@ -197,8 +201,8 @@ def _refuse_values(path: Path, names: list[str]) -> None:
 
 def read_parquet(path: Path) -> ForeignLog:
     """Reads the columns of a Parquet file whose checksums, where it has any, are right."""
-    columns: dict[str, pd.Series] = {}
-    unreadable: dict[str, str] = {}
+    columns: Columns = {}
+    unreadable: Texts = {}
     with pq.ParquetFile(path, page_checksum_verification=True) as file:
         table = file.read()
     for name, values in zip(table.column_names, table.columns, strict=True):
@@ -224,8 +228,8 @@ def read_mat(path: Path) -> ForeignLog:
         from scipy.io import loadmat
 
         struct = loadmat(path, simplify_cells=True)
-    columns: dict[str, pd.Series] = {}
-    unreadable: dict[str, str] = {}
+    columns: Columns = {}
+    unreadable: Texts = {}
     for name, value in _walk("", struct):
         kind = "O" if isinstance(value, list) else np.asarray(value).dtype.kind
         if kind not in "fiub":
@@ -247,7 +251,7 @@ def is_version_7_3(path: Path) -> bool:
     return head.startswith(b"MATLAB 7.3") or b"\x89HDF\r\n\x1a\n" in (head[:8], head[512:520])
 
 
-def _vectors(name: str, value: NDArray) -> dict[str, pd.Series]:
+def _vectors(name: str, value: NDArray) -> Columns:
     """Splits an array into its columns; into its rows where these are far fewer."""
     if value.ndim <= 1:
         return {name: pd.Series(np.atleast_1d(value))}
@@ -280,7 +284,7 @@ def read_mcap(path: Path) -> ForeignLog:
     from mcap.records import Channel, Message, Statistics
     from mcap.stream_reader import StreamReader
 
-    unreadable: dict[str, str] = {}
+    unreadable: Texts = {}
     messages: dict[str, list[dict[str, Any]]] = {}
     channels: dict[int, Channel] = {}
     count = 0
@@ -307,21 +311,19 @@ def read_mcap(path: Path) -> ForeignLog:
                     f"{path}: {count} messages are there of {record.message_count} that were "
                     "written; it is damaged, copy it again"
                 )
-    columns: dict[str, pd.Series] = {}
-    time_of: dict[str, str] = {}
+    columns: Columns = {}
+    time_of: Texts = {}
     for topic, rows in messages.items():
         time = f"{topic}@log_time"
         rows.sort(key=itemgetter(time))
-        numbers: dict[str, pd.Series] = {}
+        numbers: Columns = {}
         _add_numbers(pd.json_normalize(rows), numbers, unreadable)
         columns |= numbers
         time_of |= dict.fromkeys(numbers, time)
     return ForeignLog(str(path), columns, time_of, unreadable)
 
 
-def _add_numbers(
-    table: pd.DataFrame, columns: dict[str, pd.Series], unreadable: dict[str, str]
-) -> None:
+def _add_numbers(table: pd.DataFrame, columns: Columns, unreadable: Texts) -> None:
     """Adds every column with a number, those of a list by their places; the others to those that
     cannot be read. A number that JSON has not may be text, "NaN".
     """
@@ -329,11 +331,12 @@ def _add_numbers(
         cells = values.map(lambda value: str(value) if isinstance(value, dict) else value)
         if cells.map(lambda cell: isinstance(cell, list)).any():
             lists = pd.DataFrame([cell if isinstance(cell, list) else [cell] for cell in cells])
-            lists.columns = [f"{name}({number})" for number in range(1, lists.shape[1] + 1)]
-            if lists.shape[1] <= MAX_COLUMNS:
+            width = lists.shape[1]
+            lists.columns = [f"{name}({number})" for number in range(1, width + 1)]
+            if width <= MAX_COLUMNS:
                 _add_numbers(lists, columns, unreadable)
             else:
-                unreadable[str(name)] = f"lists of up to {lists.shape[1]} values"
+                unreadable[str(name)] = f"lists of up to {width} values"
             continue
         stated = cells.dropna()
         if stated.empty or pd.to_numeric(stated, errors="coerce").notna().any():

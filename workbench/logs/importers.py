@@ -51,6 +51,7 @@ from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.signal_table import RIG_KINDS, TIME
 
+Findings = list[LogFinding]
 _TEXT_FILES = (".csv", ".txt", ".tsv")
 _READERS: dict[str, Callable[[Path], ForeignLog]] = {
     ".parquet": read_parquet,
@@ -118,13 +119,13 @@ def read_foreign_log(path: Path, csv: CsvFormat) -> ForeignLog:
     return foreign
 
 
-def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, list[LogFinding]]:
+def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, Findings]:
     """Makes the table of a run log from foreign columns: SI units, one time grid, `time_s` first.
 
     Raises:
         LogError: as for `import_log`, apart from the checks of units.
     """
-    findings: list[LogFinding] = []
+    findings: Findings = []
     time, rows = _times(foreign, mapping, mapping.time.from_, mapping.time.unit, findings)
     columns = {TIME: time}
     held = []
@@ -161,7 +162,7 @@ def _column(
     mapping: Mapping,
     name: str,
     grid: tuple[FloatArray, IntArray],
-    findings: list[LogFinding],
+    findings: Findings,
 ) -> tuple[FloatArray, bool]:
     """Puts one of our columns on the grid, times (s) and the rows that have them; says whether its
     own times differ and it is held.
@@ -210,7 +211,7 @@ def _column(
 
 
 def _times(
-    foreign: ForeignLog, mapping: Mapping, name: str, unit: str, findings: list[LogFinding]
+    foreign: ForeignLog, mapping: Mapping, name: str, unit: str, findings: Findings
 ) -> tuple[FloatArray, IntArray]:
     """Reads a column of times, s, and the rows of the file that count: one of those with the same
     time if the mapping says which.
@@ -222,15 +223,16 @@ def _times(
         if rows.size < time.size:
             text = f"left out: {time.size - rows.size} row(s) with the time of another"
             findings.append(LogFinding(name, None, text))
+    time = time[rows]
     try:
-        check_time(time[rows], name)
+        check_time(time, name)
     except LogError as error:
-        remedy = _EQUAL_TIMES if np.any(time[rows][1:] == time[rows][:-1]) else ""
+        remedy = _EQUAL_TIMES if np.any(time[1:] == time[:-1]) else ""
         raise LogError(f"{foreign.path}: {error}{remedy}") from None
-    return time[rows], rows
+    return time, rows
 
 
-def _unused(foreign: ForeignLog, mapping: Mapping) -> list[LogFinding]:
+def _unused(foreign: ForeignLog, mapping: Mapping) -> Findings:
     """Lists the columns of the files that cannot be read, or are not in the mapping."""
     used: set[str | None] = {mapping.time.from_, *foreign.time_of.values()}
     for source in mapping.columns.values():
@@ -246,9 +248,7 @@ def _unused(foreign: ForeignLog, mapping: Mapping) -> list[LogFinding]:
     return findings
 
 
-def _from_first_samples(
-    table: pd.DataFrame, held: list[str]
-) -> tuple[pd.DataFrame, list[LogFinding]]:
+def _from_first_samples(table: pd.DataFrame, held: list[str]) -> tuple[pd.DataFrame, Findings]:
     """Drops the rows before every held column has had a sample."""
     first = {name: int(np.argmax(np.isfinite(table[name]))) for name in held}
     name, start = max(first.items(), key=lambda item: item[1], default=("", 0))
@@ -259,7 +259,7 @@ def _from_first_samples(
     return table.iloc[start:].reset_index(drop=True), [finding]
 
 
-def _metadata(mapping: Mapping, files: list[str], findings: list[LogFinding]) -> Json:
+def _metadata(mapping: Mapping, files: list[str], findings: Findings) -> Json:
     """Makes the metadata of the log: what was driven, its facts, and where it came from."""
     facts = mapping.facts
     if "tail" in facts:

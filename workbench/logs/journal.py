@@ -25,7 +25,14 @@ from numpy.typing import ArrayLike
 from aerodima.workbench.core.atomic_write import make_folder, refuse_existing
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.core.file_reading import Facts
-from aerodima.workbench.logs.journal_frames import END, HEAD, ROWS, make_frame, read_content
+from aerodima.workbench.logs.journal_frames import (
+    END,
+    HEAD,
+    ROWS,
+    Content,
+    make_frame,
+    read_content,
+)
 from aerodima.workbench.logs.schema import (
     METADATA_KEY,
     RunLog,
@@ -336,7 +343,7 @@ def _sync_disk(descriptor: int, answer: Future[None]) -> None:
         answer.set_exception(error)
 
 
-def read_journal(path: Path | str) -> tuple[pa.Table, list[str]]:
+def read_journal(path: Path | str) -> Content:
     """Reads the rows of the whole batches of a journal, and names what is damaged, missing or in
     doubt: nothing for one that was closed in order.
 

@@ -19,6 +19,8 @@ import pyarrow as pa
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import decode_metadata
 
+Content = tuple[pa.Table, list[str]]
+"""Rows, and sentences on what is damaged or missing."""
 _MARK = b"\x89AJ1"
 HEAD = _MARK + b"head"
 ROWS = _MARK + b"rows"
@@ -48,7 +50,7 @@ def _whole_frames(journal: memoryview, marks: bytes | bytearray) -> Iterator[tup
         begin = marks.find(_MARK, begin + 1)
 
 
-def read_content(journal: bytes | bytearray, source: str) -> tuple[pa.Table, list[str]]:
+def read_content(journal: bytes | bytearray, source: str) -> Content:
     """Reads the whole rows of a journal, and names what is damaged, missing or in doubt.
 
     Raises:
@@ -92,7 +94,7 @@ def read_content(journal: bytes | bytearray, source: str) -> tuple[pa.Table, lis
     return pa.table(columns, schema=schema), damage
 
 
-def _read_stream(journal: bytes | bytearray, source: str) -> tuple[pa.Table, list[str]]:
+def _read_stream(journal: bytes | bytearray, source: str) -> Content:
     """Reads an Arrow stream, of which any byte may be wrong."""
     file = io.BytesIO(journal)
     batches: list[pa.RecordBatch] = []

@@ -97,7 +97,7 @@ def nan_findings(time: FloatArray, column: str, values: FloatArray) -> list[LogF
     return [LogFinding(column, float(bad[0]), text)]
 
 
-def table_findings(table: pd.DataFrame, kind: str = "") -> list[LogFinding]:
+def table_findings(table: pd.DataFrame, kind: str) -> list[LogFinding]:
     """Finds gaps, NaN, too few rows and constant measurements of a table whose times are sorted;
     `kind` of the log.
     """

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, StrictBool, StrictFloat, StrictInt, field_validator, model_validator
+from pydantic import Field, StrictBool, StrictFloat, StrictInt, model_validator
 
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.core.file_reading import Json
@@ -95,14 +95,9 @@ class ColumnSource(StrictModel):
             raise ValueError("needs either `from` or `constant`")
         if self.time_unit is not None:
             unit_factor(self.time_unit, "s", "time_unit")
+        if self.scale == 0.0:
+            raise ValueError("scale: a scale of 0 would delete the signal")
         return self
-
-    @field_validator("scale")
-    @classmethod
-    def _not_zero(cls, value: float) -> float:
-        if value == 0.0:
-            raise ValueError("a scale of 0 would delete the signal")
-        return value
 
 
 class TimeSource(StrictModel):

@@ -55,8 +55,7 @@ def static_coefficients(scenario: RigScenario) -> tuple[float, float]:
     attack = math.asin(sine * math.cos(tunnel.psi3))
     law, _ = rig_law(scenario)
     assert isinstance(law, PolarLaw)
-    coefficients = []
-    for value in (law.drag, law.lift):
-        coefficients.append(float(value(speed, attack) if callable(value) else value))
-    drag, lift = coefficients
+    drag, lift = (
+        float(value(speed, attack) if callable(value) else value) for value in (law.drag, law.lift)
+    )
     return drag, lift

@@ -10,6 +10,7 @@ at any state and torque. A discrete plant has reactions only after a step.
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -134,23 +135,11 @@ def _add_air(
     jet = rig_jet(scenario)
     wind = add_wind(builder, WindModel.in_jet(jet, scenario.experiment.wind_speed))
     air = Air(scenario.environment.air_density, scenario.environment.air_viscosity)
+    add_force = partial(add_tail_force, builder, plant, air=air, wind=wind, jet=jet)
     law, limit = rig_law(scenario)
     if not scenario.is_robot:
-        bar = PolarLaw(scenario.bar.drag_coefficient)
-        add_tail_force(
-            builder, plant, "bar", bar_layout(scenario), bar, air=air, wind=wind, jet=jet
-        )
-    return add_tail_force(
-        builder,
-        plant,
-        "tail",
-        tail_layout(scenario),
-        law,
-        air=air,
-        wind=wind,
-        jet=jet,
-        quasi_steady_limit=limit,
-    )
+        add_force("bar", bar_layout(scenario), PolarLaw(scenario.bar.drag_coefficient))
+    return add_force("tail", tail_layout(scenario), law, quasi_steady_limit=limit)
 
 
 def _added_mass(plant: MultibodyPlant, scenario: RigScenario) -> AddedMass | None:

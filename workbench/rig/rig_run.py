@@ -35,8 +35,8 @@ def run_rig(
     scenario: RigScenario,
     log: str | Path | None,
     *,
-    force: bool = False,
-    view: LiveView | None = None,
+    force: bool,
+    view: LiveView,
 ) -> RunLog:
     """Runs the experiment of a scenario; its log is in the rig schema. See `simulate`.
 
@@ -55,7 +55,6 @@ def run_rig(
         if log is None:
             return held
         return read_run_log(write_run_log(held, log, force=force))
-    view = view or LiveView()
     builder, station = assemble_rig(scenario, view.meshcat)
     signals = signals_of({**RIG_PORTS, **RIG_TRUTH}, output_ports(station))
     errors = force_errors(scenario.force_sensor, scenario.sensor_offsets, scenario.seed)

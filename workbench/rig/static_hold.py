@@ -45,7 +45,8 @@ def simulate_static_log(
     current, wrench = _hold(rig, experiment.angle)
     rate = scenario.simulation.log_rate
     time = np.arange(round(experiment.duration * rate) + 1) / rate
-    currents = np.full(len(time), current)
+    count = len(time)
+    currents = np.full(count, current)
     newest_sample = np.floor(time * sensor.rate + 1e-6).astype(int)
     sample_time = np.arange(newest_sample[-1] + 1) / sensor.rate
     wrenches = np.tile(wrench, (len(sample_time), 1))
@@ -61,9 +62,9 @@ def simulate_static_log(
     errors = force_errors(sensor, scenario.sensor_offsets, scenario.seed)
     readings = errors.first_readings(wrenches, len(sample_time), sensor.rate)[newest_sample]
     noise = current_errors(scenario.maxon.current_noise, scenario.seed)
-    logged_currents = noise.first_readings(currents[:, None], len(time), rate)
-    angles = np.full(len(time), quantise(experiment.angle, scenario.count_angle))
-    table = np.column_stack([time, angles, np.zeros(len(time)), logged_currents, readings])
+    logged_currents = noise.first_readings(currents[:, None], count, rate)
+    angles = np.full(count, quantise(experiment.angle, scenario.count_angle))
+    table = np.column_stack([time, angles, np.zeros(count), logged_currents, readings])
     metadata = rig_log_metadata(
         scenario,
         truth={**known_truth(scenario), "current": current},

@@ -124,7 +124,7 @@ def test_whatever_bytes_arrive_a_sample_is_finite_and_turns_or_is_refused(count)
 
 
 def test_a_sensor_that_says_the_same_to_the_last_bit_has_frozen():
-    repeats = FrozenSensorMonitor("IMU", 10)
+    repeats = FrozenSensorMonitor("IMU")
     for _ in range(10):
         repeats.update((1.0, 0.5))
     assert repeats.fault_text == ""
