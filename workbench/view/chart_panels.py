@@ -21,6 +21,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator
 
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.file_reading import Json
 
 _PIXELS_PER_INCH = 82
@@ -109,15 +110,20 @@ def _ticks(axis: Any) -> list[tuple[float, str]] | None:
 
 def _is_series(line: Line2D, axes: Axes) -> bool:
     """Says whether a line has several samples in the coordinates of the data, whose x increases."""
-    x = line.get_xydata()[:, 0]
+    x = _points(line)[:, 0]
     in_data = line.get_transform().contains_branch_seperately(axes.transData)
     if x.size < _MIN_SAMPLES or not np.all(np.isfinite(x)):
         return False
     return all(in_data) and bool(np.all(np.diff(x) > 0.0))
 
 
+def _points(line: Line2D) -> FloatArray:
+    """Reads the points of a line, (n, 2), in the order in which they are drawn."""
+    return np.asarray(line.get_xydata(), float)
+
+
 def _series(line: Line2D, axes: Axes) -> Json:
-    x, y = line.get_xydata().T
+    x, y = _points(line).T
     label = str(line.get_label())
     if label.startswith("_"):
         label = axes.get_ylabel() or "value"
@@ -162,7 +168,7 @@ def _shapes(axes: Axes, named: Sequence[Line2D]) -> Iterable[Json]:
 
 
 def _line_shapes(line: Line2D, axes: Axes) -> Iterable[Json]:
-    x, y = line.get_xydata().T
+    x, y = _points(line).T
     look = _look(line)
     in_x, in_y = line.get_transform().contains_branch_seperately(axes.transData)
     place: Json = {"x": ["low", "high"], "y": ["low", "high"]}
@@ -199,7 +205,8 @@ def _segments(lines: LineCollection) -> Json:
     for segment in lines.get_segments():
         rows += [*segment, (math.nan, math.nan)]
     width = float(np.ravel(lines.get_linewidth())[0])
-    return {**_outline(rows), "stroke": to_hex(lines.get_color()[0]), "width": width}
+    colour: Any = lines.get_color()[0]
+    return {**_outline(rows), "stroke": to_hex(colour), "width": width}
 
 
 def _keys(legend: Legend) -> list[Json]:

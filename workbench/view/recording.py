@@ -102,7 +102,7 @@ def nearest_rows(time: FloatArray, wanted: FloatArray) -> IntArray:
     """Finds the row of the log nearest to each wanted time, s; the last one for times after its
     end.
     """
-    return pd.Index(time).get_indexer(wanted, method="nearest")
+    return pd.Index(time).get_indexer(pd.Index(wanted), method="nearest")
 
 
 def _follow(
