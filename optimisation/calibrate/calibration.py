@@ -89,6 +89,10 @@ def _reduced(
     """
     runs.stage = "reduced cars"
     items = []
+    slow = {turn.name: turn for trend in plan.trends for turn in trend.turns()}
+    for turn in slow.values():
+        for part in _parts(len(cars), REDUCED_PER_ITEM):
+            items.append(WorkItem(plan, turn, _numbers(cars[part])))
     for turn in plan.turns:
         own = cars.copy()
         if reach == WIDE_REACH:
@@ -173,9 +177,11 @@ def log_likelihood(surrogate: Surrogate, figures: Sequence[Figure], cars: FloatA
     plan = surrogate.prior.plan
     margins = {turn.name: surrogate.margin(cars, turn) for turn in plan.turns}
     total = surrogate.log_outcomes(margins)
+    shown_by_turn = {}
     for turn in plan.turns:
         if turn.table:
             values = surrogate.values(cars, turn, margins[turn.name])
+            shown_by_turn[turn.name] = values
             for figure in figures:
                 if figure.turn.name == turn.name:
                     shown = values[:, METRICS.index(figure.metric)]
@@ -184,7 +190,7 @@ def log_likelihood(surrogate: Surrogate, figures: Sequence[Figure], cars: FloatA
             if turn == lift.turn:
                 width = np.hypot(LIFT_WIDTH, surrogate.deviation(lift))
                 total += log_ndtr((values[:, METRICS.index(LIFT)] - lift.published) / width)
-    return total
+    return total + surrogate.log_trends(cars, shown_by_turn)
 
 
 def log_density(

@@ -103,6 +103,34 @@ class NormalPrior(StrictModel):
     reason: str = Field(min_length=1)
 
 
+class Trend(StrictModel):
+    """How a mean over the turn changes with the speed: as its power, at all `speeds` (m/s) and at
+    that of the table of these turns.
+
+    Attributes:
+        system, tail: of the turns.
+        metric: a mean of `FIGURES`.
+        exponent: of the speed; 0 for a constant.
+        deviation: of one value from the trend, in its logarithm.
+        source: place in the thesis.
+    """
+
+    system: Platform
+    tail: Tail
+    metric: Literal["average_yaw_rate_rad_per_s", "average_linear_acceleration_m_per_s2"]
+    exponent: float
+    speeds: tuple[Annotated[float, Field(gt=0)], ...] = Field(min_length=1)
+    deviation: float = Field(gt=0)
+    source: str = Field(min_length=1)
+
+    def turns(self) -> list[Turn]:
+        """Returns a turn for each of the speeds."""
+        return [
+            Turn(system=self.system, tail=self.tail, speed=speed, ends="survived")
+            for speed in self.speeds
+        ]
+
+
 class Budget(StrictModel):
     """Number of cars, runs and steps.
 
@@ -142,6 +170,7 @@ class CalibrationPlan(StrictModel):
     discrepancy_of_roll: Range
     outcome_width: dict[Tail, Annotated[float, Field(gt=0, le=1)]]
     turns: tuple[Turn, ...] = Field(min_length=1)
+    trends: tuple[Trend, ...]
     settings: dict[Platform, tuple[str, ...]]
     left_out: dict[str, str]
     size: Budget
@@ -172,7 +201,7 @@ class CalibrationPlan(StrictModel):
         shown = {turn.table for turn in self.turns if turn.table}
         for place, names, known in (
             ("ranges", set(self.ranges), keys | of_systems),
-            ("density", set(self.density), keys),
+            ("density", set(self.density), keys | of_systems),
             ("left_out", set(self.left_out), figures),
             ("turns: table", shown, tables),
         ):
@@ -182,6 +211,23 @@ class CalibrationPlan(StrictModel):
             raise ValueError(
                 f"outcome_width: {tail!r} is missing; needed is one for the tail of every turn"
             )
+
+    @model_validator(mode="after")
+    def _has_tables_of_trends(self) -> Self:
+        for trend in self.trends:
+            self.reference(trend)
+        return self
+
+    def reference(self, trend: Trend) -> Turn:
+        """Returns the turn with a table that a trend goes through.
+
+        Raises:
+            ValueError: no such turn.
+        """
+        for turn in self.turns:
+            if turn.table and (turn.system, turn.tail) == (trend.system, trend.tail):
+                return turn
+        raise ValueError(f"trends: no turn of {trend.system} {trend.tail} has a table")
 
     def _require_nuisances(self) -> None:
         missing = set(NUISANCES) - set(self.nuisances)
@@ -386,7 +432,7 @@ class CarPrior:
         """
         sections: dict[str, Any] = {
             name: SimpleNamespace(**dict(getattr(self._base, name)))
-            for name in ("car", "tail", "imu", "controller")
+            for name in ("car", "tail", "imu", "controller", "drive")
         }
         for key in self.plan.body:
             section, _, name = key.partition(".")

@@ -28,6 +28,10 @@ from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.file_reading import Facts
 
 METRICS = (*FIGURES, LIFT)
+MEANS = ("average_yaw_rate_rad_per_s", "average_linear_acceleration_m_per_s2")
+"""Metrics of trends."""
+MIN_MEAN = 1e-3
+"""Least mean that has a logarithm, in the unit of its metric."""
 TurnResults = Mapping[str, Facts]
 """Name of a turn -> lists of the results of its cars, by name."""
 VARIANCE_BOUNDS = (1e-2, 1e3)
@@ -169,6 +173,7 @@ class Surrogate:
         shifts: name of the turn -> full less reduced cars in that logarithm; its deviation is that
             of the surrogate.
         corrections: name of the turn -> full less reduced cars in `METRICS`, likewise.
+        means: name of a turn of a trend -> logarithms of `MEANS`.
     """
 
     prior: CarPrior
@@ -176,11 +181,18 @@ class Surrogate:
     figures: dict[str, Regression]
     shifts: dict[str, Regression] = field(default_factory=dict)
     corrections: dict[str, Regression] = field(default_factory=dict)
+    means: dict[str, Regression] = field(default_factory=dict)
 
     @classmethod
     def from_reduced(cls, prior: CarPrior, cars: FloatArray, results: TurnResults) -> Surrogate:
         """Fits to `run_reduced` of all cars (m, n), by name of the turn."""
-        return cls(prior, *_fit(Regression.process, prior, cars, results, MIN_REDUCED_CARS))
+        flips, figures = _fit(Regression.process, prior, cars, results, MIN_REDUCED_CARS)
+        means = {
+            turn.name: _fit_means(prior, turn, cars, results[turn.name])
+            for trend in prior.plan.trends
+            for turn in trend.turns()
+        }
+        return cls(prior, flips, figures, means=means)
 
     def corrected(self, cars: FloatArray, results: TurnResults) -> Surrogate:
         """Corrects by `search_full` of all cars (m, n), by name of the turn."""
@@ -252,6 +264,34 @@ class Surrogate:
         """Returns a figure of cars (m, n), in its unit (m)."""
         return self.values(cars, figure.turn)[:, METRICS.index(figure.metric)]
 
+    def log_trends(self, cars: FloatArray, values: Mapping[str, FloatArray]) -> FloatArray:
+        """Returns the logarithm of the probability (m) of the trends of the plan, given cars (m, n).
+
+        What counts is how the values at all speeds differ from their own power of the speed.
+
+        Args:
+            values: name of a turn with a table -> its `METRICS` (m, 6).
+        """
+        scaled = self.prior.scaled(cars)
+        total = np.zeros(len(cars))
+        for trend in self.prior.plan.trends:
+            reference = self.prior.plan.reference(trend)
+            shown = values[reference.name][:, METRICS.index(trend.metric)]
+            logs = [np.log(np.maximum(shown, MIN_MEAN))]
+            speeds = [reference.speed]
+            variances = [trend.deviation**2]
+            for turn in trend.turns():
+                regression = self.means[turn.name]
+                column = MEANS.index(trend.metric)
+                logs.append(regression(scaled)[:, column])
+                speeds.append(turn.speed)
+                variances.append(trend.deviation**2 + regression.deviation[column] ** 2)
+            residuals = np.array(logs) - trend.exponent * np.log(speeds)[:, None]
+            weights = 1.0 / np.array(variances)[:, None]
+            middle = np.sum(weights * residuals, axis=0) / np.sum(weights)
+            total -= 0.5 * np.sum(weights * (residuals - middle) ** 2, axis=0)
+        return total
+
     def deviation(self, figure: Figure) -> float:
         """Returns the standard deviation of the residuals of a figure."""
         surface = self.corrections.get(figure.turn.name, self.figures[figure.turn.name])
@@ -297,6 +337,16 @@ def _fit(
     return flips, figures
 
 
+def _fit_means(
+    prior: CarPrior, turn: Turn, cars: FloatArray, result: Mapping[str, Any]
+) -> Regression:
+    """Fits the logarithms of `MEANS` of the cars (m, n) that survive a turn of a trend."""
+    tried, index = _tried(cars, result)
+    shown = np.array(result["figures"])[:, [METRICS.index(name) for name in MEANS]]
+    logs = np.log(np.maximum(shown, MIN_MEAN))
+    return Regression.process(prior.inputs(turn.system), prior.scaled(tried), logs, index)
+
+
 def _kind(turn: Turn) -> tuple[str, str]:
     return turn.system, turn.tail
 
@@ -340,10 +390,7 @@ def _search(
     """
     flip = np.array(result["flips"], float)
     known = np.flatnonzero(np.isfinite(flip))
-    tried = np.array(result["inputs"]).reshape(-1, cars.shape[1])
-    order = np.argsort(cars[:, 0])
-    # No two cars share their first number.
-    index = order[np.searchsorted(cars[order, 0], tried[:, 0])]
+    tried, index = _tried(cars, result)
     has_flip = np.isfinite(flip[index])
     shown = len(np.unique(index[has_flip]))
     if min(len(known), shown) < min_cars:
@@ -354,6 +401,14 @@ def _search(
         )
     figures = np.array(result["figures"])
     return known, flip, tried[has_flip], figures[has_flip], index[has_flip]
+
+
+def _tried(cars: FloatArray, result: Mapping[str, Any]) -> tuple[FloatArray, IntArray]:
+    """Returns the cars (k, n) that survived, and the index of each among all (m, n)."""
+    tried = np.array(result["inputs"]).reshape(-1, cars.shape[1])
+    order = np.argsort(cars[:, 0])
+    # No two cars share their first number.
+    return tried, order[np.searchsorted(cars[order, 0], tried[:, 0])]
 
 
 def _deviation(residuals: FloatArray) -> FloatArray:
