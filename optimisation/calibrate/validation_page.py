@@ -395,6 +395,9 @@ def parameter_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
 def ensemble_text(result: Result, system: Platform) -> str:
     """Returns the cars of the fine runs in one system as the text of an ensemble file, equally
     likely.
+
+    The best is the one nearest to their middle among those that end every turn of the system as
+    published, or among all if none does.
     """
     prior = result.surrogate.prior
     plan = prior.plan
@@ -404,6 +407,13 @@ def ensemble_text(result: Result, system: Platform) -> str:
     scaled = prior.scaled(cars)
     standard = (scaled - scaled.mean(axis=0)) / (scaled.std(axis=0) + 1e-9)
     distances = np.sum(standard**2, axis=1)
+    agrees = np.ones(len(cars), bool)
+    for turn in plan.turns:
+        if turn.system == system:
+            ends = [row.get("survived") for row in result.fine.rows[turn.name]]
+            agrees &= [end is (turn.ends == "survived") for end in ends]
+    if agrees.any():
+        distances[~agrees] = np.inf
     middle = int(np.argmin(distances))
     content: dict[str, Any] = {
         "schema": ENSEMBLE_SCHEMA,
