@@ -265,7 +265,7 @@ class Surrogate:
         return self.values(cars, figure.turn)[:, METRICS.index(figure.metric)]
 
     def log_trends(self, cars: FloatArray, values: Mapping[str, FloatArray]) -> FloatArray:
-        """Returns the logarithm of the probability (m) of the trends of the plan, given cars (m, n).
+        """Returns the logarithm of the probability (m) of the plan's trends, given cars (m, n).
 
         What counts is how the values at all speeds differ from their own power of the speed.
 

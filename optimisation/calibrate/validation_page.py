@@ -324,7 +324,7 @@ def _findings(
         "(median).",
         f"The effective sample size is {posterior.size:.0f}; the chains are "
         f"{posterior.length:.0f} autocorrelation times long.",
-        f"In no parameter more than {MAX_AT_A_BOUND:.0%} of the cars lie near one end of the prior.",
+        f"In no parameter more than {MAX_AT_A_BOUND:.0%} of the cars lie near one end.",
     ]
     if near:
         sentences[-1] = f"The prior's end decides: {near}."

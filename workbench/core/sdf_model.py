@@ -5,12 +5,14 @@ scenario. Poses, masses, inertias, springs and friction are written into the XML
 parses is what the scenario says.
 """
 
+import itertools
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia, UnitInertia
 
 from aerodima.workbench.core.array_types import FloatArray, Vector3
@@ -106,6 +108,24 @@ class SdfModel:
         return Inertial(
             float(self._child(element, "mass").text or "nan"), (x, y, z), (xx, yy, zz), (xy, xz, yz)
         )
+
+    def drawn_corners(self, link: str) -> np.ndarray:
+        """Returns the corners (n, 3) of the boxes around the visual shapes of a link, in its frame,
+        m.
+        """
+        signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+        corners = []
+        for element in self._named("link", link).findall("visual"):
+            numbers = [float(word) for word in element.findtext("pose", "0 0 0 0 0 0").split()]
+            (shape,) = self._child(element, "geometry")
+            if shape.tag == "box":
+                size = np.array([float(word) for word in shape.findtext("size", "").split()])
+            else:
+                width = 2.0 * float(shape.findtext("radius", "nan"))
+                size = np.array([width, width, float(shape.findtext("length", str(width)))])
+            X_LV = RigidTransform(RollPitchYaw(numbers[3:]), numbers[:3])
+            corners.append(X_LV.multiply((signs * size).T).T)
+        return np.concatenate(corners)
 
     def set_link_position(
         self, link: str, position: Sequence[float], roll: float | None = None

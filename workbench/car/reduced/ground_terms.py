@@ -133,8 +133,8 @@ def _wheel_poses(state: FloatArray, steering: FloatArray, cars: VehicleParams) -
 
 
 def arm_slope(travel: FloatArray, cars: VehicleParams) -> FloatArray:
-    """Returns the way of each wheel to the left per way upwards (4, n) at a travel (4, n), m: outwards as
-    its parallel arms droop.
+    """Returns the way of each wheel to the left per way upwards (4, n) at a travel (4, n), m;
+    drooping parallel arms push it outwards.
     """
     outwards = np.array([1.0, -1.0, 1.0, -1.0])[:, None]
     return outwards * (cars.arm_slope - cars.arm_curvature * travel)
