@@ -430,9 +430,9 @@ class CarPrior:
         """Returns which cars (m) of (m, n) exist: gyration of a body, and a chassis with its centre
         of mass inside the car.
         """
+        names = {"car", "tail", *(key.partition(".")[0] for key in self.plan.body)}
         sections: dict[str, Any] = {
-            name: SimpleNamespace(**dict(getattr(self._base, name)))
-            for name in ("car", "tail", "imu", "controller", "drive")
+            name: SimpleNamespace(**dict(getattr(self._base, name))) for name in names
         }
         for key in self.plan.body:
             section, _, name = key.partition(".")
