@@ -170,7 +170,7 @@ class CalibrationPlan(StrictModel):
     discrepancy_of_roll: Range
     outcome_width: dict[Tail, Annotated[float, Field(gt=0, le=1)]]
     turns: tuple[Turn, ...] = Field(min_length=1)
-    trends: tuple[Trend, ...]
+    trends: tuple[Trend, ...] = ()
     settings: dict[Platform, tuple[str, ...]]
     left_out: dict[str, str]
     size: Budget

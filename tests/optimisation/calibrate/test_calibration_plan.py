@@ -50,6 +50,7 @@ def with_turns(turns):
         (sized(cars=1990), ("2002", "2000")),
         (with_turns(t for t in PLAN.turns if t.table in ("", "Table 7.3")), ("two",)),
         (with_turns((*PLAN.turns, PLAN.turns[0])), ("Table 7.1",)),
+        ({"trends": [PLAN.trends[0].model_dump() | {"tail": "held"}]}, ("trends", "held")),
         ({"schema": "aerodima/calibration-plan/2"}, ("calibration-plan/2",)),
     ],
 )

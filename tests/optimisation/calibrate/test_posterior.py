@@ -29,6 +29,7 @@ PLAN = SHIPPED.model_copy(
     update={
         "size": SHIPPED.size.model_copy(update={"walkers": 60, "steps": 600}),
         "discrepancy": (0.049, 0.051),
+        "trends": (),
     }
 )
 PRIOR = CarPrior(PLAN)
@@ -79,6 +80,32 @@ def emulator(slope=None, level=0.0):
 
 def _line(row, line, inputs):
     return row + inputs @ line
+
+
+def test_a_trend_counts_what_differs_from_a_power_of_the_speed():
+    """Yaw rates that all differ by a factor from the table are as constant as without it; one that
+    is off by its deviation costs half a nat, less what the mean takes up.
+    """
+    trend = SHIPPED.trends[0]
+    plan = PLAN.model_copy(update={"trends": (trend,)})
+    cars = PRIOR.draw(3, seed=1)
+    reference = plan.reference(trend).name
+    shown = {reference: np.full((3, len(METRICS)), 2.0)}
+
+    def log_trends(rates):
+        means = {
+            turn.name: Regression((0,), partial(_line, np.log([rate, 1.0]), np.zeros((1, 2))), DEAF)
+            for turn, rate in zip(trend.turns(), rates, strict=True)
+        }
+        surrogate = replace(emulator(), prior=replace(PRIOR, plan=plan), means=means)
+        return surrogate.log_trends(cars, shown)
+
+    assert log_trends([2.0] * 4) == pytest.approx(0.0)
+    off = 2.0 * np.exp(trend.deviation)
+    assert log_trends([2.0, off, 2.0, 2.0]) == pytest.approx(-0.5 * (1.0 - 1.0 / 5.0))
+
+
+DEAF = np.full(2, 1e-6)
 
 
 def test_curved_figures_are_learnt_and_what_is_missed_is_said():
