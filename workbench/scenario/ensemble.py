@@ -163,7 +163,7 @@ class Ensemble:
             raise EnsembleError(f"{self.path}: member {member.name!r}: {error}") from None
 
 
-def load_ensemble(name_or_path: str | Path = "car") -> Ensemble:
+def load_ensemble(name_or_path: str | Path = "physical") -> Ensemble:
     """Load an ensemble by path, or by name from `models/calibration`.
 
     Raises:
