@@ -114,47 +114,6 @@ def rolling_resistance(rate: Any, torque: Any) -> Any:
     return -torque * tanh(rate / ROLLING_RATE)
 
 
-def differential_torque(left: Any, right: Any, damping: Any) -> Any:
-    """Returns the torque (N m) of a viscous differential on the left wheel; the right one has its
-    opposite.
-
-    tau = -c (w_left - w_right): 0 is open, a large c locks the axle.
-
-    Args:
-        left: w_left, rad/s.
-        right: w_right, rad/s.
-        damping: c, N m s/rad.
-    """
-    return -damping * (left - right)
-
-
-def loaded_friction(friction: Any, load_ratio: Any, sensitivity: Any) -> Any:
-    """Returns the friction coefficient of a tyre under load.
-
-    mu = mu_0 (1 - k (F / F_0 - 1)), at least a third of mu_0.
-
-    Args:
-        friction: mu_0, at the standing load.
-        load_ratio: F / F_0, load over standing load.
-        sensitivity: k.
-    """
-    return friction * maximum(1.0 - sensitivity * (load_ratio - 1.0), 1.0 / 3.0)
-
-
-def turf_force(resistance: Any, sideways: Any, speed: Any) -> Any:
-    """Returns the force over load of soft ground against a wheel that slides sideways, along its
-    axle.
-
-    F / F_z = -c sin(alpha), whatever the friction of the tyre.
-
-    Args:
-        resistance: c.
-        sideways: velocity along the axle, m/s.
-        speed: of the wheel, m/s, never 0.
-    """
-    return -resistance * sideways / speed
-
-
 def servo_step(angle: Any, command: Any, travel: Any) -> Any:
     """Returns the servo's angle (rad) after it has moved towards the command by at most `travel`.
 

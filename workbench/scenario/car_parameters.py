@@ -52,15 +52,6 @@ class CarParameters(QuantityModel):
     tyre_slip_angle: float = quantity(
         "rad", "friction over cornering stiffness per load; 0: rigid", "[0, 0.5]"
     )
-    tyre_rear_slip: float = quantity(
-        "1", "slip angle of the rear tyres over that of the front ones", "[0.2, 5]"
-    )
-    tyre_load_sensitivity: float = quantity(
-        "1", "share of friction that a tyre loses at twice its standing load", "[0, 1)"
-    )
-    turf_resistance: float = quantity(
-        "1", "force of the turf against sliding sideways over load, at 90 degrees of slip", "[0, 3]"
-    )
     suspension_stiffness_front: float = quantity(
         "N/m", "spring rate of one front suspension unit", "(0, 1e6]"
     )
@@ -81,12 +72,6 @@ class CarParameters(QuantityModel):
     )
     suspension_travel: float = quantity(
         "m", "travel to either side of the nominal ride height", "(0, 0.2]"
-    )
-    arm_slope: float = quantity(
-        "1", "tangent of the droop of the suspension arms at ride height", "[-0.5, 1]"
-    )
-    arm_curvature: float = quantity(
-        "1/m", "one over the length of the suspension arms; 0: wheels move along z", "[0, 20]"
     )
     cage_friction: float = quantity(
         "1", "friction coefficient of cage, board and tail on the ground", "[0, 2]"
@@ -160,7 +145,4 @@ class DriveParameters(QuantityModel):
         "s", "speed response of the whole car without governor", "(0.01, 20]"
     )
     torque_limit: float = quantity("N m", "largest torque on the rear axle", "(0, 100]")
-    differential_damping: float = quantity(
-        "N m s/rad", "torque between the rear wheels per difference of their rates", "[0, 100]"
-    )
     rotor_inertia: float = quantity("kg m2", "motor and gear train reflected to the axle", "(0, 1]")

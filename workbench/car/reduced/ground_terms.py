@@ -7,11 +7,8 @@ import numpy as np
 from aerodima.workbench.car.car_model import CAGE_STIFFNESS
 from aerodima.workbench.car.laws import (
     ROLLING_RATE,
-    differential_torque,
     governor_torque,
-    loaded_friction,
     rolling_resistance,
-    turf_force,
 )
 from aerodima.workbench.car.reduced.parameters import MIN_REGULARISATION_SPEED, VehicleParams
 from aerodima.workbench.car.reduced.states import (
@@ -31,8 +28,6 @@ from aerodima.workbench.core.array_types import FloatArray
 
 BOARD_DISSIPATION = 1.0
 """Of the board's contact with the ground, s/m, as `car_model` sets it."""
-TURF_SPEED = 0.5
-"""Speed (m/s) over which the turf's resistance is rounded off."""
 
 
 class WheelPoses(NamedTuple):
@@ -79,18 +74,11 @@ def add_tyres(
     wheels = _wheel_poses(state, commands.steering, cars)
     edges = _tyre_edges(state, wheels, cars)
     slip = edges.slip
-    pressed = np.sum(cars.tyre_stiffness * edges.sunk, axis=0)
-    friction = loaded_friction(cars.friction, pressed / cars.standing_load, cars.load_sensitivity)
-    sliding = friction / np.sqrt(dot(slip, slip) + (cars.slip_speed * cars.axle_slip) ** 2)
-    axle = wheels.axle[:, None]
-    velocity = state[RATES][V]
-    speed = np.sqrt(dot(velocity, velocity) + TURF_SPEED**2)
-    turf = turf_force(cars.turf, dot(axle, slip), speed)
-    pull = n[:, None, None] - sliding * slip + turf * axle
-    travel_rate, load = _edge_loads(state, edges, pull, n, cars)
+    sliding = cars.friction / np.sqrt(dot(slip, slip) + cars.slip_speed**2)
+    travel_rate, load = _edge_loads(state, edges, sliding, n[2], cars)
 
     grip = sliding * load
-    push = load * pull
+    push = load * n[:, None, None] - grip * slip
     add_contact_forces(edges.points, push, grip, n, terms)
     pushed = grip * edges.spinning
     terms.force[SPIN] -= np.sum(dot(pushed, slip), axis=0)
@@ -127,17 +115,7 @@ def _wheel_poses(state: FloatArray, steering: FloatArray, cars: VehicleParams) -
     h2 = cars.tyre_half_width**2
     reach = np.sqrt(R2 * (1.0 - tilt * tilt) + h2 * tilt * tilt)
     x, y, z = cars.wheel
-    travel = state[TRAVEL]
-    out = 0.5 * (arm_slope(0.0 * travel, cars) + arm_slope(travel, cars)) * travel
-    return WheelPoses(axle, tilt, reach, np.stack([x, y + out, z + travel]))
-
-
-def arm_slope(travel: FloatArray, cars: VehicleParams) -> FloatArray:
-    """Returns the way of each wheel to the left per way upwards (4, n) at a travel (4, n), m;
-    drooping parallel arms push it outwards.
-    """
-    outwards = np.array([1.0, -1.0, 1.0, -1.0])[:, None]
-    return outwards * (cars.arm_slope - cars.arm_curvature * travel)
+    return WheelPoses(axle, tilt, reach, np.stack([x, y, z + state[TRAVEL]]))
 
 
 def _tyre_edges(state: FloatArray, wheels: WheelPoses, cars: VehicleParams) -> TyreEdges:
@@ -166,29 +144,26 @@ def _tyre_edges(state: FloatArray, wheels: WheelPoses, cars: VehicleParams) -> T
 def _edge_loads(
     state: FloatArray,
     edges: TyreEdges,
-    pull: FloatArray,
-    n: FloatArray,
+    sliding: FloatArray,
+    n_z: FloatArray,
     cars: VehicleParams,
 ) -> tuple[FloatArray, FloatArray]:
     """Returns rates of the suspensions (4, n), m/s, and loads of the edges (2, 4, n), N, which
     follow from one balance per wheel.
 
     Args:
-        pull: force of the ground over load (3, 2, 4, n).
-        n: upright in B (3, n).
+        sliding: friction over the speed of the slip (2, 4, n), s/m.
+        n_z: upright along z of B (n).
     """
     closing = edges.closing
-    n_z = n[2]
-    arm = arm_slope(state[TRAVEL], cars)
-    lean = pull[2] + arm * pull[1]
-    along = n_z + arm * n[1]
+    lean = n_z - sliding * edges.slip[2]
     spring = cars.tyre_stiffness * edges.sunk
     undamped = spring * np.maximum(1.0 + cars.tyre_dissipation * closing, 0.0)
     carried = cars.preload + cars.spring * state[TRAVEL] + cars.unsprung * cars.gravity * n_z
-    tyre_damping = np.maximum(lean, 0.0) * cars.tyre_dissipation * spring * along
+    tyre_damping = np.maximum(lean, 0.0) * cars.tyre_dissipation * spring * n_z
     holding = cars.damper + np.sum(tyre_damping, axis=0)
     travel_rate = (np.sum(undamped * lean, axis=0) - carried) / holding
-    sinking = closing - along * travel_rate
+    sinking = closing - n_z * travel_rate
     load = spring * np.maximum(1.0 + cars.tyre_dissipation * sinking, 0.0)
     return travel_rate, load
 
@@ -233,11 +208,6 @@ def _add_wheels(
         -np.sum(resistance, axis=0),
         limit,
     )
-    apart = differential_torque(spin[2], spin[3], cars.differential)
-    force[8] += apart
-    force[9] -= apart
-    for row, column, sign in ((8, 8, 1.0), (9, 9, 1.0), (8, 9, -1.0), (9, 8, -1.0)):
-        damping[row, column] += sign * cars.differential
     rear = slice(8, 10)
     mass[rear, rear] += 0.25 * cars.shaft_inertia
     damping[rear, rear] += 0.25 * cars.shaft_gain * (np.abs(torque) < limit)

@@ -45,11 +45,6 @@ class VehicleParams:
         speed: m/s, of the straight before the turn.
         friction: of the tyres; `slip_speed` over which it is spread, m/s: see `regularised_slip`,
             for which `slip_angle_scale` is.
-        axle_slip: slip speed of each wheel over that of the front ones (4, n).
-        standing_load: of the wheels at rest (4, n), N; `load_sensitivity` of their friction.
-        turf: resistance of the ground against sliding sideways.
-        arm_slope, arm_curvature: of the suspension arms, 1 and 1/m.
-        differential: damping between the rear wheels, N m s/rad.
         gravity: m/s2; `air_density` kg/m3.
         mass: of all that does not move with the tail, kg.
         centre: its centre of mass in B (3, n), m; `inertia` about the origin of B (3, 3, n), kg m2.
@@ -84,13 +79,6 @@ class VehicleParams:
     friction: FloatArray
     slip_speed: FloatArray
     slip_angle_scale: FloatArray
-    axle_slip: FloatArray
-    standing_load: FloatArray
-    load_sensitivity: FloatArray
-    turf: FloatArray
-    arm_slope: FloatArray
-    arm_curvature: FloatArray
-    differential: FloatArray
     gravity: FloatArray
     air_density: FloatArray
     mass: FloatArray
@@ -209,13 +197,6 @@ def _car(scenario: Scenario) -> dict[str, Any]:
         "friction": car.tyre_friction,
         "slip_speed": regularised_slip(slip_angle_scale, scenario.manoeuvre.speed),
         "slip_angle_scale": slip_angle_scale,
-        "axle_slip": _both_sides(1.0, car.tyre_rear_slip),
-        "standing_load": _both_sides(front.wheel_load, rear.wheel_load),
-        "load_sensitivity": car.tyre_load_sensitivity,
-        "turf": car.turf_resistance,
-        "arm_slope": car.arm_slope,
-        "arm_curvature": car.arm_curvature,
-        "differential": drive.differential_damping,
         "gravity": gravity,
         "air_density": scenario.environment.air_density,
         "com_x": car.com_x,
