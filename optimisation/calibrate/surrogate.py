@@ -338,7 +338,7 @@ def _fit(
 
 
 def _fit_means(
-    prior: CarPrior, turn: Turn, cars: FloatArray, result: Mapping[str, Any]
+    prior: CarPrior, turn: Turn, cars: FloatArray, result: Facts
 ) -> Regression:
     """Fits the logarithms of `MEANS` of the cars (m, n) that survive a turn of a trend."""
     tried, index = _tried(cars, result)
@@ -403,7 +403,7 @@ def _search(
     return known, flip, tried[has_flip], figures[has_flip], index[has_flip]
 
 
-def _tried(cars: FloatArray, result: Mapping[str, Any]) -> tuple[FloatArray, IntArray]:
+def _tried(cars: FloatArray, result: Facts) -> tuple[FloatArray, IntArray]:
     """Returns the cars (k, n) that survived, and the index of each among all (m, n)."""
     tried = np.array(result["inputs"]).reshape(-1, cars.shape[1])
     order = np.argsort(cars[:, 0])
