@@ -19,6 +19,7 @@ from aerodima.workbench.car.reduced.turns import drive_turns
 
 RESISTANCE = 0.04
 FORWARD = STATES.index("v_x")
+STOP = f"tail.roll_stop={math.pi / 2}"
 NO_STOP = "tail.roll_stop=3.1416"
 
 
@@ -78,7 +79,9 @@ def test_reduced_car_coasts_alike():
 def test_without_a_stop_the_motor_carries_the_tail_that_is_held():
     """At rest kp (q - 90 degrees) = m g l sin q, to the motor's and the joint's friction."""
     settings = ("manoeuvre.speed=0", "manoeuvre.steer_angle=0", "manoeuvre.duration=2.6")
-    resting, free = (load_scenario("turn_held", (*settings, *more)) for more in ((), (NO_STOP,)))
+    resting, free = (
+        load_scenario("turn_held", (*settings, *more)) for more in ((STOP,), (NO_STOP,))
+    )
     cars = VehicleParams.from_scenarios([resting, free])
     weight = float(cars.tail_mass[1] * cars.tail_centre[1]) * free.environment.gravity
     logs = [simulate(scenario) for scenario in (resting, free)]

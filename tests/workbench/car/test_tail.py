@@ -249,7 +249,9 @@ def test_held_tail_sags_by_its_weight_over_the_gain():
 
 
 def test_motor_cannot_pass_the_stop_of_the_joint():
-    bench = ArmOnTheBench(roll=[3.0, 0.0, 50.0, 2.0, 0.0], angles=(0.0, 1.0))
+    bench = ArmOnTheBench(
+        roll=[3.0, 0.0, 50.0, 2.0, 0.0], angles=(0.0, 1.0), tail={"roll_stop": math.pi / 2}
+    )
     bench.simulator.AdvanceTo(1.0)
     # The stop is a stiff spring: it gives way by less than a hundredth of a radian under the peak
     # torque.
