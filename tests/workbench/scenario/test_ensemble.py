@@ -1,5 +1,6 @@
 import math
 from dataclasses import replace
+from operator import attrgetter
 
 import pytest
 
@@ -42,12 +43,22 @@ def test_a_member_overrides_the_parameters_and_a_setting_overrides_the_member(
 
 
 def test_shipped_ensembles_load_and_every_member_is_a_scenario():
-    assert "car" in shipped_names("calibration")
+    assert shipped_names("calibration") == ["physical", "simulated"]
     for name in shipped_names("calibration"):
         ensemble = load_ensemble(name)
         assert ensemble.best in ensemble.members
         for member in ensemble.members[:4]:
             ensemble.scenario(member, "turn_swing")
+
+
+@pytest.mark.parametrize(
+    ("system", "scenario"),
+    [("simulated", "turn_swing"), ("physical", "field"), ("physical", "auto_turn")],
+)
+def test_the_default_cars_are_the_best_members(system, scenario):
+    car = load_scenario(scenario)
+    for key, value in load_ensemble(system).best.values.items():
+        assert attrgetter(key)(car) == value, key
 
 
 def test_drawn_members_stand_for_all_of_the_weight(tmp_path):
@@ -121,6 +132,6 @@ def test_a_wrong_file_is_refused_by_file_member_and_key(tmp_path, old, new, name
     assert_refused(load, EnsembleError, "two.yaml", *named)
 
 
-@pytest.mark.parametrize(("name", "nearest"), [("carr", "'car'"), ("nowhere.yaml", "")])
+@pytest.mark.parametrize(("name", "nearest"), [("simulate", "'simulated'"), ("nowhere.yaml", "")])
 def test_an_unknown_name_and_a_missing_file_are_named(name, nearest):
     assert_refused(lambda: load_ensemble(name), EnsembleError, name, nearest)
