@@ -19,5 +19,6 @@ HIGH_BODY = (
 )
 """Overrides of a car on rigid tyres, its centre of mass high and far behind. Without a tail it
 rolls over between 3.33 and 3.61 m/s, and without its board full throttle tips it backwards."""
-HIGH_CAR = (*HIGH_BODY, "tail.length=0.82", "tail.mass=0.174", "tail.sail_width=0.0309")
-"""The same with a heavy built tail."""
+HEAVY_TAIL = {"length": 0.82, "mass": 0.174, "sail_width": 0.0309}
+"""Values of a built tail, m and kg."""
+HIGH_CAR = (*HIGH_BODY, *(f"tail.{key}={value}" for key, value in HEAVY_TAIL.items()))
