@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.calibrate.calibration import fit_surrogate
+from aerodima.optimisation.calibrate.calibration import _published_ends, fit_surrogate
 from aerodima.optimisation.calibrate.calibration_plan import FIGURES, LIFT, CarPrior, load_plan
 from aerodima.optimisation.calibrate.turn_runs import (
     AFTER,
@@ -136,6 +136,17 @@ def test_car_that_cannot_be_run_has_no_figures_and_no_flip_and_its_error_is_kept
     assert (found["flips"], found["inputs"]) == ([None], [])
     assert "car.mass: 1 kg" in row["error"]
     assert "car.mass: 1 kg" in found["errors"][0]
+
+
+def test_turns_that_end_as_published_are_counted_and_errors_are_none():
+    turns = PLAN.turns[:2]
+    ends = [True, True, False, None], [False, True, False, False]
+    rows = {
+        turn.name: [{} if survived is None else {"survived": survived} for survived in column]
+        for turn, column in zip(turns, ends, strict=True)
+    }
+    assert [turn.ends for turn in turns] == ["survived", "flipped"]
+    assert _published_ends(turns, rows).tolist() == [2, 1, 1, 1]
 
 
 def small_plan():
