@@ -213,24 +213,32 @@ def write_pages(result: Result, out: Path) -> Path:
     }
     parameters = parameter_table(prior, cars)
     measured = measure_table(prior, cars)
+    score, chances = brier(result.surrogate, cars)
+    outcomes = outcome_table(result, chances)
     posterior = pd.DataFrame(cars, columns=prior.names)
     contents: dict[str, Content] = {
         **ensembles,
         "figures.csv": figures,
+        "outcomes.csv": outcomes,
         "parameters.csv": parameters,
         "measure_next.csv": measured,
         "posterior.parquet": posterior,
-        PAGE: validation_page(result, figures, parameters),
+        PAGE: validation_page(result, figures, outcomes, parameters, score),
         MEASURE: measure_page(measured),
     }
     write_files(out, contents)
     return out / PAGE
 
 
-def validation_page(result: Result, figures: pd.DataFrame, parameters: pd.DataFrame) -> Page:
-    """Makes the page of what the calibration predicts, and how far to trust it."""
+def validation_page(
+    result: Result,
+    figures: pd.DataFrame,
+    outcomes: pd.DataFrame,
+    parameters: pd.DataFrame,
+    score: float,
+) -> Page:
+    """Makes the page of what the calibration predicts, with the Brier score of the outcomes."""
     plan = result.surrogate.prior.plan
-    score, chances = brier(result.surrogate, result.posterior.cars)
     reasons = [f"{name.replace('_', ' ')} ({why})" for name, why in plan.left_out.items()]
     missing = f"No car of the prior reaches these: {'; '.join(reasons) or 'none'}."
     intervals = Plot(_forest(figures), INTERVALS, "Predicted over published figures", "figures")
@@ -245,7 +253,7 @@ def validation_page(result: Result, figures: pd.DataFrame, parameters: pd.DataFr
         "Result": [Finding(_findings(result, figures, parameters, score)), intervals],
         "Published figures": [_table(shown, FIGURE_COLUMNS, misses), missing],
         "Logarithm of the density of each table": _densities(result),
-        "Outcomes": [_outcomes(result, chances)],
+        "Outcomes": [_table(outcomes, OUTCOME_COLUMNS)],
         "Parameters": [_table(parameters, PARAMETER_COLUMNS, near_a_bound)],
         "Parts": _parts(parameters),
         "What the data determine best": [_combinations(result)],
@@ -275,13 +283,15 @@ def _densities(result: Result) -> list[Any]:
     return [_table(densities, DENSITY_COLUMNS), rigid_words]
 
 
-def _outcomes(result: Result, chances: Mapping[str, float]) -> Table:
-    """Makes the table of outcomes: published, by the surrogate, and of the fine runs."""
+def outcome_table(result: Result, chances: Mapping[str, float]) -> pd.DataFrame:
+    """Lists how each turn ended in print, the probability to survive it by the surrogate, and the
+    fine runs.
+    """
     rows = []
     for turn in result.surrogate.prior.plan.turns:
         row = {**turn.model_dump(), "chance": chances[turn.name]}
         rows.append(row | _fine_runs(result.fine.rows[turn.name], turn))
-    return _table(pd.DataFrame(rows), OUTCOME_COLUMNS)
+    return pd.DataFrame(rows)
 
 
 def _fine_runs(rows: Sequence[Row], turn: Turn) -> dict[str, str]:

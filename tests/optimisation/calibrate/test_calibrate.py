@@ -189,6 +189,8 @@ def test_whole_job_writes_pages_and_ensembles_and_goes_on_with_its_runs(tmp_path
     assert set(figures.figure.str[:9]) == {"Table 7.1", "Table 7.3"}
     assert (figures.low <= figures["median"]).all()
     assert (figures["median"] <= figures.high).all()
+    outcomes = pd.read_csv(tmp_path / "outcomes.csv")
+    assert set(outcomes.survived.str[-4:]) == {"of 2"}
     measured = pd.read_csv(tmp_path / "measure_next.csv")
     assert measured.gain_nats.is_monotonic_decreasing
     for system in SLOW:
