@@ -256,6 +256,12 @@ def _training_sets_of_means(
     for trend in prior.plan.trends:
         for turn in trend.turns():
             tried, index = _tried(cars, results[turn.name])
+            survivors = len(np.unique(index))
+            if survivors < MIN_REDUCED_CARS:
+                raise UserError(
+                    f"{turn.name} m/s: {survivors} of {len(cars)} cars survive; needed are "
+                    f"{MIN_REDUCED_CARS}"
+                )
             shown = np.array(results[turn.name]["figures"])[:, columns]
             logs = np.log(np.maximum(shown, MIN_MEAN))
             inputs = prior.inputs(turn.system)
