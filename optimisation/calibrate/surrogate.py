@@ -158,19 +158,20 @@ class Surrogate:
             values: name of a turn with a table -> its `METRICS` (m, 6).
         """
         scaled = self.prior.scaled(cars)
+        means = {name: regression(scaled) for name, regression in self.means.items()}
         total = np.zeros(len(cars))
         for trend in self.prior.plan.trends:
+            column = MEANS.index(trend.metric)
             reference = self.prior.plan.reference(trend)
             shown = values[reference.name][:, METRICS.index(trend.metric)]
             logs = [np.log(np.maximum(shown, MIN_MEAN))]
             speeds = [reference.speed]
             variances = [trend.deviation**2]
             for turn in trend.turns():
-                regression = self.means[turn.name]
-                column = MEANS.index(trend.metric)
-                logs.append(regression(scaled)[:, column])
+                logs.append(means[turn.name][:, column])
                 speeds.append(turn.speed)
-                variances.append(trend.deviation**2 + regression.deviation[column] ** 2)
+                error = self.means[turn.name].deviation[column]
+                variances.append(trend.deviation**2 + error**2)
             residuals = np.array(logs) - trend.exponent * np.log(speeds)[:, None]
             weights = 1.0 / np.array(variances)[:, None]
             middle = np.sum(weights * residuals, axis=0) / np.sum(weights)
