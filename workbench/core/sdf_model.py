@@ -116,7 +116,8 @@ class SdfModel:
         signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
         corners = []
         for element in self._named("link", link).findall("visual"):
-            pose = [float(word) for word in element.findtext("pose", "0 0 0 0 0 0").split()]
+            words = element.findtext("pose", "0 0 0 0 0 0").split()
+            pose = np.array([float(word) for word in words])
             X_LV = RigidTransform(RollPitchYaw(pose[3:]), pose[:3])
             (shape,) = self._child(element, "geometry")
             if shape.tag == "box":
