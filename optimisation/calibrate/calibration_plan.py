@@ -71,6 +71,9 @@ Ends = Literal["survived", "flipped"]
 Tail = Literal["none", "held", "swing"]
 Nuisance = Literal["window", "latency", "gyro_bias", "forward"]
 NUISANCES: tuple[Nuisance, ...] = get_args(Nuisance)
+Mean = Literal["average_yaw_rate_rad_per_s", "average_linear_acceleration_m_per_s2"]
+MEANS: tuple[Mean, ...] = get_args(Mean)
+"""Metrics that a trend may be of."""
 
 
 class Turn(StrictModel):
@@ -104,20 +107,22 @@ class NormalPrior(StrictModel):
 
 
 class Trend(StrictModel):
-    """How a mean over the turn changes with the speed: as its power, at all `speeds` (m/s) and at
-    that of the table of these turns.
+    """A mean over the turn that goes with a power of the speed.
+
+    The trend passes through the table of these turns, at its speed.
 
     Attributes:
         system, tail: of the turns.
-        metric: a mean of `FIGURES`.
+        metric: one of `MEANS`.
         exponent: of the speed; 0 for a constant.
+        speeds: other than that of the table, m/s.
         deviation: of one value from the trend, in its logarithm.
         source: place in the thesis.
     """
 
     system: Platform
     tail: Tail
-    metric: Literal["average_yaw_rate_rad_per_s", "average_linear_acceleration_m_per_s2"]
+    metric: Mean
     exponent: float
     speeds: tuple[Annotated[float, Field(gt=0)], ...] = Field(min_length=1)
     deviation: float = Field(gt=0)
@@ -180,6 +185,8 @@ class CalibrationPlan(StrictModel):
         self._require_known_names()
         self._require_nuisances()
         self._require_tables()
+        for trend in self.trends:
+            self.reference(trend)
         size = self.size
         unknowns = len(self.body) + 2 * len(self.each) + len(NUISANCES) + 2
         if size.walkers < 2 * unknowns:
@@ -212,14 +219,8 @@ class CalibrationPlan(StrictModel):
                 f"outcome_width: {tail!r} is missing; needed is one for the tail of every turn"
             )
 
-    @model_validator(mode="after")
-    def _has_tables_of_trends(self) -> Self:
-        for trend in self.trends:
-            self.reference(trend)
-        return self
-
     def reference(self, trend: Trend) -> Turn:
-        """Returns the turn with a table that a trend goes through.
+        """Returns the turn with a table that a trend passes through.
 
         Raises:
             ValueError: no such turn.

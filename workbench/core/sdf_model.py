@@ -109,22 +109,24 @@ class SdfModel:
             float(self._child(element, "mass").text or "nan"), (x, y, z), (xx, yy, zz), (xy, xz, yz)
         )
 
-    def drawn_corners(self, link: str) -> np.ndarray:
-        """Returns the corners (n, 3) of the boxes around the visual shapes of a link, in its frame,
+    def drawn_corners(self, link: str) -> FloatArray:
+        """Return the corners (n, 3) of the boxes around the visual shapes of a link, in its frame,
         m.
         """
         signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
         corners = []
         for element in self._named("link", link).findall("visual"):
-            numbers = [float(word) for word in element.findtext("pose", "0 0 0 0 0 0").split()]
+            words = element.findtext("pose", "0 0 0 0 0 0").split()
+            pose = np.array([float(word) for word in words])
+            X_LV = RigidTransform(RollPitchYaw(pose[3:]), pose[:3])
             (shape,) = self._child(element, "geometry")
             if shape.tag == "box":
-                size = np.array([float(word) for word in shape.findtext("size", "").split()])
+                size = [float(word) for word in shape.findtext("size", "").split()]
             else:
                 width = 2.0 * float(shape.findtext("radius", "nan"))
-                size = np.array([width, width, float(shape.findtext("length", str(width)))])
-            X_LV = RigidTransform(RollPitchYaw(numbers[3:]), numbers[:3])
-            corners.append(X_LV.multiply((signs * size).T).T)
+                size = [width, width, float(shape.findtext("length", str(width)))]
+            p_VC = signs * size
+            corners.append(X_LV.multiply(p_VC.T).T)
         return np.concatenate(corners)
 
     def set_link_position(

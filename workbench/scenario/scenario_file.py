@@ -227,7 +227,7 @@ class ScenarioFile(StrictModel):
             ScenarioError: no such file or name; or as `from_dict`.
         """
         path = find_file(name_or_path, cls.folder, "scenario")
-        data = cls._on_its_base(read_yaml(path))
+        data = cls._with_base(read_yaml(path))
         for setting in settings:
             cls.apply_setting(data, setting)
         where = str(path)
@@ -236,7 +236,7 @@ class ScenarioFile(StrictModel):
         return cls.from_dict(data, where)
 
     @classmethod
-    def _on_its_base(cls, data: dict[str, Any]) -> dict[str, Any]:
+    def _with_base(cls, data: dict[str, Any]) -> dict[str, Any]:
         """Join the content of a file with that of the scenario that it names as `base`."""
         base = data.pop("base", None)
         if base is None:
@@ -244,7 +244,7 @@ class ScenarioFile(StrictModel):
         path = find_file(str(base), cls.folder, "base")
         joined = read_yaml(path)
         if "base" in joined:
-            raise ScenarioError(f"{path}: base: a scenario that others name must have none")
+            raise ScenarioError(f"{path}: base: a scenario that is a base must not have one")
         for key, value in data.items():
             below = joined.get(key)
             if isinstance(value, dict) and isinstance(below, dict):

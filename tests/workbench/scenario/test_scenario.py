@@ -61,12 +61,13 @@ def test_empty_file_is_the_nominal_scenario(tmp_path):
 
 
 def test_a_file_holds_what_differs_from_its_base(tmp_path):
-    path = tmp_path / "fast.yaml"
-    path.write_text("base: auto_turn\nmanoeuvre: {speed: 4.0 m/s}\n")
-    base = load_scenario("auto_turn")
-    assert load_scenario(path) == base.varied(manoeuvre={"speed": 4.0})
-    path.with_name("faster.yaml").write_text(f"base: {path}\n")
-    assert_refused(lambda: load_scenario(tmp_path / "faster.yaml"), ScenarioError, "base")
+    fast = tmp_path / "fast.yaml"
+    fast.write_text("base: turn_swing\nmanoeuvre: {speed: 4.0 m/s}\n")
+    base = load_scenario("turn_swing")
+    assert load_scenario(fast) == base.varied(manoeuvre={"speed": 4.0})
+    faster = tmp_path / "faster.yaml"
+    faster.write_text(f"base: {fast}\n")
+    assert_refused(lambda: load_scenario(faster), ScenarioError, "fast.yaml", "base")
 
 
 def test_settings_override_the_file():
