@@ -14,6 +14,7 @@ from aerodima.workbench.car.car_plant import parse_model
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.scenario.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.scenario.signal_table import WHEELS
+from tests.certain_cars import HEAVY_TAIL
 from tests.refusals import assert_refused
 from tests.workbench.stands import CarStand, edited
 
@@ -23,7 +24,11 @@ RIGHT = [wheel for wheel in WHEELS if wheel.endswith("right")]
 
 
 def stand(tail="none", direction="left", **sections):
-    overrides = {"tail": {"mode": tail}, "manoeuvre": {"direction": direction}}
+    """A car whose tail, which no motor holds, rests on a stop."""
+    overrides = {
+        "tail": {"mode": tail, "roll_stop": math.pi / 2, **HEAVY_TAIL},
+        "manoeuvre": {"direction": direction},
+    }
     for section, values in sections.items():
         overrides[section] = overrides.get(section, {}) | values
     return CarStand(scenario_from_dict(overrides))
@@ -139,7 +144,8 @@ def test_tail_at_rest_loads_the_side_it_lies_on(direction, heavy, light):
 
 
 def test_sliding_tyres_give_the_friction_of_the_scenario():
-    sliding = stand(car={"tyre_friction": 0.3, "com_height": 0.15})
+    stiff = {"suspension_motion_ratio": 1.0}
+    sliding = stand(car={"tyre_friction": 0.3, "com_height": 0.15, **stiff})
     sliding.place(RigidTransform(), (0.0, 1.5, 0.0))
     sliding.advance(0.2)
     assert len(sliding.contacts()) == 8  # two edges per tyre

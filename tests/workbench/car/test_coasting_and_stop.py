@@ -60,9 +60,8 @@ def test_throttle_line_is_that_of_the_rolling_car():
 
 
 def test_reduced_car_coasts_alike():
-    scenario = load_scenario(
-        "turn_none", (f"car.rolling_resistance={RESISTANCE}", "manoeuvre.steer_angle=0")
-    )
+    settings = (f"car.rolling_resistance={RESISTANCE}", "car.tyre_slip_angle=0")
+    scenario = load_scenario("turn_none", (*settings, "manoeuvre.steer_angle=0"))
     cars = VehicleParams.from_scenarios([scenario])
     driven = drive_turns(cars, TurnPlans.from_scenarios([scenario]), duration=0.1).last
     speed = float(driven[FORWARD, 0])
