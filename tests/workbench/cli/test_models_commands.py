@@ -122,7 +122,10 @@ def test_tail_is_shown_saved_and_drawn(refused, tmp_path):
     picture = tmp_path / "tail.png"
     shown = done("models", "tail", "--out", saved, "--out", picture)
     lines = [line.split() for line in shown.splitlines()]
-    assert ["sail", "plate", "77.87", "0", "0", "0.694", "5"] in lines
+    tail = load_scenario("turn_swing").tail
+    area = f"{1e4 * tail.sail_length * tail.sail_width:.4g}"
+    middle = f"{tail.length - 0.5 * tail.sail_length:.4g}"
+    assert ["sail", "plate", area, "0", "0", middle, "5"] in lines
     assert ["mass_g", "174"] in lines
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert str(saved) in refused("models", "tail", "--out", saved)
