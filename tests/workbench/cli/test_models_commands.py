@@ -126,7 +126,7 @@ def test_tail_is_shown_saved_and_drawn(refused, tmp_path):
     area = f"{1e4 * tail.sail_length * tail.sail_width:.4g}"
     middle = f"{tail.length - 0.5 * tail.sail_length:.4g}"
     assert ["sail", "plate", area, "0", "0", middle, "5"] in lines
-    assert ["mass_g", "174"] in lines
+    assert ["mass_g", f"{1e3 * tail.mass:.4g}"] in lines
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert str(saved) in refused("models", "tail", "--out", saved)
     assert ".yaml" in refused("models", "tail", "--out", "tail.jpg")
