@@ -9,9 +9,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
-from aerodima.workbench.control.swing_law import SwingState
+from aerodima.workbench.control.swing_law import SwingSettings, SwingState
 from aerodima.workbench.control.swing_library import refuse_other_car, turn_of_swing, turn_words
-from aerodima.workbench.control.swing_law import SwingSettings
 from aerodima.workbench.control.swing_machine import SwingLaw
 from aerodima.workbench.control.swing_player import LARGEST_ERROR, SwingPlayer
 from aerodima.workbench.control.tail_law import UNKNOWN_IMU, Observation
