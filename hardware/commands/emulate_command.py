@@ -48,7 +48,7 @@ def emulate(
     ports.json for `aerodima drive run --ports`, ready.json once everything answers, the CAN
     traffic, the events and the truth. Ctrl-C ends it in order.
 
-    Example: aerodima emulate turn_swing --out emulated --wiring watched_can
+    Example: aerodima emulate auto_turn --out emulated --wiring watched_can
     """
     from aerodima.hardware.car.car_ports import PORTS_FILE
     from aerodima.hardware.car.wiring import wiring_name

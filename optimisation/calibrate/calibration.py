@@ -19,6 +19,7 @@ from aerodima.optimisation.calibrate.calibration_plan import (
     CalibrationPlan,
     CarPrior,
     Figure,
+    Turn,
     figures_of,
     lift_of,
 )
@@ -32,7 +33,8 @@ from aerodima.optimisation.calibrate.turn_runs import (
 )
 from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.workbench.batch.row_store import Row
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, IntArray
+from aerodima.workbench.metrics.published_values import Platform
 
 REDUCED_PER_ITEM = 300
 """Reduced cars in one item of work."""
@@ -46,6 +48,8 @@ NARROW_REACH = 0.4
 """Reach of the second search in the logarithm of the friction."""
 FULL_REACH = {"none": 0.05, "held": 0.05, "swing": 0.15}
 """Steps of the search for the flip of a full car from that of the reduced one."""
+COARSE_STEPS = (0.001, 0.002)
+"""Steps at which the best car must end its turns as at the fine step, s."""
 LIFT_WIDTH = 0.1
 """Width of the yaw rate at which the inner wheels lift, rad/s."""
 STARTS = 20_000
@@ -64,7 +68,7 @@ def fit_surrogate(plan: CalibrationPlan, runs: CachedRunner) -> Surrogate:
     seed = plan.seed
     first = prior.spread(size.cars // 2, seed)
     wide = _reduced(plan, runs, first, WIDE_REACH)
-    surrogate = Surrogate.from_reduced(prior, first, wide)
+    surrogate = Surrogate.from_reduced(prior, first, wide, runs)
     # The rough posterior is wide, so it settles later.
     rough = sample(surrogate, figures, seed, steps=2 * size.steps)
     second = _different(rough.cars, size.cars, seed)
@@ -73,7 +77,7 @@ def fit_surrogate(plan: CalibrationPlan, runs: CachedRunner) -> Surrogate:
         turn: {name: wide[turn][name] + narrow[turn][name] for name in narrow[turn]}
         for turn in narrow
     }
-    surrogate = Surrogate.from_reduced(prior, np.vstack([first, second]), both)
+    surrogate = Surrogate.from_reduced(prior, np.vstack([first, second]), both, runs)
     posterior = sample(surrogate, figures, seed)
     full = _different(posterior.cars, size.full, seed)
     return surrogate.corrected(full, _full_flips(plan, runs, full, surrogate))
@@ -85,10 +89,15 @@ def _reduced(
     """Runs `run_reduced` for cars (m, n) by name of the turn; the flip is searched around the
     friction of each car.
 
-    The wide search is around the middle of what friction may be.
+    The wide search is around the middle of what friction may be. In the turns of trends, which two
+    trends may share, cars drive once.
     """
     runs.stage = "reduced cars"
     items = []
+    trend_turns = {turn.name: turn for trend in plan.trends for turn in trend.turns()}
+    for turn in trend_turns.values():
+        for part in _parts(len(cars), REDUCED_PER_ITEM):
+            items.append(WorkItem(plan, turn, _numbers(cars[part])))
     for turn in plan.turns:
         own = cars.copy()
         if reach == WIDE_REACH:
@@ -173,9 +182,11 @@ def log_likelihood(surrogate: Surrogate, figures: Sequence[Figure], cars: FloatA
     plan = surrogate.prior.plan
     margins = {turn.name: surrogate.margin(cars, turn) for turn in plan.turns}
     total = surrogate.log_outcomes(margins)
+    metrics = {}
     for turn in plan.turns:
         if turn.table:
             values = surrogate.values(cars, turn, margins[turn.name])
+            metrics[turn.name] = values
             for figure in figures:
                 if figure.turn.name == turn.name:
                     shown = values[:, METRICS.index(figure.metric)]
@@ -184,7 +195,7 @@ def log_likelihood(surrogate: Surrogate, figures: Sequence[Figure], cars: FloatA
             if turn == lift.turn:
                 width = np.hypot(LIFT_WIDTH, surrogate.deviation(lift))
                 total += log_ndtr((values[:, METRICS.index(LIFT)] - lift.published) / width)
-    return total
+    return total + surrogate.log_trends(cars, metrics)
 
 
 def log_density(
@@ -282,23 +293,73 @@ def sample(
 
 @dataclass(frozen=True)
 class FineRuns:
-    """Cars (m, n) of a posterior, and the rows of `run_full` (m) of every turn at the fine step, by
-    its name.
+    """Cars of a posterior that were run with the full car.
+
+    Attributes:
+        cars: (m, n).
+        rows: name of a turn -> rows of `run_full` (m) at the fine step of the plan.
+        best: system -> index of the car that stands for it.
     """
 
     cars: FloatArray
     rows: dict[str, list[Row]]
+    best: dict[Platform, int]
 
 
 def run_fine(plan: CalibrationPlan, posterior: Posterior, runs: CachedRunner) -> FineRuns:
     """Runs cars of a posterior through every turn with the full car at the plan's fine step."""
     cars = _different(posterior.cars, plan.size.ensemble, plan.seed)
     runs.stage = "full cars"
+    rows = _full_rows(plan, plan.turns, cars, plan.size.fine_step, runs)
+    systems = dict.fromkeys(turn.system for turn in plan.turns)
+    best = {system: _best_car(plan, system, cars, rows, runs) for system in systems}
+    return FineRuns(cars, rows, best)
+
+
+def _best_car(
+    plan: CalibrationPlan,
+    system: Platform,
+    cars: FloatArray,
+    rows: Mapping[str, Sequence[Row]],
+    runs: CachedRunner,
+) -> int:
+    """Returns the index of the car nearest to the middle of all (m, n), among those that end most
+    turns of a system as published, at the fine step (`rows`) and then at `COARSE_STEPS` too.
+    """
+    turns = [turn for turn in plan.turns if turn.system == system]
+    hits = _published_ends(turns, rows)
+    leading = np.flatnonzero(hits == hits.max())
+    for step in COARSE_STEPS:
+        coarse = _full_rows(plan, turns, cars[leading], step, runs)
+        hits[leading] += _published_ends(turns, coarse)
+    prior = prior_of(plan)
+    scaled = prior.scaled(cars)[:, prior.inputs(system)]
+    standard = (scaled - scaled.mean(axis=0)) / (scaled.std(axis=0) + 1e-9)
+    distances = np.sum(standard**2, axis=1)
+    distances[hits < hits.max()] = np.inf
+    return int(np.argmin(distances))
+
+
+def _published_ends(turns: Sequence[Turn], rows: Mapping[str, Sequence[Row]]) -> IntArray:
+    """Counts the turns that each car (m) ends as published, by rows of `run_full`."""
+    ends = [
+        [row.get("survived") == (turn.ends == "survived") for row in rows[turn.name]]
+        for turn in turns
+    ]
+    return np.sum(ends, axis=0)
+
+
+def _full_rows(
+    plan: CalibrationPlan,
+    turns: Sequence[Turn],
+    cars: FloatArray,
+    step: float,
+    runs: CachedRunner,
+) -> dict[str, list[Row]]:
+    """Runs `run_full` for cars (m, n) at a step (s); rows (m) by name of the turn."""
     items = []
-    for turn in plan.turns:
+    for turn in turns:
         for part in _parts(len(cars), FULL_PER_ITEM):
-            item = WorkItem(plan, turn, _numbers(cars[part]), step=plan.size.fine_step)
-            items.append(item)
+            items.append(WorkItem(plan, turn, _numbers(cars[part]), step=step))
     results = _by_turn(run_full, runs, items)
-    rows = {turn: [row for part in parts for row in part] for turn, parts in results.items()}
-    return FineRuns(cars, rows)
+    return {turn: [row for part in parts for row in part] for turn, parts in results.items()}

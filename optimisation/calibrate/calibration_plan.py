@@ -71,6 +71,9 @@ Ends = Literal["survived", "flipped"]
 Tail = Literal["none", "held", "swing"]
 Nuisance = Literal["window", "latency", "gyro_bias", "forward"]
 NUISANCES: tuple[Nuisance, ...] = get_args(Nuisance)
+Mean = Literal["average_yaw_rate_rad_per_s", "average_linear_acceleration_m_per_s2"]
+MEANS: tuple[Mean, ...] = get_args(Mean)
+"""Metrics that a trend may be of."""
 
 
 class Turn(StrictModel):
@@ -101,6 +104,36 @@ class NormalPrior(StrictModel):
     mean: float
     deviation: float = Field(gt=0)
     reason: str = Field(min_length=1)
+
+
+class Trend(StrictModel):
+    """A mean over the turn that goes with a power of the speed.
+
+    The trend passes through the table of these turns, at its speed.
+
+    Attributes:
+        system, tail: of the turns.
+        metric: one of `MEANS`.
+        exponent: of the speed; 0 for a constant.
+        speeds: other than that of the table, m/s.
+        deviation: of one value from the trend, in its logarithm.
+        source: place in the thesis.
+    """
+
+    system: Platform
+    tail: Tail
+    metric: Mean
+    exponent: float
+    speeds: tuple[Annotated[float, Field(gt=0)], ...] = Field(min_length=1)
+    deviation: float = Field(gt=0)
+    source: str = Field(min_length=1)
+
+    def turns(self) -> list[Turn]:
+        """Returns a turn for each of the speeds."""
+        return [
+            Turn(system=self.system, tail=self.tail, speed=speed, ends="survived")
+            for speed in self.speeds
+        ]
 
 
 class Budget(StrictModel):
@@ -142,6 +175,7 @@ class CalibrationPlan(StrictModel):
     discrepancy_of_roll: Range
     outcome_width: dict[Tail, Annotated[float, Field(gt=0, le=1)]]
     turns: tuple[Turn, ...] = Field(min_length=1)
+    trends: tuple[Trend, ...] = ()
     settings: dict[Platform, tuple[str, ...]]
     left_out: dict[str, str]
     size: Budget
@@ -151,6 +185,8 @@ class CalibrationPlan(StrictModel):
         self._require_known_names()
         self._require_nuisances()
         self._require_tables()
+        for trend in self.trends:
+            self.reference(trend)
         size = self.size
         unknowns = len(self.body) + 2 * len(self.each) + len(NUISANCES) + 2
         if size.walkers < 2 * unknowns:
@@ -172,7 +208,7 @@ class CalibrationPlan(StrictModel):
         shown = {turn.table for turn in self.turns if turn.table}
         for place, names, known in (
             ("ranges", set(self.ranges), keys | of_systems),
-            ("density", set(self.density), keys),
+            ("density", set(self.density), keys | of_systems),
             ("left_out", set(self.left_out), figures),
             ("turns: table", shown, tables),
         ):
@@ -182,6 +218,17 @@ class CalibrationPlan(StrictModel):
             raise ValueError(
                 f"outcome_width: {tail!r} is missing; needed is one for the tail of every turn"
             )
+
+    def reference(self, trend: Trend) -> Turn:
+        """Returns the turn with a table that a trend passes through.
+
+        Raises:
+            ValueError: no such turn.
+        """
+        for turn in self.turns:
+            if turn.table and (turn.system, turn.tail) == (trend.system, trend.tail):
+                return turn
+        raise ValueError(f"trends: no turn of {trend.system} {trend.tail} has a table")
 
     def _require_nuisances(self) -> None:
         missing = set(NUISANCES) - set(self.nuisances)
@@ -384,9 +431,9 @@ class CarPrior:
         """Returns which cars (m) of (m, n) exist: gyration of a body, and a chassis with its centre
         of mass inside the car.
         """
+        names = {"car", "tail", *(key.partition(".")[0] for key in self.plan.body)}
         sections: dict[str, Any] = {
-            name: SimpleNamespace(**dict(getattr(self._base, name)))
-            for name in ("car", "tail", "imu", "controller")
+            name: SimpleNamespace(**dict(getattr(self._base, name))) for name in names
         }
         for key in self.plan.body:
             section, _, name = key.partition(".")

@@ -4,158 +4,46 @@ ones.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import groupby
 
 import numpy as np
-from scipy.linalg import cho_solve
 from scipy.special import log_ndtr
 from scipy.stats import norm
 
 from aerodima.optimisation.calibrate.calibration_plan import (
     FIGURES,
     LIFT,
+    MEANS,
     NUISANCES,
     CarPrior,
     Figure,
     Turn,
 )
+from aerodima.optimisation.calibrate.regression import Regression, TrainingSet, tune
+from aerodima.optimisation.studies.runs import CachedRunner
+from aerodima.workbench.batch.row_store import content_key
 from aerodima.workbench.core.array_types import FloatArray, IntArray
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.file_reading import Facts
 
 METRICS = (*FIGURES, LIFT)
+MIN_MEAN = 1e-3
+"""Least mean that has a logarithm, in the unit of its metric."""
 TurnResults = Mapping[str, Facts]
 """Name of a turn -> lists of the results of its cars, by name."""
-VARIANCE_BOUNDS = (1e-2, 1e3)
-"""Bounds of the variance that a process is tuned in."""
-LENGTH_BOUNDS = (0.3, 100.0)
-"""Bounds of its lengths over scaled columns."""
-NOISE_BOUNDS = (1e-5, 1.0)
-"""Bounds of the variance of its noise."""
-HYPERPARAMETER_SAMPLES = 250
-"""Most rows by which a process is tuned."""
-TRAINING_SAMPLES = 1200
-"""Most rows to which a process is fitted."""
 MIN_REDUCED_CARS = 8
 """Cars that a process needs."""
 MIN_FULL_CARS = 3
 """Full cars that a correction needs."""
-RIDGES = np.logspace(0.0, 4.0, 9)
-"""Ridges of a correction that are tried."""
 MIN_MARGIN = 0.005
 """Margin that counts as none."""
 QUADRATURE_NODES = np.linspace(-6.0, 6.0, 121)
 """Residuals of the surrogate for a car, over their deviation."""
 LOG_WEIGHTS = np.log(norm.pdf(QUADRATURE_NODES) / norm.pdf(QUADRATURE_NODES).sum())[:, None]
 """Logarithms of the weights of the nodes."""
-
-
-@dataclass(frozen=True)
-class Regression:
-    """A regression over some columns of scaled cars.
-
-    Attributes:
-        columns: of the cars.
-        model: scaled columns (m, c) -> values (m, k).
-        deviation: of the residuals of cars that it was not fitted to (k), in the unit of its
-            values.
-        residuals: of each row, fitted without that row's car (m, k).
-    """
-
-    columns: tuple[int, ...]
-    model: Callable[[FloatArray], FloatArray]
-    deviation: FloatArray
-    residuals: FloatArray = field(default_factory=lambda: np.zeros((0, 1)))
-
-    @classmethod
-    def process(
-        cls, columns: list[int], scaled: FloatArray, values: FloatArray, cars: IntArray
-    ) -> Regression:
-        """Fits a Gaussian process with a length for every column to values (m, k) at scaled cars
-        (m, n).
-
-        Args:
-            cars: which car a row is of (m); the residuals of a car are found without all rows of
-                that car.
-        """
-        from sklearn.gaussian_process import GaussianProcessRegressor
-        from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
-
-        rows = np.random.default_rng(len(values)).permutation(len(values))[:TRAINING_SAMPLES]
-        middle = values.mean(axis=0)
-        spread = values.std(axis=0) + 1e-9
-        chosen = scaled[rows][:, columns]
-        target = (values[rows] - middle) / spread
-        kernel = ConstantKernel(1.0, VARIANCE_BOUNDS) * RBF(
-            np.full(len(columns), 2.0), LENGTH_BOUNDS
-        ) + WhiteKernel(0.01, NOISE_BOUNDS)
-        with warnings.catch_warnings():
-            # The length of a column without influence is at its bound.
-            warnings.simplefilter("ignore")
-            tuned = (
-                GaussianProcessRegressor(kernel)
-                .fit(chosen[:HYPERPARAMETER_SAMPLES], target[:HYPERPARAMETER_SAMPLES])
-                .kernel_
-            )
-        fitted = GaussianProcessRegressor(tuned, optimizer=None).fit(chosen, target)
-        size = tuned.k1.k1.constant_value
-        lengths = tuned.k1.k2.length_scale
-        weights = fitted.alpha_.reshape(target.shape)
-        places = chosen / lengths
-        model = partial(_process_at, lengths, places, weights * (size * spread), middle)
-        inverse = cho_solve((fitted.L_, True), np.eye(len(rows)))
-        residuals = np.full(values.shape, np.nan)
-        for own in _rows_by(cars[rows]):
-            residuals[rows[own]] = spread * np.linalg.solve(inverse[np.ix_(own, own)], weights[own])
-        rest = np.isnan(residuals[:, 0])  # not fitted, so that the process has not seen them
-        residuals[rest] = values[rest] - model(scaled[rest][:, columns])
-        return cls(tuple(columns), model, _deviation(residuals[rows]), residuals)
-
-    @classmethod
-    def line(
-        cls, columns: list[int], scaled: FloatArray, values: FloatArray, cars: IntArray
-    ) -> Regression:
-        """Fits a plane with a ridge, for rows of few cars; arguments as those of `process`."""
-        from sklearn.linear_model import Ridge
-        from sklearn.model_selection import GridSearchCV, GroupKFold, cross_val_predict
-
-        chosen = scaled[:, columns]
-        folds = GroupKFold(min(8, len(np.unique(cars))))
-        tried = GridSearchCV(Ridge(), {"alpha": RIDGES}, cv=folds, scoring="neg_mean_squared_error")
-        ridge = tried.fit(chosen, values, groups=cars).best_estimator_
-        predicted = cross_val_predict(ridge, chosen, values, groups=cars, cv=folds)
-        residuals = values - predicted.reshape(values.shape)
-        model = partial(_plane_at, np.atleast_2d(ridge.coef_), np.atleast_1d(ridge.intercept_))
-        return cls(tuple(columns), model, _deviation(residuals), residuals)
-
-    def __call__(self, scaled: FloatArray) -> FloatArray:
-        """Returns values (m, k) at scaled cars (m, n)."""
-        return self.model(scaled[:, self.columns])
-
-
-def _process_at(
-    lengths: FloatArray,
-    places: FloatArray,
-    weights: FloatArray,
-    middle: FloatArray,
-    inputs: FloatArray,
-) -> FloatArray:
-    """Predicts as sklearn's `predict`, without its checks, which take most of the time of a
-    posterior.
-    """
-    at = inputs / lengths
-    alike = at @ places.T
-    alike -= 0.5 * np.sum(places**2, axis=1)
-    alike -= 0.5 * np.sum(at**2, axis=1)[:, None]
-    return middle + np.exp(alike, out=alike) @ weights
-
-
-def _plane_at(slopes: FloatArray, offset: FloatArray, inputs: FloatArray) -> FloatArray:
-    return inputs @ slopes.T + offset
 
 
 @dataclass(frozen=True)
@@ -169,6 +57,7 @@ class Surrogate:
         shifts: name of the turn -> full less reduced cars in that logarithm; its deviation is that
             of the surrogate.
         corrections: name of the turn -> full less reduced cars in `METRICS`, likewise.
+        means: name of a turn of a trend -> logarithms of `MEANS`.
     """
 
     prior: CarPrior
@@ -176,16 +65,24 @@ class Surrogate:
     figures: dict[str, Regression]
     shifts: dict[str, Regression] = field(default_factory=dict)
     corrections: dict[str, Regression] = field(default_factory=dict)
+    means: dict[str, Regression] = field(default_factory=dict)
 
     @classmethod
-    def from_reduced(cls, prior: CarPrior, cars: FloatArray, results: TurnResults) -> Surrogate:
-        """Fits to `run_reduced` of all cars (m, n), by name of the turn."""
-        return cls(prior, *_fit(Regression.process, prior, cars, results, MIN_REDUCED_CARS))
+    def from_reduced(
+        cls, prior: CarPrior, cars: FloatArray, results: TurnResults, runs: CachedRunner
+    ) -> Surrogate:
+        """Fits to `run_reduced` of all cars (m, n), by name of the turn; `runs` tune the
+        processes.
+        """
+        fit = partial(_fit_processes, runs)
+        flips, figures = _fit(fit, prior, cars, results, MIN_REDUCED_CARS)
+        means = fit(_training_sets_of_means(prior, cars, results))
+        return cls(prior, flips, figures, means=means)
 
     def corrected(self, cars: FloatArray, results: TurnResults) -> Surrogate:
         """Corrects by `search_full` of all cars (m, n), by name of the turn."""
-        fits = _fit(Regression.line, self.prior, cars, results, MIN_FULL_CARS, self)
-        return replace(self, shifts=fits[0], corrections=fits[1])
+        shifts, corrections = _fit(_fit_lines, self.prior, cars, results, MIN_FULL_CARS, self)
+        return replace(self, shifts=shifts, corrections=corrections)
 
     def margin(self, cars: FloatArray, turn: Turn) -> FloatArray:
         """Returns the logarithm of the friction at the flip over that of the car (m); above 0 it
@@ -252,14 +149,64 @@ class Surrogate:
         """Returns a figure of cars (m, n), in its unit (m)."""
         return self.values(cars, figure.turn)[:, METRICS.index(figure.metric)]
 
+    def log_trends(self, cars: FloatArray, values: Mapping[str, FloatArray]) -> FloatArray:
+        """Returns the logarithm of the probability (m) of the plan's trends, given cars (m, n).
+
+        What counts is how the values at all speeds differ from their own power of the speed.
+
+        Args:
+            values: name of a turn with a table -> its `METRICS` (m, 6).
+        """
+        scaled = self.prior.scaled(cars)
+        means = {name: regression(scaled) for name, regression in self.means.items()}
+        total = np.zeros(len(cars))
+        for trend in self.prior.plan.trends:
+            column = MEANS.index(trend.metric)
+            reference = self.prior.plan.reference(trend)
+            shown = values[reference.name][:, METRICS.index(trend.metric)]
+            logs = [np.log(np.maximum(shown, MIN_MEAN))]
+            speeds = [reference.speed]
+            variances = [trend.deviation**2]
+            for turn in trend.turns():
+                logs.append(means[turn.name][:, column])
+                speeds.append(turn.speed)
+                error = self.means[turn.name].deviation[column]
+                variances.append(trend.deviation**2 + error**2)
+            residuals = np.array(logs) - trend.exponent * np.log(speeds)[:, None]
+            weights = 1.0 / np.array(variances)[:, None]
+            middle = np.sum(weights * residuals, axis=0) / np.sum(weights)
+            total -= 0.5 * np.sum(weights * (residuals - middle) ** 2, axis=0)
+        return total
+
     def deviation(self, figure: Figure) -> float:
         """Returns the standard deviation of the residuals of a figure."""
         surface = self.corrections.get(figure.turn.name, self.figures[figure.turn.name])
         return float(surface.deviation[METRICS.index(figure.metric)])
 
 
+TrainingSets = Mapping[str, TrainingSet]
+"""Name of a turn -> rows that its regression is fitted to."""
+
+
+def _fit_processes(runs: CachedRunner, sets: TrainingSets) -> dict[str, Regression]:
+    """Fits a Gaussian process to each training set."""
+    items = [data.tuning_rows() for data in sets.values()]
+    keys = [content_key("tune", *(array.tolist() for array in item)) for item in items]
+    runs.stage = "Gaussian processes"
+    tuned = runs.map(tune, items, keys)
+    return {
+        name: Regression.process(data, theta)
+        for (name, data), theta in zip(sets.items(), tuned, strict=True)
+    }
+
+
+def _fit_lines(sets: TrainingSets) -> dict[str, Regression]:
+    """Fits a plane to each training set."""
+    return {name: Regression.line(data) for name, data in sets.items()}
+
+
 def _fit(
-    fit: Callable[[list[int], FloatArray, FloatArray, IntArray], Regression],
+    fit: Callable[[TrainingSets], dict[str, Regression]],
     prior: CarPrior,
     cars: FloatArray,
     results: TurnResults,
@@ -269,32 +216,58 @@ def _fit(
     """Fits the flips and figures of every turn, or what they are beyond those of a surrogate.
 
     Args:
-        fit: of `Regression`.
+        fit: makes the regressions of training sets.
         prior: whose coordinates the cars have.
         cars: that were searched (m, n).
         results: of `run_reduced` or `search_full`, by name of the turn.
         min_cars: that a fit needs.
         base: surrogate that is corrected.
     """
-    flips = {}
-    figures = {}
+    searches = {
+        turn.name: _search(turn, cars, results[turn.name], min_cars) for turn in prior.plan.turns
+    }
+    sets = {}
     for turn in prior.plan.turns:
-        name = turn.name
-        known, flip, tried, shown, index = _search(turn, cars, results[name], min_cars)
+        known, flip = searches[turn.name][:2]
         scaled = prior.scaled(cars[known])
         values = flip[known, None]
         if base is not None:
-            values = values - base.flips[name](scaled)
-        regression = fit(_flip_columns(prior, turn), scaled, values, known)
-        flips[name] = regression
+            values = values - base.flips[turn.name](scaled)
+        sets[turn.name] = TrainingSet(_flip_columns(prior, turn), scaled, values, known)
+    flips = fit(sets)
+    sets = {}
+    for turn in prior.plan.turns:
         if turn.table:
-            margin = _unseen(prior, turn, flip, regression, tried, index)
+            _, flip, tried, shown, index = searches[turn.name]
+            margin = _unseen(prior, turn, flip, flips[turn.name], tried, index)
             inputs = _with_margin(prior.scaled(tried), margin)
             if base is not None:
-                shown = shown - base.figures[name](inputs)
+                shown = shown - base.figures[turn.name](inputs)
             columns = [*prior.inputs(turn.system), len(prior.names)]
-            figures[name] = fit(columns, inputs, shown, index)
-    return flips, figures
+            sets[turn.name] = TrainingSet(columns, inputs, shown, index)
+    return flips, fit(sets)
+
+
+def _training_sets_of_means(
+    prior: CarPrior, cars: FloatArray, results: TurnResults
+) -> dict[str, TrainingSet]:
+    """Collects the logarithms of `MEANS` of the cars (m, n) that survive the turns of trends."""
+    columns = [METRICS.index(name) for name in MEANS]
+    sets = {}
+    for trend in prior.plan.trends:
+        for turn in trend.turns():
+            tried, index = _tried(cars, results[turn.name])
+            survivors = len(np.unique(index))
+            if survivors < MIN_REDUCED_CARS:
+                raise UserError(
+                    f"{turn.name} m/s: {survivors} of {len(cars)} cars survive; needed are "
+                    f"{MIN_REDUCED_CARS}"
+                )
+            shown = np.array(results[turn.name]["figures"])[:, columns]
+            logs = np.log(np.maximum(shown, MIN_MEAN))
+            inputs = prior.inputs(turn.system)
+            sets[turn.name] = TrainingSet(inputs, prior.scaled(tried), logs, index)
+    return sets
 
 
 def _kind(turn: Turn) -> tuple[str, str]:
@@ -340,10 +313,7 @@ def _search(
     """
     flip = np.array(result["flips"], float)
     known = np.flatnonzero(np.isfinite(flip))
-    tried = np.array(result["inputs"]).reshape(-1, cars.shape[1])
-    order = np.argsort(cars[:, 0])
-    # No two cars share their first number.
-    index = order[np.searchsorted(cars[order, 0], tried[:, 0])]
+    tried, index = _tried(cars, result)
     has_flip = np.isfinite(flip[index])
     shown = len(np.unique(index[has_flip]))
     if min(len(known), shown) < min_cars:
@@ -356,14 +326,9 @@ def _search(
     return known, flip, tried[has_flip], figures[has_flip], index[has_flip]
 
 
-def _deviation(residuals: FloatArray) -> FloatArray:
-    """Returns the size that 68 % of residuals (m, k) do not exceed; a car at a flip's edge may be
-    off by any amount.
-    """
-    return np.asarray(np.quantile(np.abs(residuals), 0.6827, axis=0))
-
-
-def _rows_by(cars: IntArray) -> list[IntArray]:
-    """Returns the rows of each car."""
-    order = np.argsort(cars, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(cars[order])) + 1)
+def _tried(cars: FloatArray, result: Facts) -> tuple[FloatArray, IntArray]:
+    """Returns the cars (k, n) that survived, and the index of each among all (m, n)."""
+    tried = np.array(result["inputs"]).reshape(-1, cars.shape[1])
+    order = np.argsort(cars[:, 0])
+    # No two cars share their first number.
+    return tried, order[np.searchsorted(cars[order, 0], tried[:, 0])]

@@ -158,7 +158,8 @@ def run_reduced(item: WorkItem) -> Json:
     that survived.
 
     Returns:
-        `flips` (m): logarithm of the friction at the flip, None where the search did not find it;
+        `flips` (m): logarithm of the friction at the flip, None where the search did not find it,
+        or where it has no reach and each car drives once;
         and of the survived runs `inputs` (k, n), cars with their friction, and `figures` (k, 6).
     """
     plan = item.plan
@@ -177,7 +178,7 @@ def run_reduced(item: WorkItem) -> Json:
     bracket = ends
     inputs = []
     figures = []
-    for _ in range(plan.size.rounds):
+    for _ in range(plan.size.rounds if item.reach else 1):
         tried = np.exp(bracket.next_value(centre, item.reach))
         turns = drive_turns(
             replace(vehicles, friction=tried),

@@ -1,4 +1,4 @@
-"""What tests a calibration: each table predicted from the others, posterior cars that play the
+"""Tests of a calibration: each table predicted from the others, posterior cars that play the
 thesis, information.
 """
 

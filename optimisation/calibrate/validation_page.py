@@ -1,5 +1,5 @@
-"""The page of a calibration, the page of what to measure next, and the ensembles; sentences are
-made of the result.
+"""The page of a calibration and the page of what to measure next; sentences are made of the
+result.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import yaml
 from matplotlib.figure import Figure as Drawing
 
 from aerodima.optimisation.calibrate.calibration import (
@@ -30,6 +29,7 @@ from aerodima.optimisation.calibrate.calibration_plan import (
     Turn,
     figures_of,
 )
+from aerodima.optimisation.calibrate.posterior_ensemble import ensemble_text
 from aerodima.optimisation.calibrate.surrogate import Surrogate
 from aerodima.optimisation.calibrate.validation import (
     BAND,
@@ -47,9 +47,7 @@ from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.logs.schema import software_versions
-from aerodima.workbench.metrics.published_values import Platform
-from aerodima.workbench.scenario.ensemble import ENSEMBLE_SCHEMA
+from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.view.figure_style import BLUE, GREY, VERMILION, new_figure, styled
 from aerodima.workbench.view.report_page import (
     Content,
@@ -65,15 +63,15 @@ from aerodima.workbench.view.report_page import (
 PAGE = "index.html"
 MEASURE = "measure_next.html"
 FIELD_TABLES = ("Table 7.3", "Table 7.4")
-OF_A_CAR = ("controller.trigger_yaw_rate", "tail.roll_stop")
-"""Settings of a run that belong to the car, not to its drive."""
 FINAL = 3
 """How many times as long as for a table that is left out the sampler runs for the posterior of all
 figures."""
 SOON = 0.3
 """s after the steering command."""
-NEAR_A_BOUND = 0.05
-"""Share of a prior's range: a median nearer to its end says that the prior decides."""
+NEAR_A_BOUND = 0.1
+"""Share of a prior's range that counts as near its end."""
+MAX_AT_A_BOUND = 0.15
+"""Share of the cars near one end above which the prior decides; an even spread has 0.1."""
 LEAD = (
     "The simulated car of the thesis and its car on the field are two systems that share a body. "
     "Every figure is predicted by cars that have not seen its table."
@@ -98,12 +96,22 @@ PARAMETER_COLUMNS = {
     "median": "{median:.3g}",
     "95 %": "{high:.3g}",
     "deviation over the prior's": "{deviation_ratio:.3g}",
+    "cars near one end": "{share_at_a_bound:.0%}",
 }
 """Heading -> format of a row."""
 MEASURE_COLUMNS = {
     "quantity": "{quantity}",
     "procedure": "{procedure}",
     "expected gain [nats]": "{gain_nats:.2f}",
+}
+"""Heading -> format of a row."""
+PART_COLUMNS = {
+    "part": "{part}",
+    "mass [kg]": "{mass_kg:g}",
+    "range [kg]": "{min_mass_kg:g} to {max_mass_kg:g}",
+    "x [m]": "{x_m:.3f}",
+    "z [m]": "{z_m:.3f}",
+    "source": "{source}",
 }
 """Heading -> format of a row."""
 DENSITY_COLUMNS = {
@@ -199,27 +207,38 @@ def write_pages(result: Result, out: Path) -> Path:
     cars = result.posterior.cars
     figures = pd.concat([left.rows for left in result.left_out], ignore_index=True)
     systems = dict.fromkeys(turn.system for turn in prior.plan.turns)
-    ensembles = {f"{system}.yaml": ensemble_text(result, system) for system in systems}
+    ensembles = {
+        f"{system}.yaml": ensemble_text(prior, result.fine, system, result.posterior.size)
+        for system in systems
+    }
     parameters = parameter_table(prior, cars)
     measured = measure_table(prior, cars)
+    score, chances = brier(result.surrogate, cars)
+    outcomes = outcome_table(result, chances)
     posterior = pd.DataFrame(cars, columns=prior.names)
     contents: dict[str, Content] = {
         **ensembles,
         "figures.csv": figures,
+        "outcomes.csv": outcomes,
         "parameters.csv": parameters,
         "measure_next.csv": measured,
         "posterior.parquet": posterior,
-        PAGE: validation_page(result, figures, parameters),
+        PAGE: validation_page(result, figures, outcomes, parameters, score),
         MEASURE: measure_page(measured),
     }
     write_files(out, contents)
     return out / PAGE
 
 
-def validation_page(result: Result, figures: pd.DataFrame, parameters: pd.DataFrame) -> Page:
-    """Makes the page of what the calibration predicts, and how far to trust it."""
+def validation_page(
+    result: Result,
+    figures: pd.DataFrame,
+    outcomes: pd.DataFrame,
+    parameters: pd.DataFrame,
+    score: float,
+) -> Page:
+    """Makes the page of what the calibration predicts, with the Brier score of the outcomes."""
     plan = result.surrogate.prior.plan
-    score, chances = brier(result.surrogate, result.posterior.cars)
     reasons = [f"{name.replace('_', ' ')} ({why})" for name, why in plan.left_out.items()]
     missing = f"No car of the prior reaches these: {'; '.join(reasons) or 'none'}."
     intervals = Plot(_forest(figures), INTERVALS, "Predicted over published figures", "figures")
@@ -234,8 +253,9 @@ def validation_page(result: Result, figures: pd.DataFrame, parameters: pd.DataFr
         "Result": [Finding(_findings(result, figures, parameters, score)), intervals],
         "Published figures": [_table(shown, FIGURE_COLUMNS, misses), missing],
         "Logarithm of the density of each table": _densities(result),
-        "Outcomes": [_outcomes(result, chances)],
+        "Outcomes": [_table(outcomes, OUTCOME_COLUMNS)],
         "Parameters": [_table(parameters, PARAMETER_COLUMNS, near_a_bound)],
+        "Parts": _parts(parameters),
         "What the data determine best": [_combinations(result)],
         "What to measure next": [link],
     }
@@ -263,13 +283,15 @@ def _densities(result: Result) -> list[Any]:
     return [_table(densities, DENSITY_COLUMNS), rigid_words]
 
 
-def _outcomes(result: Result, chances: Mapping[str, float]) -> Table:
-    """Makes the table of outcomes: published, by the surrogate, and of the fine runs."""
+def outcome_table(result: Result, chances: Mapping[str, float]) -> pd.DataFrame:
+    """Lists how each turn ended in print, the probability to survive it by the surrogate, and the
+    fine runs.
+    """
     rows = []
     for turn in result.surrogate.prior.plan.turns:
         row = {**turn.model_dump(), "chance": chances[turn.name]}
         rows.append(row | _fine_runs(result.fine.rows[turn.name], turn))
-    return _table(pd.DataFrame(rows), OUTCOME_COLUMNS)
+    return pd.DataFrame(rows)
 
 
 def _fine_runs(rows: Sequence[Row], turn: Turn) -> dict[str, str]:
@@ -285,6 +307,26 @@ def _fine_runs(rows: Sequence[Row], turn: Turn) -> dict[str, str]:
         words["trigger"] = f"{middle:.2f}" if np.isfinite(middle) else "never"
         words["early"] = f"{np.mean(started <= SOON):.0%}"
     return words
+
+
+def _parts(parameters: pd.DataFrame) -> list[Any]:
+    """Returns a sentence that compares the parts of the car with the calibrated cars, and their
+    table.
+    """
+    parts = pd.read_csv(model_path("calibration/parts.csv"))
+    cars = parameters.set_index("parameter")
+    weights = parts.mass_kg / parts.mass_kg.sum()
+    pairs = (
+        ("car.mass", "mass", parts.mass_kg.sum(), "kg"),
+        ("car.com_x", "x of the centre of mass", weights @ parts.x_m, "m"),
+        ("car.com_height", "height of the centre of mass", weights @ parts.z_m, "m"),
+    )
+    words = [
+        f"{name} {value:.3g} {unit} by the parts, {cars.low[key]:.3g} to {cars.high[key]:.3g} "
+        f"{unit} by the cars (90 %)"
+        for key, name, value, unit in pairs
+    ]
+    return [f"{'; '.join(words)}.", _table(parts, PART_COLUMNS)]
 
 
 def _combinations(result: Result) -> Table:
@@ -321,10 +363,10 @@ def _findings(
         "(median).",
         f"The effective sample size is {posterior.size:.0f}; the chains are "
         f"{posterior.length:.0f} autocorrelation times long.",
-        "No median lies near the end of its prior.",
+        f"In no parameter do more than {MAX_AT_A_BOUND:.0%} of the cars lie near one end.",
     ]
     if near:
-        sentences[-1] = f"These medians lie near the end of their prior: {near}."
+        sentences[-1] = f"The prior's end decides: {near}."
     if not np.isnan(result.perfect):
         sentences.insert(
             3,
@@ -358,8 +400,8 @@ def measure_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
 
 
 def parameter_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
-    """Computes per coordinate: prior, quantiles, deviation over that of the prior, and whether its
-    median is near an end.
+    """Computes for each coordinate its prior, quantiles, deviation over that of the prior, the
+    larger share of the cars near one end, and whether the prior decides.
     """
     reference = prior.draw(2000, prior.plan.seed)
     rows = []
@@ -367,8 +409,11 @@ def parameter_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
         values = cars[:, index]
         low, median, high = np.quantile(values, BAND)
         first, last = prior.ranges[index]
-        share = (median - first) / (last - first)
-        near = name != "forward" and min(share, 1.0 - share) < NEAR_A_BOUND
+        places = (values - first) / (last - first)
+        near_low = np.mean(places < NEAR_A_BOUND)
+        near_high = np.mean(places > 1.0 - NEAR_A_BOUND)
+        at_a_bound = float(max(near_low, near_high))
+        near = name != "forward" and at_a_bound > MAX_AT_A_BOUND
         learnt = float(np.std(values) / np.std(reference[:, index]))
         rows.append(
             {
@@ -379,53 +424,11 @@ def parameter_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
                 "median": median,
                 "high": high,
                 "deviation_ratio": learnt,
+                "share_at_a_bound": at_a_bound,
                 "near_a_bound": near,
             }
         )
     return pd.DataFrame(rows)
-
-
-def ensemble_text(result: Result, system: Platform) -> str:
-    """Returns the cars of the fine runs in one system as the text of an ensemble file, equally
-    likely.
-    """
-    prior = result.surrogate.prior
-    plan = prior.plan
-    cars = result.fine.cars
-    keys = {*plan.body, *plan.each}
-    first = next(turn for turn in plan.turns if turn.system == system)
-    scaled = prior.scaled(cars)
-    standard = (scaled - scaled.mean(axis=0)) / (scaled.std(axis=0) + 1e-9)
-    distances = np.sum(standard**2, axis=1)
-    middle = int(np.argmin(distances))
-    content: dict[str, Any] = {
-        "schema": ENSEMBLE_SCHEMA,
-        "name": system,
-        "provenance": {
-            "method": f"posterior cars of the {system} system, given Tables 7.1 to 7.4 and the "
-            "published outcomes",
-            "plan": plan.name,
-            "seed": plan.seed,
-            "effective_sample_size": round(result.posterior.size, 1),
-            "fine_step_s": plan.size.fine_step,
-            "versions": software_versions(),
-        },
-        "best": f"car{middle:03d}",
-    }
-    lines = [
-        "# Cars that the published figures leave possible, made by `aerodima calibrate --plan "
-        f"{plan.name}`.",
-        yaml.safe_dump(content, sort_keys=False, width=116).rstrip(),
-        "members:",
-    ]
-    weight = 1 / len(cars)
-    for index, car in enumerate(cars):
-        settings = dict(setting.split("=") for setting in prior.settings(car, first))
-        values = ", ".join(
-            f"{key}: {value}" for key, value in settings.items() if key in OF_A_CAR or key in keys
-        )
-        lines.append(f"- {{name: car{index:03d}, weight: {weight:.6g}, values: {{{values}}}}}")
-    return "\n".join(lines) + "\n"
 
 
 def _forest(figures: pd.DataFrame) -> Drawing:

@@ -67,7 +67,7 @@ class Task(StrictModel):
 
     schema_: Literal["aerodima/task/1"] = Field(default="aerodima/task/1", alias="schema")
     scenario: str = "turn_fast"
-    ensemble: str = "car"
+    ensemble: str = "physical"
     seed: int = Field(default=1, ge=0)
     training: int = Field(default=4, ge=0)
     speeds: list[float] = Field(default=[4.5], min_length=1)

@@ -1,5 +1,5 @@
-"""What the tail does in runs of the car of the parameter files, where the thesis states something
-about it.
+"""What the tail does in runs of the default car and of that on the field, where the thesis states
+something about it.
 """
 
 from itertools import pairwise
@@ -8,7 +8,7 @@ import numpy as np
 
 from aerodima.workbench.control.swing_law import SwingState
 from tests.built.registry import run
-from tests.built.turns import TAILED, column, signals_of, throttle_speed, trial
+from tests.built.turns import TAILED, column, field_trial, signals_of, throttle_speed, trial
 
 
 @run
@@ -89,7 +89,7 @@ def air_turns_the_car_out_of_the_turn():
 
 
 def held_at_55_percent():
-    return trial("held", throttle_speed(0.55))
+    return field_trial("held", throttle_speed(0.55))
 
 
 @run

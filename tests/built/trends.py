@@ -9,7 +9,14 @@ import numpy as np
 from aerodima.workbench.metrics.run_summary import KM_PER_H
 from aerodima.workbench.scenario.scenario import load_scenario
 from tests.built.registry import RUNS, SLOW, slow
-from tests.built.turns import ROUNDING, TAILED, TAILLESS, run_trial, throttle_speed, trial
+from tests.built.turns import (
+    ROUNDING,
+    TAILED,
+    TAILLESS,
+    field_trial,
+    run_trial,
+    throttle_speed,
+)
 
 WITHOUT = tuple(
     whole / KM_PER_H for whole in range(2, 22) if whole / KM_PER_H < TAILLESS + ROUNDING
@@ -142,7 +149,7 @@ def change_of_the_mean_acceleration_with_throttle():
     """
     speeds = [throttle_speed(percent / 100.0) for percent in range(35, 51, 5)]
     values = [
-        trial("swing", speed).summary.metrics.filtered.average_linear_acceleration_m_per_s2
+        field_trial("swing", speed).summary.metrics.filtered.average_linear_acceleration_m_per_s2
         for speed in speeds
     ]
     return float(np.ptp(values) / np.mean(values))
@@ -150,7 +157,7 @@ def change_of_the_mean_acceleration_with_throttle():
 
 def of_the_physical_pair(measure):
     """A measure of the fastest physical run with its tail over that of the fastest without."""
-    return measure(trial("swing", 6.10)) / measure(trial("none", 3.37))
+    return measure(field_trial("swing", 6.10)) / measure(field_trial("none", 3.37))
 
 
 @slow

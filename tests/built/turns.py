@@ -1,5 +1,5 @@
-"""What runs of the car of the parameter files show where the thesis states something about its
-runs.
+"""What runs of the default car and of the car on the field show where the thesis states something
+about its runs.
 
 A run is made once per process.
 """
@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from aerodima.optimisation.calibrate.calibration_plan import load_plan
 from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.car.laws import steady_speed
 from aerodima.workbench.car.turn_signals import turn_signals
@@ -27,14 +28,6 @@ TAILLESS, TAILED = 12 / KM_PER_H, 16 / KM_PER_H
 (ERRATA E37)."""
 ROUNDING = 1e-6
 """Of a speed, m/s."""
-FAST = 5.0
-AFTER_A_LONGER_START = (
-    "manoeuvre.speed_ramp=5.0",
-    "manoeuvre.turn_start=6.0",
-    "manoeuvre.duration=8.0",
-)
-"""Of the runs beyond the simulated speeds (m/s): the real car had 15 s to reach them, and 1.2 s are
-too few."""
 UNLOADED = 0.1
 """A wheel in the air bears less, N."""
 
@@ -53,16 +46,21 @@ def run_trial(scenario, record="outcome"):
 
 @cache
 def trial(tail, speed, *settings):
-    """The published turn of the car of the parameter files; every column at the two published
-    speeds.
-    """
-    overrides = [
-        f"manoeuvre.speed={speed!r}",
-        *(AFTER_A_LONGER_START if speed > FAST else ()),
-        *settings,
-    ]
+    """The published turn of the default car; every column at the two published speeds."""
+    overrides = [f"manoeuvre.speed={speed!r}", *settings]
     everything = speed in (TAILLESS, TAILED) and not settings
     return run_trial(load_scenario(f"turn_{tail}", overrides), "all" if everything else "outcome")
+
+
+@cache
+def field_trial(tail, speed):
+    """The published turn of the car on the field, driven as its calibration drives it."""
+    settings = [
+        *load_plan().settings["physical"],
+        f"tail.mode={tail}",
+        f"manoeuvre.speed={speed!r}",
+    ]
+    return run_trial(load_scenario("field", settings))
 
 
 def throttle_speed(throttle):
@@ -96,7 +94,7 @@ for tail, speeds in {"none": (10, 12, 13), "swing": (12, 16, 17)}.items():
 
 @run
 def outcome_swing_at_6_10():
-    return trial("swing", 6.10).summary.metrics.outcome.result
+    return field_trial("swing", 6.10).summary.metrics.outcome.result
 
 
 # Metrics of Tables 7.1 to 7.4
@@ -109,10 +107,12 @@ def metric(platform, configuration, name):
     row = next(
         r for r in published_values() if (r.platform, r.configuration) == (platform, configuration)
     )
-    fast = TAILLESS if configuration == "tailless" else TAILED
-    speed = fast if platform == "simulated" else row.metrics.speed_m_per_s
-    metrics = trial("none" if configuration == "tailless" else "swing", speed).summary.metrics
-    return float(getattr(metrics.like(platform), name))
+    tail, speed = ("none", TAILLESS) if configuration == "tailless" else ("swing", TAILED)
+    if platform == "simulated":
+        one = trial(tail, speed)
+    else:
+        one = field_trial(tail, row.metrics.speed_m_per_s)
+    return float(getattr(one.summary.metrics.like(platform), name))
 
 
 for row in published_values():
@@ -181,7 +181,7 @@ def stands_on_its_right_wheels_and_comes_back():
     """Physical tailless turn: left turn at 3.37 m/s, both left wheels leave the ground, at the end
     all bear.
     """
-    one = trial("none", 3.37)
+    one = field_trial("none", 3.37)
     loads = signals_of(one).wheel_loads
     left_off = np.all(loads[:, [0, 2]] < UNLOADED, axis=1) & np.any(
         loads[:, [1, 3]] > UNLOADED, axis=1
@@ -192,7 +192,7 @@ def stands_on_its_right_wheels_and_comes_back():
 @run
 def rolls_over_its_front_right_end():
     """At 3.61 m/s without tail: leaning right, nose down, when its tilt passes 60 degrees."""
-    one = trial("none", 13 / KM_PER_H)
+    one = field_trial("none", 3.61)
     past = np.flatnonzero(column(one, "tilt_truth_rad") > math.radians(60.0))
     if not past.size:
         return "no flip"

@@ -11,6 +11,7 @@ from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.signal_table import CAR_TRUTH
 from aerodima.workbench.view.logged_run import add_logged_run
+from tests.certain_cars import HIGH_CAR
 from tests.workbench.made_up_runs import signals_equal
 
 SHORT = ["manoeuvre.duration=0.3"]
@@ -72,7 +73,7 @@ def test_replay_rebuilds_the_car_with_its_sail_and_its_added_mass(run, settings)
 
 
 def test_replay_turns_a_sail_that_faces_the_wind_as_its_encoder_saw_it(run):
-    log = run(*SHORT)
+    log = run(*HIGH_CAR, *SHORT)
     logged = add_logged_run(DiagramBuilder(), log)
     context = logged.plant.CreateDefaultContext()
     logged.move(context, -1)

@@ -38,6 +38,7 @@ def stand(tail=None, wind=None, gravity=9.81, **inputs):
             {
                 "tail": {"mode": "held", "sail": "locked"} | LARGE | (tail or {}),
                 "wind": wind or {},
+                "car": {"tyre_slip_angle": 0.0, "suspension_motion_ratio": 0.684},
                 "environment": {"gravity": gravity},
                 "friction": {"coulomb": 0.0, "viscous": 0.0},
             }

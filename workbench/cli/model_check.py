@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 
+import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
+from scipy.spatial import ConvexHull
 
 from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coefficients
-from aerodima.workbench.car.car_model import car_sdf
+from aerodima.workbench.car.car_model import CAR_SDF, car_sdf
 from aerodima.workbench.car.car_plant import strict_parser
 from aerodima.workbench.car.tail_plant import tail_sdf
 from aerodima.workbench.core.errors import ModelError, UserError
@@ -64,6 +66,9 @@ def check_shipped_models() -> Iterator[CheckResult]:
         name = str(model.path.relative_to(root))
         problems = tuple(sdf_differences(model))
         yield CheckResult(f"{name}: numbers equal the parameters", problems)
+        if name == CAR_SDF:
+            subject = f"{name}: chassis' own centre of mass inside its drawn parts"
+            yield _attempt(subject, require_mass_where_drawn, model)
     for scenario in (Scenario, RigScenario):
         for name in scenario.names():
             yield _attempt(f"{scenario.folder}/{name}.yaml: resolves", scenario.load, name)
@@ -123,6 +128,19 @@ def load_strictly(path: Path) -> None:
                     f"{path}: link {body.name()!r}: mass {body.get_mass(context)} kg or inertia "
                     "is not physical"
                 )
+
+
+def require_mass_where_drawn(car: SdfModel) -> None:
+    """Raise ModelError if the chassis' own centre of mass lies outside the hull of its visuals."""
+    hull = ConvexHull(car.drawn_corners("chassis"))
+    com = car.inertial("chassis").com
+    beyond = float(np.max(hull.equations[:, :3] @ com + hull.equations[:, 3]))
+    if beyond > 0.0:
+        x, _, z = com
+        raise ModelError(
+            f"{car.path}: chassis: its own centre of mass at x = {x:.3g} m, z = {z:.3g} m lies "
+            f"{1e3 * beyond:.0f} mm outside its drawn parts"
+        )
 
 
 def sdf_differences(nominal: SdfModel) -> list[str]:

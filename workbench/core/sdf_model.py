@@ -5,6 +5,7 @@ scenario. Poses, masses, inertias, springs and friction are written into the XML
 parses is what the scenario says.
 """
 
+import itertools
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia, UnitInertia
 
 from aerodima.workbench.core.array_types import FloatArray, Vector3
@@ -107,6 +109,26 @@ class SdfModel:
         return Inertial(
             float(self._child(element, "mass").text or "nan"), (x, y, z), (xx, yy, zz), (xy, xz, yz)
         )
+
+    def drawn_corners(self, link: str) -> FloatArray:
+        """Return the corners (n, 3) of the boxes around the visual shapes of a link, in its frame,
+        m.
+        """
+        signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+        corners = []
+        for element in self._named("link", link).findall("visual"):
+            words = element.findtext("pose", "0 0 0 0 0 0").split()
+            pose = np.array([float(word) for word in words])
+            X_LV = RigidTransform(RollPitchYaw(pose[3:]), pose[:3])
+            (shape,) = self._child(element, "geometry")
+            if shape.tag == "box":
+                size = [float(word) for word in shape.findtext("size", "").split()]
+            else:
+                width = 2.0 * float(shape.findtext("radius", "nan"))
+                size = [width, width, float(shape.findtext("length", str(width)))]
+            p_VC = signs * size
+            corners.append(X_LV.multiply(p_VC.T).T)
+        return np.concatenate(corners)
 
     def set_link_position(
         self, link: str, position: Sequence[float], roll: float | None = None

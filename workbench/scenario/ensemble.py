@@ -91,8 +91,8 @@ class Ensemble:
     Attributes:
         name: of the ensemble.
         members: in the order of the file.
-        best: the member that the parameter files hold, rounded; its tail only if the members are
-            held to one.
+        best: the member nearest to the middle. `models/parameters` have that of `simulated`, the
+            scenario `field` that of `physical`.
         provenance: how the file was made (method, seed, targets, versions), as plain data.
         path: the file.
     """
@@ -163,7 +163,7 @@ class Ensemble:
             raise EnsembleError(f"{self.path}: member {member.name!r}: {error}") from None
 
 
-def load_ensemble(name_or_path: str | Path = "car") -> Ensemble:
+def load_ensemble(name_or_path: str | Path = "physical") -> Ensemble:
     """Load an ensemble by path, or by name from `models/calibration`.
 
     Raises:

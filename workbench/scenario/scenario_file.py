@@ -217,6 +217,8 @@ class ScenarioFile(StrictModel):
         """Load a scenario by path, or by name from `models/scenarios`, with overrides such as
         `car.com_height=0.21`.
 
+        A file may name a scenario as its `base`, of which it then holds only what differs.
+
         Args:
             name_or_path: a YAML file, or the name of a scenario that ships.
             settings: overrides, `section.key=value`.
@@ -225,13 +227,31 @@ class ScenarioFile(StrictModel):
             ScenarioError: no such file or name; or as `from_dict`.
         """
         path = find_file(name_or_path, cls.folder, "scenario")
-        data = read_yaml(path)
+        data = cls._with_base(read_yaml(path))
         for setting in settings:
             cls.apply_setting(data, setting)
         where = str(path)
         if settings:
             where += f" with --set {' '.join(settings)}"
         return cls.from_dict(data, where)
+
+    @classmethod
+    def _with_base(cls, data: dict[str, Any]) -> dict[str, Any]:
+        """Join the content of a file with that of the scenario that it names as `base`."""
+        base = data.pop("base", None)
+        if base is None:
+            return data
+        path = find_file(str(base), cls.folder, "base")
+        joined = read_yaml(path)
+        if "base" in joined:
+            raise ScenarioError(f"{path}: base: a scenario that is a base must not have one")
+        for key, value in data.items():
+            below = joined.get(key)
+            if isinstance(value, dict) and isinstance(below, dict):
+                joined[key] = below | value
+            else:
+                joined[key] = value
+        return joined
 
     @classmethod
     def names(cls) -> list[str]:

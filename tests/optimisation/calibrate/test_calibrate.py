@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.calibrate.calibration import fit_surrogate
+from aerodima.optimisation.calibrate.calibration import _published_ends, fit_surrogate
 from aerodima.optimisation.calibrate.calibration_plan import FIGURES, LIFT, CarPrior, load_plan
 from aerodima.optimisation.calibrate.turn_runs import (
     AFTER,
@@ -138,6 +138,17 @@ def test_car_that_cannot_be_run_has_no_figures_and_no_flip_and_its_error_is_kept
     assert "car.mass: 1 kg" in found["errors"][0]
 
 
+def test_turns_that_end_as_published_are_counted_and_errors_are_none():
+    turns = PLAN.turns[:2]
+    ends = [True, True, False, None], [False, True, False, False]
+    rows = {
+        turn.name: [{} if survived is None else {"survived": survived} for survived in column]
+        for turn, column in zip(turns, ends, strict=True)
+    }
+    assert [turn.ends for turn in turns] == ["survived", "flipped"]
+    assert _published_ends(turns, rows).tolist() == [2, 1, 1, 1]
+
+
 def small_plan():
     """Two short turns of few cars: what the whole job takes is the job, not the cars."""
     settings = {system: (*given[:1], *SHORT) for system, given in PLAN.settings.items()}
@@ -178,6 +189,8 @@ def test_whole_job_writes_pages_and_ensembles_and_goes_on_with_its_runs(tmp_path
     assert set(figures.figure.str[:9]) == {"Table 7.1", "Table 7.3"}
     assert (figures.low <= figures["median"]).all()
     assert (figures["median"] <= figures.high).all()
+    outcomes = pd.read_csv(tmp_path / "outcomes.csv")
+    assert set(outcomes.survived.str[-4:]) == {"of 2"}
     measured = pd.read_csv(tmp_path / "measure_next.csv")
     assert measured.gain_nats.is_monotonic_decreasing
     for system in SLOW:

@@ -1,6 +1,7 @@
 """Plan and prior of the two systems: what is refused, what a car can be, and what its runs get."""
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 
@@ -50,6 +51,7 @@ def with_turns(turns):
         (sized(cars=1990), ("2002", "2000")),
         (with_turns(t for t in PLAN.turns if t.table in ("", "Table 7.3")), ("two",)),
         (with_turns((*PLAN.turns, PLAN.turns[0])), ("Table 7.1",)),
+        ({"trends": [PLAN.trends[0].model_dump() | {"tail": "held"}]}, ("trends", "held")),
         ({"schema": "aerodima/calibration-plan/2"}, ("calibration-plan/2",)),
     ],
 )
@@ -88,6 +90,17 @@ def test_a_biased_gyro_swings_earlier():
     assert load_scenario(
         "turn_swing", PRIOR.settings(car, fast)
     ).controller.trigger_yaw_rate == pytest.approx(0.96)
+
+
+def test_parts_of_the_car_lie_inside_the_prior():
+    parts = pd.read_csv(model_path("calibration/parts.csv"))
+    assert (parts.min_mass_kg <= parts.mass_kg).all()
+    assert (parts.mass_kg <= parts.max_mass_kg).all()
+    mass = parts.mass_kg.sum()
+    places = parts.mass_kg @ parts[["x_m", "z_m"]] / mass
+    for key, value in (("mass", mass), ("com_x", places.x_m), ("com_height", places.z_m)):
+        low, high = PRIOR.ranges[PRIOR.column(f"car.{key}")]
+        assert low < value < high
 
 
 def test_density_is_that_of_the_plan_and_nothing_outside():

@@ -21,7 +21,8 @@ from aerodima.optimisation.calibrate.calibration_plan import (
     figures_of,
     load_plan,
 )
-from aerodima.optimisation.calibrate.surrogate import METRICS, Regression, Surrogate, _unseen
+from aerodima.optimisation.calibrate.regression import Regression, TrainingSet
+from aerodima.optimisation.calibrate.surrogate import METRICS, Surrogate, _unseen
 from aerodima.optimisation.studies.runs import CachedRunner
 
 SHIPPED = load_plan()
@@ -29,6 +30,7 @@ PLAN = SHIPPED.model_copy(
     update={
         "size": SHIPPED.size.model_copy(update={"walkers": 60, "steps": 600}),
         "discrepancy": (0.049, 0.051),
+        "trends": (),
     }
 )
 PRIOR = CarPrior(PLAN)
@@ -81,6 +83,33 @@ def _line(row, line, inputs):
     return row + inputs @ line
 
 
+def test_a_trend_counts_what_differs_from_a_power_of_the_speed():
+    """Equal yaw rates cost nothing; one that is off by its deviation costs half a nat, less what
+    the mean of all five takes up.
+    """
+    trend = SHIPPED.trends[0]
+    plan = PLAN.model_copy(update={"trends": (trend,)})
+    cars = PRIOR.draw(3, seed=1)
+    reference = plan.reference(trend).name
+    shown = {reference: np.full((3, len(METRICS)), 2.0)}
+
+    def log_trends(rates):
+        means = {
+            turn.name: Regression((0,), partial(_means, np.log([rate, 1.0])), np.full(2, 1e-6))
+            for turn, rate in zip(trend.turns(), rates, strict=True)
+        }
+        surrogate = replace(emulator(), prior=replace(PRIOR, plan=plan), means=means)
+        return surrogate.log_trends(cars, shown)
+
+    assert log_trends([2.0] * 4) == pytest.approx(0.0)
+    off = 2.0 * np.exp(trend.deviation)
+    assert log_trends([2.0, off, 2.0, 2.0]) == pytest.approx(-0.5 * (1.0 - 1.0 / 5.0))
+
+
+def _means(logs, inputs):
+    return np.tile(logs, (len(inputs), 1))
+
+
 def test_curved_figures_are_learnt_and_what_is_missed_is_said():
     cars = PRIOR.spread(900, seed=1)
     scaled = PRIOR.scaled(cars)
@@ -88,15 +117,11 @@ def test_curved_figures_are_learnt_and_what_is_missed_is_said():
         2.0 + scaled[:, 0] - 0.5 * scaled[:, 0] * scaled[:, 2] + 0.3 * np.tanh(2.0 * scaled[:, 1])
     )
     values = np.column_stack([bent, 1.0 - bent]) + 0.05 * RNG.standard_normal((len(cars), 1))
-    fitted = Regression.process([0, 1, 2], scaled, values, np.arange(len(cars)))
+    fitted = Regression.process(TrainingSet([0, 1, 2], scaled, values, np.arange(len(cars))))
     assert np.std(fitted(scaled)[:, 0] - bent) < 0.04
     assert fitted.deviation == pytest.approx([0.05, 0.05], rel=0.35)
-    repeated = Regression.process(
-        [0, 1, 2],
-        np.vstack([scaled, scaled]),
-        np.vstack([values, values]),
-        np.tile(np.arange(900), 2),
-    )
+    twice = np.tile(np.arange(900), 2)
+    repeated = Regression.process(TrainingSet([0, 1, 2], scaled[twice], values[twice], twice))
     assert repeated.deviation == pytest.approx(
         [0.05, 0.05], rel=0.35
     )  # a car does not vouch for itself
@@ -107,7 +132,7 @@ def test_deviation_of_a_surface_is_that_of_normal_errors_and_knows_no_wild_ones(
     errors = np.array([0.05, 0.2]) * RNG.standard_normal((1000, 2))
     errors[::100] += 2.0  # cars at the edge of a flip
     errors[50::100] -= 2.0
-    fitted = Regression.line([0], scaled, scaled + errors, np.arange(1000))
+    fitted = Regression.line(TrainingSet([0], scaled, scaled + errors, np.arange(1000)))
     assert fitted.deviation == pytest.approx([0.05, 0.2], rel=0.12)
 
 
@@ -125,10 +150,9 @@ def test_what_is_missed_of_a_row_is_its_value_less_the_prediction_without_its_ca
     scaled = PRIOR.scaled(cars)
     values = scaled[:, :1] + 0.01 * RNG.standard_normal((len(cars), 1))
     values[7] += 1.0
+    data = TrainingSet([0], scaled, values, np.arange(len(cars)))
     for fit in (Regression.process, Regression.line):
-        assert fit([0], scaled, values, np.arange(len(cars))).residuals[7, 0] == pytest.approx(
-            1.0, abs=0.15
-        )
+        assert fit(data).residuals[7, 0] == pytest.approx(1.0, abs=0.15)
 
 
 def test_margin_of_a_car_that_was_not_seen_lacks_what_is_missed_of_its_flip():

@@ -16,6 +16,7 @@ from aerodima.optimisation.studies.rollover_threshold import (
 from aerodima.optimisation.studies.runs import CachedRunner, tipped_before_turn
 from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.core.errors import SweepError, UserError
+from tests.certain_cars import HIGH_CAR
 from tests.refusals import assert_refused
 
 
@@ -139,8 +140,7 @@ def test_a_car_that_has_not_reached_nine_tenths_of_its_speed_flipped_before_its_
 
 @pytest.mark.slow
 def test_tailless_car_has_its_critical_friction_between_a_slippery_and_a_gripping_floor():
-    found = critical_friction(
-        "turn_none", ["manoeuvre.speed=4.0"], low=0.5, high=0.8, scan=0.15, tolerance=0.05
-    )
+    settings = [*HIGH_CAR, "manoeuvre.speed=4.0"]
+    found = critical_friction("turn_none", settings, low=0.5, high=0.8, scan=0.15, tolerance=0.05)
     assert found.found
     assert 0.5 <= found.survived < found.lost <= 0.8

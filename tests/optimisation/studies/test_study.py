@@ -55,12 +55,12 @@ def test_sample_is_even_within_its_limits_and_the_same_for_the_same_seed(method)
 def test_ensemble_multiplies_the_runs_and_overrides_come_after_the_member(tmp_path):
     text = (
         "scenario: straight\nsettings: [car.com_x=0.13]\n"
-        "ensemble: car\nmembers: 2\ngrid:\n  car.com_height: [0.2]\n"
+        "ensemble: physical\nmembers: 2\ngrid:\n  car.com_height: [0.2]\n"
     )
     path = tmp_path / "s.yaml"
     path.write_text(text)
     runs = plan_runs(load_study(path))
-    members = load_ensemble("car").resample(2)
+    members = load_ensemble("physical").resample(2)
     assert [run.place["member"] for run in runs] == [member.name for member in members]
     assert sum(float(run.place["weight"]) for run in runs) == pytest.approx(1.0)
     cars = [load_scenario("straight", list(run.task.settings)).car for run in runs]

@@ -10,6 +10,8 @@ from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from typer.testing import CliRunner
 
 from aerodima.optimisation import make_turn_nlp, turn_programme
+from aerodima.optimisation.studies.limit_search import LimitSearch
+from aerodima.optimisation.studies.rollover_threshold import FRICTION
 from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.optimisation.swing.motion_search import (
     SCENARIO_CAR,
@@ -30,11 +32,13 @@ from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.control.swing_player import SwingPlayer
 from aerodima.workbench.core.errors import SwingError
 from aerodima.workbench.scenario.swing_file import read_swing, swing_at, write_swing
+from tests.certain_cars import HIGH_BODY
+from tests.optimisation.screening_gate import screened_friction
 from tests.refusals import assert_named, assert_refused
 from tests.workbench.car.reduced.test_turns import plans_of
 
 FEW = MotionSearch(starts=1, knots=6, length=0.6, iterations=5)
-TURN = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
+TURN = load_scenario("turn_designed", (*HIGH_BODY, "car.tyre_friction=1.1"))
 TASK = Task(scenario="turn_designed", training=0, floors=[1.3])
 
 
@@ -260,9 +264,9 @@ def test_a_swing_is_found_from_the_floor_on():
     )
     found = swing.provenance.found
     settings = swing.provenance.settings
-    assert found["car_4.5_1.3_friction"] == pytest.approx(
-        1.3 * 0.85, rel=0.05
-    )  # docs/reproduced.md
+    search = LimitSearch(FRICTION, 0.4, 1.2, 0.1, 0.0125)
+    (critical,) = screened_friction([load_scenario("turn_designed")], search)
+    assert found["car_4.5_1.3_friction"] == pytest.approx(1.3 * critical.survived, rel=0.06)
     turn = load_scenario("turn_designed", (*settings, "tail.mode=swing"))
     run = simulate(
         turn, record="outcome", law=SwingPlayer.from_scenario(swing, turn), stop_when_certain=True

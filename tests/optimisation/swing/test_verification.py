@@ -8,6 +8,7 @@ import yaml
 from aerodima.optimisation.swing.verification import Check, Verification
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.swing_file import read_swing, write_swing
+from tests.certain_cars import HIGH_CAR
 from tests.commands import call, refused
 
 
@@ -40,7 +41,8 @@ def test_each_limit_that_is_broken_is_named_with_its_value(value, limits, kept):
 @pytest.mark.slow
 def test_the_published_swing_is_measured_and_a_report_is_left(tmp_path):
     short = ("--set", "manoeuvre.speed=3.33", "--set", "manoeuvre.duration=3", "--step", 0.002)
-    words = (*VERIFY, "thesis_8_rad_per_s", "--out", tmp_path / "a", *short)
+    car = [word for setting in HIGH_CAR for word in ("--set", setting)]
+    words = (*VERIFY, "thesis_8_rad_per_s", "--out", tmp_path / "a", *car, *short)
     result = call(*words)
     verdict = yaml.safe_load((tmp_path / "a" / "verification.yaml").read_text())
     assert result.exit_code == (0 if verdict["verified"] else 1)

@@ -18,6 +18,7 @@ from aerodima.workbench.metrics.run_summary import summarise
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
 from aerodima.workbench.scenario.scenario import load_scenario
+from tests.certain_cars import HIGH_CAR
 from tests.refusals import assert_refused
 from tests.workbench.car.outcome_study import differences, drawn_cars
 
@@ -59,7 +60,7 @@ def test_trial_of_a_surviving_car_has_the_outcome_and_metrics_of_its_logged_run(
 
 
 def test_flipped_run_stops_once_the_turn_is_over_with_the_metrics_of_the_turn():
-    scenario = turn("none", 3.4)
+    scenario = turn("none", 3.4, *HIGH_CAR)
     runs = [simulate(scenario, record="outcome", stop_when_certain=stop) for stop in (None, False)]
     stopped, whole = (summarise(run, scenario.name) for run in runs)
     end = runs[0].extra[STOPPED]

@@ -8,13 +8,15 @@ import pytest
 from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.scenario.scenario import load_scenario
+from tests.certain_cars import HIGH_CAR
 from tests.workbench.stands import CarStand
 
 FULL_THROTTLE = ("manoeuvre.speed=12.9", "manoeuvre.speed_ramp=0.001", "manoeuvre.duration=1.2")
 
 
 def started(*settings):
-    return simulate(load_scenario("straight", [*FULL_THROTTLE, *settings]), record="outcome")
+    settings = [*HIGH_CAR, *FULL_THROTTLE, *settings]
+    return simulate(load_scenario("straight", settings), record="outcome")
 
 
 @pytest.mark.slow

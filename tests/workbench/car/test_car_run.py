@@ -99,7 +99,8 @@ def test_controller_and_driver_act_at_100_hz(standard_runs):
         assert np.all(rows % 5 == 4), name
         changes += rows.size
     assert changes > 10
-    assert set(log.signal("controller_state")[5:]) == {1.0, 3.0, 4.0}
+    states = {1.0, 3.0, 4.0}
+    assert states <= set(log.signal("controller_state")[5:]) <= {*states, 2.0}
 
 
 def test_controller_at_another_rate(run):

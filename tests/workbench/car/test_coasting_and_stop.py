@@ -19,6 +19,7 @@ from aerodima.workbench.car.reduced.turns import drive_turns
 
 RESISTANCE = 0.04
 FORWARD = STATES.index("v_x")
+STOP = f"tail.roll_stop={math.pi / 2}"
 NO_STOP = "tail.roll_stop=3.1416"
 
 
@@ -59,9 +60,8 @@ def test_throttle_line_is_that_of_the_rolling_car():
 
 
 def test_reduced_car_coasts_alike():
-    scenario = load_scenario(
-        "turn_none", (f"car.rolling_resistance={RESISTANCE}", "manoeuvre.steer_angle=0")
-    )
+    settings = (f"car.rolling_resistance={RESISTANCE}", "car.tyre_slip_angle=0")
+    scenario = load_scenario("turn_none", (*settings, "manoeuvre.steer_angle=0"))
     cars = VehicleParams.from_scenarios([scenario])
     driven = drive_turns(cars, TurnPlans.from_scenarios([scenario]), duration=0.1).last
     speed = float(driven[FORWARD, 0])
@@ -78,7 +78,9 @@ def test_reduced_car_coasts_alike():
 def test_without_a_stop_the_motor_carries_the_tail_that_is_held():
     """At rest kp (q - 90 degrees) = m g l sin q, to the motor's and the joint's friction."""
     settings = ("manoeuvre.speed=0", "manoeuvre.steer_angle=0", "manoeuvre.duration=2.6")
-    resting, free = (load_scenario("turn_held", (*settings, *more)) for more in ((), (NO_STOP,)))
+    resting, free = (
+        load_scenario("turn_held", (*settings, *more)) for more in ((STOP,), (NO_STOP,))
+    )
     cars = VehicleParams.from_scenarios([resting, free])
     weight = float(cars.tail_mass[1] * cars.tail_centre[1]) * free.environment.gravity
     logs = [simulate(scenario) for scenario in (resting, free)]

@@ -9,8 +9,9 @@ from pydrake.math import RigidTransform
 
 from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.metrics.turn_metrics import metrics_of
-from aerodima.workbench.scenario.scenario import load_scenario, scenario_from_dict
+from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.signal_table import WHEELS
+from tests.certain_cars import HIGH_CAR
 from tests.workbench.made_up_runs import both_sides
 from tests.workbench.stands import CarStand
 
@@ -218,7 +219,7 @@ def energy(car):
 def test_energy_never_grows_with_the_drive_off_in_still_air(tail):
     # Dropped from 3 cm at 2 m/s onto still wheels, the tail free to fall from 30 degrees left of
     # upright.
-    car = CarStand(scenario_from_dict({"tail": {"mode": tail}}))
+    car = CarStand(load_scenario(f"turn_{tail}", HIGH_CAR))
     car.place(RigidTransform([0.0, 0.0, 0.03]), (2.0, 0.0, 0.0))
     if tail == "swing":
         car.turn("tail_roll", -0.5)

@@ -18,6 +18,7 @@ from aerodima.workbench.car.tip_up import LIFT_COLUMNS
 from aerodima.workbench.car.verdict import FLIP_TILT, LOADED_FORCE, TWO_WHEELS, side_lift
 from aerodima.workbench.scenario.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.scenario.signal_table import GROUND_CONTACTS, WHEELS
+from tests.certain_cars import HIGH_CAR
 from tests.workbench.stands import CarStand
 
 
@@ -76,7 +77,8 @@ def test_wheels_without_load_are_those_in_the_air():
     began.
     """
     short = ["manoeuvre.rolling_start=true", "manoeuvre.turn_start=0.1", "manoeuvre.duration=1.0"]
-    log = simulate(load_scenario("turn_none", [*short, "manoeuvre.speed=3.4"]), record="outcome")
+    scenario = load_scenario("turn_none", [*HIGH_CAR, *short, "manoeuvre.speed=3.4"])
+    log = simulate(scenario, record="outcome")
     lifts = np.column_stack([log.signal(name) for name in LIFT_COLUMNS])
     loads = np.column_stack([log.signal(f"wheel_force_{wheel}_z_truth_n") for wheel in WHEELS])
     in_air = lifts > 0.0

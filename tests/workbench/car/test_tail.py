@@ -23,6 +23,7 @@ from aerodima.workbench.car.tail_plant import (
     tail_sdf,
 )
 from aerodima.workbench.scenario.scenario import scenario_from_dict
+from tests.certain_cars import HEAVY_TAIL
 
 FRICTIONLESS = {"friction": {"coulomb": 0.0, "viscous": 0.0}}
 OFF = [0.0] * 5
@@ -90,7 +91,9 @@ class ArmOnTheBench:
         self, step=0.002, roll=OFF, angles=(0.0, 0.0), gravity=0.0, pitch=HELD, **overrides
     ):
         self.scenario = scenario_from_dict(
-            {"simulation": {"step": step, "log_rate": 100.0}} | overrides
+            {"simulation": {"step": step, "log_rate": 100.0}}
+            | overrides
+            | {"tail": HEAVY_TAIL | overrides.get("tail", {})}
         )
         builder = DiagramBuilder()
         plant, _ = AddMultibodyPlantSceneGraph(builder, step)
@@ -249,7 +252,9 @@ def test_held_tail_sags_by_its_weight_over_the_gain():
 
 
 def test_motor_cannot_pass_the_stop_of_the_joint():
-    bench = ArmOnTheBench(roll=[3.0, 0.0, 50.0, 2.0, 0.0], angles=(0.0, 1.0))
+    bench = ArmOnTheBench(
+        roll=[3.0, 0.0, 50.0, 2.0, 0.0], angles=(0.0, 1.0), tail={"roll_stop": math.pi / 2}
+    )
     bench.simulator.AdvanceTo(1.0)
     # The stop is a stiff spring: it gives way by less than a hundredth of a radian under the peak
     # torque.

@@ -4,10 +4,13 @@ import shutil
 
 import pytest
 
-from aerodima.workbench.cli.model_check import check_shipped_models
+from aerodima.workbench.car.car_model import car_sdf
+from aerodima.workbench.cli.model_check import check_shipped_models, require_mass_where_drawn
+from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.resources import models_dir
+from aerodima.workbench.scenario.scenario import load_scenario
 from tests.commands import done
-from tests.refusals import assert_named
+from tests.refusals import assert_named, assert_refused
 
 LINK = """
 <link name="{name}"><inertial><mass>{mass}</mass>
@@ -52,6 +55,11 @@ def test_everything_that_ships_passes():
         "coefficients/half_cylinder.yaml",
     )
     assert_named(subjects, named)
+
+
+def test_a_chassis_with_its_mass_above_its_drawn_parts_is_refused():
+    high = car_sdf(load_scenario("turn_none", ["car.com_height=0.28"]))
+    assert_refused(lambda: require_mass_where_drawn(high), ModelError, "chassis", "mm outside")
 
 
 def test_broken_coefficients_and_hardware_parameters_are_found(tmp_path, monkeypatch):
@@ -114,8 +122,11 @@ def test_tail_is_shown_saved_and_drawn(refused, tmp_path):
     picture = tmp_path / "tail.png"
     shown = done("models", "tail", "--out", saved, "--out", picture)
     lines = [line.split() for line in shown.splitlines()]
-    assert ["sail", "plate", "77.87", "0", "0", "0.694", "5"] in lines
-    assert ["mass_g", "174"] in lines
+    tail = load_scenario("turn_swing").tail
+    area = f"{1e4 * tail.sail_length * tail.sail_width:.4g}"
+    middle = f"{tail.length - 0.5 * tail.sail_length:.4g}"
+    assert ["sail", "plate", area, "0", "0", middle, "5"] in lines
+    assert ["mass_g", f"{1e3 * tail.mass:.4g}"] in lines
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert str(saved) in refused("models", "tail", "--out", saved)
     assert ".yaml" in refused("models", "tail", "--out", "tail.jpg")

@@ -4,6 +4,7 @@ import pytest
 
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.view.captions import run_caption
+from tests.certain_cars import HIGH_CAR
 from tests.commands import SHORT, done
 from tests.refusals import assert_named
 
@@ -140,4 +141,5 @@ def test_run_that_ends_before_its_turn_names_the_duration(refused):
 def test_slalom_of_the_thesis_stays_upright_while_it_gathers_speed_and_rolls_over_at_4_m_per_s():
     """The thesis steers while it accelerates (6.1.3), and shows the first second of it."""
     assert "outcome: survived, clean" in done("run", "slalom")
-    assert "outcome: flipped" in done("run", "slalom", "--set", "manoeuvre.duration=6")
+    flags = [word for setting in HIGH_CAR for word in ("--set", setting)]
+    assert "outcome: flipped" in done("run", "slalom", *flags, "--set", "manoeuvre.duration=6")

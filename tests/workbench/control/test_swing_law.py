@@ -16,7 +16,13 @@ from tests.refusals import assert_refused
 INSIDE_LEFT = -math.pi / 2
 """Where the tail waits for a left turn: it lies to the left."""
 
-SETTINGS = SwingSettings.published()
+
+def published(**changes):
+    """The law without the delay, which is a calibrated car's."""
+    return SwingSettings.published(**{"delay": 0.0, **changes})
+
+
+SETTINGS = published()
 LEFT, RIGHT, NONE = 1.0, -1.0, 0.0
 HELD_LEFT = [INSIDE_LEFT, 0.0, 17.0, 5.0, 0.0]
 """Command of a tail that waits for a left turn."""
@@ -51,7 +57,7 @@ def memory_in(state, settings=SETTINGS):
 
 
 def test_published_settings_are_those_of_the_shipped_scenario():
-    assert SwingSettings.from_scenario(load_scenario("turn_swing")) == SETTINGS
+    assert SwingSettings.from_scenario(load_scenario("turn_swing")) == SwingSettings.published()
 
 
 def test_defaults_are_table_6_4_read_with_the_errata():
@@ -131,7 +137,7 @@ def test_what_must_not_trigger(observation):
 
 
 def test_delay_state_waits_with_the_hold_command_even_if_the_yaw_rate_is_gone():
-    settings = SwingSettings.published(delay=0.05)
+    settings = published(delay=0.05)
     observations = [
         see(0.0),
         *(see(0.01 * tick, yaw_rate=1.5 if tick == 10 else 0.0) for tick in range(10, 17)),
@@ -143,7 +149,7 @@ def test_delay_state_waits_with_the_hold_command_even_if_the_yaw_rate_is_gone():
 
 @pytest.mark.parametrize("plan", [NONE, RIGHT])
 def test_withdrawing_the_turn_cancels_the_delay(plan):
-    settings = SwingSettings.published(delay=0.05)
+    settings = published(delay=0.05)
     memory = memory_in("DELAY", settings)
     states, _, _ = run([see(0.52, plan=plan), see(0.60, plan=plan)], settings, memory)
     assert states[0] == ("HOLD" if plan == NONE else "RECOCK")
@@ -174,7 +180,7 @@ def test_blocked_swing_gives_up_instead_of_pushing_for_ever():
 
 
 def test_held_tail_never_swings():
-    settings = SwingSettings.published(mode="held")
+    settings = published(mode="held")
     states, commands, _ = run(
         [see(0.0), *(see(0.1 * k, yaw_rate=4.0) for k in range(1, 20))], settings
     )
@@ -183,7 +189,7 @@ def test_held_tail_never_swings():
 
 
 def test_no_tail_gets_no_command():
-    settings = SwingSettings.published(mode="none")
+    settings = published(mode="none")
     memory, pitch_command, roll_command = SwingLaw(settings).tick(
         SwingMemory(), see(0.0, yaw_rate=4.0)
     )
@@ -242,7 +248,7 @@ def test_change_of_plan_turns_the_recock_round_without_a_jump():
 
 @pytest.mark.parametrize(("roll", "side"), [(-1.4, -1.0), (1.4, 1.0), (0.0, -1.0)])
 def test_without_any_plan_the_tail_is_held_on_the_side_where_it_is(roll, side):
-    settings = SwingSettings.published(ready_angle=2.0)
+    settings = published(ready_angle=2.0)
     _, commands, _ = run([see(0.0, roll, plan=NONE)], settings)
     assert commands[0][0] == side * math.pi / 2
 
@@ -256,7 +262,7 @@ def test_tail_far_from_the_inside_is_led_there_at_the_start():
 @pytest.mark.parametrize("delay", [0.0, 0.03])
 def test_right_turn_is_the_mirror_image_of_the_left_turn(delay):
     """A made-up run through every state; the mirror flips roll, yaw rate and plan."""
-    settings = SwingSettings.published(delay=delay)
+    settings = published(delay=delay)
     rng = np.random.default_rng(3)
     times = 0.01 * np.arange(600)
     rolls = np.interp(times, [0.0, 1.0, 1.4, 3.0, 6.0], [-1.5, -1.5, 1.5, 1.5, -1.5])
@@ -290,9 +296,7 @@ def test_right_turn_is_the_mirror_image_of_the_left_turn(delay):
     ],
 )
 def test_impossible_settings_are_named(key, value, named):
-    assert_refused(
-        lambda: SwingSettings.published(**{key: value}), UserError, key, str(value), *named
-    )
+    assert_refused(lambda: published(**{key: value}), UserError, key, str(value), *named)
 
 
 def other_trigger(
@@ -301,7 +305,7 @@ def other_trigger(
     """State after one look at a tail that waits inside, with another trigger than the yaw rate;
     signals count into the turn.
     """
-    settings = SwingSettings.published(
+    settings = published(
         trigger=trigger, trigger_lateral_acceleration=3.0, trigger_steering_angle=0.1
     )
     memory = run([see(0.0, -plan * math.pi / 2, plan=plan)], settings)[2]

@@ -13,6 +13,7 @@ from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.signal_table import IMU, STATUS, TAIL_STATE
 from tests.refusals import assert_refused
 
+PROMPT = SwingSettings.published(delay=0.0)
 HOLD, SWING, SETTLE = float(SwingState.HOLD), float(SwingState.SWING), float(SwingState.SETTLE)
 
 
@@ -20,7 +21,7 @@ class Bench:
     """The controller with its inputs in hand."""
 
     def __init__(self, law=None):
-        self.controller = TailController(law or SwingLaw())
+        self.controller = TailController(law or SwingLaw(PROMPT))
         self.simulator = Simulator(self.controller)
         self.context = self.simulator.get_mutable_context()
         self.show(roll=-math.pi / 2)
@@ -49,7 +50,7 @@ class CountingLaw:
     """The law, and the times at which it was asked."""
 
     def __init__(self, settings=None):
-        self._law = SwingLaw(settings or SwingSettings.published())
+        self._law = SwingLaw(settings or PROMPT)
         self.rate = self._law.rate
         self.memory_size = self._law.memory_size
         self.start = self._law.start

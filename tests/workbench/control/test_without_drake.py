@@ -13,7 +13,7 @@ from aerodima.workbench.control.tail_law import Observation
 from aerodima.workbench.scenario.signal_table import TAIL_COMMAND
 
 schedule = TurnSchedule(SpeedRamp(3.0, 1.0, ThrottleLine(10.0, 0.0)), 1.0, 0.5, 2.0, 0.5)
-memory, settings = SwingMemory(), SwingSettings.published()
+memory, settings = SwingMemory(), SwingSettings.published(delay=0.0)
 states = []
 for tick, yaw_rate in enumerate((0.0, 0.0, 1.5)):
     driver = schedule.at(0.01 * tick)
@@ -27,7 +27,7 @@ from aerodima.workbench.control.swing_player import SwingPlayer
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.swing_file import read_swing
 
-player = SwingPlayer(read_swing(model_path("swings/thesis_8_rad_per_s.yaml")))
+player = SwingPlayer(read_swing(model_path("swings/thesis_8_rad_per_s.yaml")), settings)
 memory, states = player.start(), []
 for tick, yaw_rate in enumerate((0.0, 0.0, 1.5)):
     observation = Observation(0.01 * tick, yaw_rate, -1.5, 0.0, 1.0, True)

@@ -1,5 +1,6 @@
 import math
 from dataclasses import replace
+from operator import attrgetter
 
 import pytest
 
@@ -42,12 +43,22 @@ def test_a_member_overrides_the_parameters_and_a_setting_overrides_the_member(
 
 
 def test_shipped_ensembles_load_and_every_member_is_a_scenario():
-    assert "car" in shipped_names("calibration")
+    assert shipped_names("calibration") == ["physical", "simulated"]
     for name in shipped_names("calibration"):
         ensemble = load_ensemble(name)
         assert ensemble.best in ensemble.members
         for member in ensemble.members[:4]:
             ensemble.scenario(member, "turn_swing")
+
+
+@pytest.mark.parametrize(
+    ("system", "scenario"),
+    [("simulated", "turn_swing"), ("physical", "field"), ("physical", "auto_turn")],
+)
+def test_the_default_cars_are_the_best_members(system, scenario):
+    car = load_scenario(scenario)
+    for key, value in load_ensemble(system).best.values.items():
+        assert attrgetter(key)(car) == value, key
 
 
 def test_drawn_members_stand_for_all_of_the_weight(tmp_path):
@@ -80,7 +91,11 @@ def test_another_tail_than_the_built_one_keeps_its_size_on_the_car_of_a_member()
 
 
 def test_no_car_is_in_two_parts_of_the_split():
-    ensemble = load_ensemble()
+    shipped = load_ensemble()
+    heavy = next(member for member in shipped.members if member.name != shipped.best.name)
+    light = 0.5 / (len(shipped.members) - 1)
+    members = [replace(m, weight=0.5 if m is heavy else light) for m in shipped.members]
+    ensemble = replace(shipped, members=tuple(members))
     split = ensemble.split(1)
     names = [member.name for part in split for member in part]
     assert sorted(names) == sorted(m.name for m in ensemble.members if m.name != ensemble.best.name)
@@ -89,10 +104,7 @@ def test_no_car_is_in_two_parts_of_the_split():
     # The first cars of all parts are drawn by weight: over many seeds the likeliest car is among
     # them most often.
     first = [part[0] for seed in range(400) for part in ensemble.split(seed)[:1]]
-    heavy = max(
-        (m for m in ensemble.members if m.name != ensemble.best.name), key=lambda m: m.weight
-    )
-    share = heavy.weight / (1.0 - ensemble.best.weight)
+    share = 0.5 / (1.0 - light)
     drawn = sum(member.name == heavy.name for member in first) / len(first)
     assert drawn == pytest.approx(share, abs=4 * math.sqrt(share * (1 - share) / len(first)))
 
@@ -121,6 +133,6 @@ def test_a_wrong_file_is_refused_by_file_member_and_key(tmp_path, old, new, name
     assert_refused(load, EnsembleError, "two.yaml", *named)
 
 
-@pytest.mark.parametrize(("name", "nearest"), [("carr", "'car'"), ("nowhere.yaml", "")])
+@pytest.mark.parametrize(("name", "nearest"), [("fysical", "'physical'"), ("nowhere.yaml", "")])
 def test_an_unknown_name_and_a_missing_file_are_named(name, nearest):
     assert_refused(lambda: load_ensemble(name), EnsembleError, name, nearest)

@@ -60,6 +60,16 @@ def test_empty_file_is_the_nominal_scenario(tmp_path):
     assert load_scenario(tmp_path / "empty.yaml") == scenario_from_dict({})
 
 
+def test_a_file_holds_what_differs_from_its_base(tmp_path):
+    fast = tmp_path / "fast.yaml"
+    fast.write_text("base: turn_swing\nmanoeuvre: {speed: 4.0 m/s}\n")
+    base = load_scenario("turn_swing")
+    assert load_scenario(fast) == base.varied(manoeuvre={"speed": 4.0})
+    faster = tmp_path / "faster.yaml"
+    faster.write_text(f"base: {fast}\n")
+    assert_refused(lambda: load_scenario(faster), ScenarioError, "fast.yaml", "base")
+
+
 def test_settings_override_the_file():
     scenario = load_scenario(
         "turn_none",

@@ -154,7 +154,7 @@ def test_a_car_tips_where_friction_passes_the_static_stability_factor():
     which costs grip.
     """
     words = ("tail.mode=none", "manoeuvre.turn_hold=3.0", "servo.rate=0.3", "manoeuvre.speed=5.0")
-    scenario = load_scenario("turn_designed", words)
+    scenario = load_scenario("turn_designed", ("car.tyre_slip_angle=0", *words))
     car = scenario.car
     friction = np.arange(0.3, 1.2, 0.02)
     stiff = np.full((4, len(friction)), 1e5)
@@ -201,7 +201,7 @@ def test_a_mirrored_car_accelerates_as_its_picture():
     """On the ground, rolling, sliding and leaning, its tail beyond a stop and its motors at their
     limits.
     """
-    cars = cars_of()
+    cars = cars_of("tail.roll_stop=1.571")
     assert np.abs(cars.centre[1]).max() < 1e-9
     rng = np.random.default_rng(6)
     rates = STATES[RATES]

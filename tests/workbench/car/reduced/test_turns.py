@@ -21,6 +21,7 @@ from aerodima.workbench.control.manoeuvre import make_schedule, pulse_angle, whe
 from aerodima.workbench.control.swing_law import SwingSettings
 from aerodima.workbench.control.swing_machine import SwingLaw
 from aerodima.workbench.control.swing_player import RollTrajectory, SwingPlayer
+from tests.certain_cars import HIGH_BODY
 from tests.optimisation.screening_gate import screened_friction
 from tests.refusals import assert_refused
 
@@ -52,9 +53,9 @@ def test_the_law_commands_what_the_one_on_the_car_does(changes):
 
 
 def test_critical_friction_is_that_of_the_full_car():
-    """Figures of the full car, 4.5 m/s, on the same grid: docs/reproduced.md."""
+    """Figures of a full car, 4.5 m/s, on the same grid."""
     full = {"none": 0.5375, "held": 0.4875, "swing": 0.8875}
-    scenarios = [load_scenario("turn_designed", (f"tail.mode={mode}",)) for mode in full]
+    scenarios = [load_scenario("turn_designed", (*HIGH_BODY, f"tail.mode={mode}")) for mode in full]
     found = screened_friction(scenarios, LimitSearch(FRICTION, 0.4, 1.0, 0.1, 0.0125))
     assert all(scenario.simulation.step == STEP for scenario in scenarios)
     assert [each.survived for each in found] == pytest.approx(list(full.values()), rel=0.05)
