@@ -310,9 +310,7 @@ def _fine_runs(rows: Sequence[Row], turn: Turn) -> dict[str, str]:
 
 
 def _parts(parameters: pd.DataFrame) -> list[Any]:
-    """Returns a sentence that compares the parts of the car with the calibrated cars, and their
-    table.
-    """
+    """Compares the parts of the car with the calibrated cars, in a sentence and a table."""
     parts = pd.read_csv(model_path("calibration/parts.csv"))
     cars = parameters.set_index("parameter")
     weights = parts.mass_kg / parts.mass_kg.sum()
@@ -321,11 +319,13 @@ def _parts(parameters: pd.DataFrame) -> list[Any]:
         ("car.com_x", "x of the centre of mass", weights @ parts.x_m, "m"),
         ("car.com_height", "height of the centre of mass", weights @ parts.z_m, "m"),
     )
-    words = [
-        f"{name} {value:.3g} {unit} by the parts, {cars.low[key]:.3g} to {cars.high[key]:.3g} "
-        f"{unit} by the cars (90 %)"
-        for key, name, value, unit in pairs
-    ]
+    words = []
+    for key, name, value, unit in pairs:
+        low, high = cars.loc[key, ["low", "high"]].to_numpy()
+        words.append(
+            f"{name} {value:.3g} {unit} by the parts, {low:.3g} to {high:.3g} {unit} by the cars "
+            "(90 %)"
+        )
     return [f"{'; '.join(words)}.", _table(parts, PART_COLUMNS)]
 
 

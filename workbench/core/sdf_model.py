@@ -127,7 +127,7 @@ class SdfModel:
                 width = 2.0 * float(shape.findtext("radius", "nan"))
                 size = [width, width, float(shape.findtext("length", str(width)))]
             p_VC = signs * size
-            corners.append(X_LV.multiply(p_VC.T).T)
+            corners.append(p_VC @ X_LV.rotation().matrix().T + X_LV.translation())
         return np.concatenate(corners)
 
     def set_link_position(

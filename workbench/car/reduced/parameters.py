@@ -35,6 +35,10 @@ MIN_REGULARISATION_SPEED = 0.01
 """Least slip over which friction is spread, m/s."""
 FAR_UP = 10.0
 """Height of a board that is not there, m."""
+MAX_KNOWN_BODIES = 4000
+"""Cars whose mass properties are remembered."""
+_BODIES: dict[str, dict[str, Any]] = {}
+"""Mass properties by what they depend on."""
 
 
 @dataclass(frozen=True)
@@ -140,16 +144,10 @@ class VehicleParams:
                 knows.
             ModelError: the full car does not load.
         """
-        bodies: dict[str, dict[str, Any]] = {}
         cars = []
         for scenario in scenarios:
             _refuse_unknown(scenario)
-            key = scenario.model_dump_json(
-                include={"car", "tail", "tail_motor", "environment", "drive"}
-            )
-            if key not in bodies:
-                bodies[key] = _bodies(scenario)
-            cars.append(_car(scenario) | _tail(scenario) | bodies[key])
+            cars.append(_car(scenario) | _tail(scenario) | _known_bodies(scenario))
         return cls(
             **{
                 name: np.stack([np.array(car[name], float) for car in cars], axis=-1)
@@ -230,6 +228,21 @@ def _car(scenario: Scenario) -> dict[str, Any]:
 def _both_sides(front: float, rear: float) -> list[float]:
     """Returns the numbers of the four wheels of two axles."""
     return [front, front, rear, rear]
+
+
+def _known_bodies(scenario: Scenario) -> dict[str, Any]:
+    """Returns `_bodies`, which are the same on all tyres and take most of the time of a car that
+    drives once.
+    """
+    key = scenario.model_dump_json(
+        include={"car", "tail", "tail_motor", "environment", "drive"},
+        exclude={"car": {"tyre_friction", "tyre_slip_angle"}, "drive": {"governor"}},
+    )
+    if key not in _BODIES:
+        if len(_BODIES) >= MAX_KNOWN_BODIES:
+            _BODIES.clear()
+        _BODIES[key] = _bodies(scenario)
+    return _BODIES[key]
 
 
 def _bodies(scenario: Scenario) -> dict[str, Any]:
