@@ -18,6 +18,13 @@ from .car.car_diagram import assemble as assemble
 from .car.car_station import make_car_station as make_car_station
 from .car.clearance import make_range_of_motion as make_range_of_motion
 from .car.roll_estimator import RollEstimator as RollEstimator
+from .car.swerve import Swerve as Swerve
+from .car.swerve import aside as aside
+from .car.swerve import centre_aside as centre_aside
+from .car.swerve import course_change as course_change
+from .car.swerve import energy as energy
+from .car.swerve import sustained as sustained
+from .car.swerve import swerve_of as swerve_of
 from .car.tail_file import read_tail as read_tail
 from .car.tail_file import write_tail as write_tail
 from .car.tail_plant import tail_geometry as tail_geometry
