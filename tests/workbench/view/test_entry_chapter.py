@@ -1,36 +1,15 @@
-"""The entry speeds that the demo begins with: choice, suite and table go together, and what the
+"""The entry speeds that the demo begins with: choice and table go together, and what the
 page says.
 """
 
 import pandas as pd
 
-from aerodima.optimisation.judge.suite import (
-    MANOEUVRES,
-    NAMED_CANDIDATES,
-    make_surfaces,
-    select_manoeuvres,
-)
-from aerodima.optimisation.studies.runs import FINE_STEP, step_settings
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.ensemble import load_ensemble
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.view import entry_chapter as chapter
 
 CHOSEN = chapter.load_shown_entry()
-
-
-def test_what_is_shown_is_what_the_suite_drives():
-    (key,) = [key for key, one in MANOEUVRES.items() if one.name == CHOSEN.manoeuvre]
-    (driven,) = select_manoeuvres([key], "designed")
-    assert CHOSEN.scenario == driven.scenario
-    car = next(
-        one for one in load_ensemble(CHOSEN.ensemble).split(1).test if one.name == CHOSEN.car
-    )
-    ((_, floor),) = make_surfaces([car], [float(CHOSEN.floor.removeprefix("x "))])
-    assert CHOSEN.floor == floor.name
-    assert tuple(CHOSEN.settings) == (*driven.settings, *floor.settings, *step_settings(FINE_STEP))
-    known = {one.name: one.settings for one in NAMED_CANDIDATES.values()}
-    assert all(known[one.name] == tuple(one.settings) for one in CHOSEN.candidates)
 
 
 def test_the_shipped_table_has_what_is_shown():

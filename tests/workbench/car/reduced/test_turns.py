@@ -9,7 +9,7 @@ import pytest
 
 from aerodima.optimisation.studies.limit_search import LimitSearch
 from aerodima.optimisation.studies.rollover_threshold import FRICTION
-from aerodima.optimisation.swing.motion_search import steered_swing
+from aerodima.optimisation.swing.solution import steered_swing
 from aerodima.workbench import Observation, UserError, load_scenario, metrics_of, simulate
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.rollout import STEP
@@ -142,7 +142,7 @@ def played():
     travel = 2.0 * turn.controller.hold_angle
     roll = travel * (phase**2 * (3.0 - 2.0 * phase) - 0.5)
     rate = 6.0 * travel * phase * (1.0 - phase) / 0.6
-    return steered_swing("played", turn, time, roll, rate, provenance={"source": ""})
+    return steered_swing("played", turn, time, roll, rate, 0.0, {"source": ""})
 
 
 def plans_of(scenario, swing):

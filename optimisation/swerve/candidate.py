@@ -7,6 +7,7 @@ and controller alone: a candidate may not bring another car, floor or driver.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import yaml
@@ -27,8 +28,12 @@ Settings = tuple[str, ...]
 ALLOWED_SECTIONS = ("tail.", "controller.", "feedback.")
 """A setting of a candidate begins with one of these."""
 SWINGING = ("tail.mode=swing", "controller.swing_file=none")
+SWERVE = "swerve"
+"""Scenario of a swerve."""
 LOW_MASS_HEIGHT = 0.07
 """Height at which a mass is low in the car, m: about that of the axles."""
+BALLAST_PLACES = (0.0, 0.01, 0.02, 0.03)
+"""How far low ballast moves the centre of mass of the car back, m."""
 
 
 @dataclass(frozen=True)
@@ -39,14 +44,18 @@ class Candidate:
         name: in tables and pictures.
         settings: overrides of any turn.
         by_speed: further settings by speed of the turn, m/s; those of the nearest speed are taken.
-        ballast: further settings of a car, from its scenario; None changes nothing.
+        ballasts: further settings of a car, from its scenario, of which the best are taken; none
+            changes nothing.
+        limit: lateral acceleration of the kinematic car to which a driver at full lock is limited,
+            m/s2; None lets the driver steer at will.
         law: `FILE:CLASS` of the law that drives the tail instead of the scenario's; empty for that.
     """
 
     name: str
     settings: Settings
     by_speed: Mapping[float, Settings] = field(default_factory=dict, hash=False)
-    ballast: Callable[[Scenario], Settings] | None = None
+    ballasts: tuple[Callable[[Scenario], Settings], ...] = ()
+    limit: float | None = None
     law: str = ""
 
     def at(self, speed: float) -> Settings:
@@ -57,9 +66,10 @@ class Candidate:
         return (*self.settings, *self.by_speed[nearest_speed])
 
 
-def low_ballast(scenario: Scenario) -> Settings:
+def low_ballast(scenario: Scenario, back: float = 0.0) -> Settings:
     """Returns the settings of the car without tail, its gearbox with both motors `LOW_MASS_HEIGHT`
-    above the ground and the arm's mass with it.
+    above the ground and the arm's mass with it, both so far back that the centre of mass of the car
+    moves back by `back`, m.
     """
     car = scenario.car
     tail = scenario.tail
@@ -72,16 +82,20 @@ def low_ballast(scenario: Scenario) -> Settings:
     z = car.mass * car.com_height + car.gearbox_mass * lowered + arm * LOW_MASS_HEIGHT
     return (
         f"car.mass={total!r}",
-        f"car.com_x={x!r}",
+        f"car.com_x={x - back!r}",
         f"car.com_height={z / total!r}",
         f"tail.mount_height={tail.mount_height + lowered!r}",
     )
 
 
 NO_TAIL = Candidate("no tail", ("tail.mode=none",))
-HELD = Candidate("held", ("tail.mode=held",))
-THESIS = Candidate("thesis, 8 rad/s", (*SWINGING, "controller.swing_speed=8.0"))
-LOW_BALLAST = Candidate("no tail, its mass low", NO_TAIL.settings, ballast=low_ballast)
+LIMITED = Candidate("no tail, steering limit", NO_TAIL.settings, limit=0.0)
+"""The limit is tuned on training cars before a comparison."""
+LOW_BALLAST = Candidate(
+    "low ballast",
+    NO_TAIL.settings,
+    ballasts=tuple(partial(low_ballast, back=back) for back in BALLAST_PLACES),
+)
 
 
 class ListedCandidate(StrictModel):

@@ -1,13 +1,16 @@
-"""Candidates from names and files, the ballast of one, and what a task refuses."""
+"""Candidates from names and files, the ballast of one, and what is refused."""
 
 import pytest
 
-from aerodima.optimisation.judge.candidate import HELD, LOW_MASS_HEIGHT, NO_TAIL, low_ballast
-from aerodima.optimisation.judge.suite import select_candidates
-from aerodima.optimisation.swing.task import Task, TaskSurface, load_task
+from aerodima.optimisation.swerve.candidate import (
+    LOW_BALLAST,
+    LOW_MASS_HEIGHT,
+    NO_TAIL,
+    low_ballast,
+)
+from aerodima.optimisation.swerve.suite import select_candidates
 from aerodima.workbench.car.car_model import chassis_centre, gearbox_height
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.scenario.ensemble import Member
 from aerodima.workbench.scenario.scenario import load_scenario
 from tests.refusals import assert_refused
 
@@ -43,11 +46,20 @@ def test_a_list_of_candidates_brings_tail_and_controller_alone(tmp_path, was, be
 
 
 def test_candidates_that_ship_take_part_by_name():
-    bare, held, best = select_candidates(["none", "held", "best_swing"])
-    assert (bare, held) == (NO_TAIL, HELD)
-    assert "controller.pitch_angle=0.593" in best.settings
+    bare, folded = select_candidates(["none", "folded"])
+    assert bare == NO_TAIL
+    assert "feedback.roll_gain=0" in folded.settings
     _, thesis = select_candidates(["thesis_8_rad_per_s"])
     assert any(setting.startswith("controller.swing_file=") for setting in thesis.settings)
+
+
+def test_the_place_of_low_ballast_is_swept():
+    """Further back moves the centre of mass of the car and nothing else."""
+    car = load_scenario("swerve")
+    places = [load_scenario("swerve", ballast(car)).car for ballast in LOW_BALLAST.ballasts]
+    back = [places[0].com_x - place.com_x for place in places]
+    assert back == pytest.approx([0.0, 0.01, 0.02, 0.03])
+    assert len({place.com_height for place in places}) == 1
 
 
 def test_low_ballast_moves_gearbox_and_arm_and_leaves_the_chassis():
@@ -66,29 +78,11 @@ def test_low_ballast_moves_gearbox_and_arm_and_leaves_the_chassis():
     assert (m1 * z1 - m0 * z0) / arm == pytest.approx(LOW_MASS_HEIGHT, abs=2e-3)
 
 
-def test_friction_of_a_floor_is_its_share_of_the_critical_one():
-    floor = TaskSurface(Member("own", 1.0, {}), 4.5, 1.3, 0.85)
-    assert floor.friction == pytest.approx(1.3 * 0.85)
-    assert floor.setting == "car.tyre_friction=1.105"
-
-
 @pytest.mark.parametrize(
     ("wrong", "named"),
     [
-        (lambda: select_candidates(["best_swin"]), ("best_swin", "best_swing")),
-        (lambda: select_candidates(["hold"]), ("hold", "held")),
-        (lambda: select_candidates(["held", "held"]), ("held",)),
-        (lambda: Task(training=999).training_cars, ("training", "999")),
-        (lambda: Task(speeds=[4.5, 4.5]), ("speed", "4.5")),
-        (lambda: Task(floors=[1.3, 1.1, 1.3]), ("floor", "1.3")),
-        (lambda: Task(floors=[9.0]), ("floor", "9", "0.2", "3")),
-        (lambda: Task(steering=(-2.0, 20.0)), ("steering", "-2", "20")),
-        (lambda: Task(scenario="slalom"), ("slalom", "manoeuvre.kind")),
-        (lambda: Task(scenario="entry_twice"), ("entry_twice", "manoeuvre.turns", "2")),
-        (lambda: Task(steering=(2.0, 40.0)), ("manoeuvre.steer_angle",)),
-        (lambda: load_task("short_turns"), ("short_turns",)),
-        (lambda: load_task("short_turn", ["pulse=5"]), ("pulse", "5")),
-        (lambda: load_task("short_turn", ["car=3"]), ("--set car=3",)),
+        (lambda: select_candidates(["folde"]), ("folde", "folded")),
+        (lambda: select_candidates(["folded", "folded"]), ("folded",)),
     ],
 )
 def test_wrong_input_is_named(wrong, named):
