@@ -151,9 +151,9 @@ def judge(
     candidate: Annotated[
         list[str] | None,
         typer.Option(
-            help="none, limited, low-ballast, folded, feedback, bound, a swing, or a file of "
-            "candidates; may be repeated; by default the first six. The car without tail always "
-            "takes part.",
+            help="none, limited, low-ballast, folded, held, published, feedback, bound, a swing, "
+            "or a file of candidates; may be repeated; by default the first eight. The car without "
+            "tail always takes part.",
             autocompletion=lambda: _suite("NAMED_CANDIDATES"),
         ),
     ] = None,
@@ -166,6 +166,12 @@ def judge(
     ] = None,
     cars: TestCars = 4,
     step: Step = 0.0005,
+    reduced: Annotated[
+        bool, typer.Option("--reduced", help="Reduced cars alone: minutes instead of hours.")
+    ] = False,
+    further: Annotated[
+        int, typer.Option(help="Full runs with which each candidate is searched on.", min=0)
+    ] = 0,
     standard: Annotated[
         bool, typer.Option("--standard", help="Also drive NHTSA's fishhook and J-turn.")
     ] = False,
@@ -198,7 +204,8 @@ def judge(
             seed=options.seed,
             folder=out,
             runs=runs,
-            step=step,
+            step=None if reduced else step,
+            further=0 if reduced else further,
             **arguments,
         )
         if standard:

@@ -80,7 +80,7 @@ def knots_of(swing: SwingFile, count: int) -> RollTrajectory:
     knots = [np.outer(swing.knots.time_s, one)]
     knots += [np.outer(values, one) for values in swing.knots.states("roll")]
     gains = [phase.roll.kp, phase.roll.kd, phase.pitch.kp, phase.pitch.kd]
-    return RollTrajectory(one, *knots, *[gain * one for gain in gains])
+    return RollTrajectory(*knots, *[gain * one for gain in gains])
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from aerodima.workbench.car.reduced.swerves import LEVELS, STEERING
 from aerodima.workbench.car.swerve import Swerve
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.scenario.scenario import Scenario
 
 MIN_FIRST_LEVEL = 0.012
@@ -43,19 +44,18 @@ class SearchEffort:
     Attributes:
         members: of a generation.
         generations: beside the first one.
-        seed: of all draws.
+        searches: so many, each with a seed of its own, of which the best is taken.
+        seed: of the first search; the others have those after it.
     """
 
     members: int = 60
     generations: int = 30
+    searches: int = 2
     seed: int = 1
 
     def __post_init__(self) -> None:
-        if self.members < MIN_MEMBERS or self.generations < 0:
-            raise SweepError(
-                f"{self.members} members, {self.generations} generations: must be at least "
-                f"{MIN_MEMBERS} and 0"
-            )
+        for name, low in (("members", MIN_MEMBERS), ("generations", 0), ("searches", 1)):
+            check_range(name, getattr(self, name), low, math.inf, NO_UNIT, error=SweepError)
 
 
 def search_steering(
@@ -76,8 +76,6 @@ def search_steering(
         The score, see `aims.score`, and the steering (`STEERING`,).
     """
     low, high = steering_ranges(limit)
-    generator = np.random.default_rng(effort.seed)
-    first = (draw_steering(generator, effort.members, limit) - low) / (high - low)
 
     def points(shares: FloatArray) -> FloatArray:
         return possible_steering(low + shares.T * (high - low), limit)
@@ -85,7 +83,11 @@ def search_steering(
     def cost(shares: FloatArray) -> FloatArray:
         return -score(drive(points(shares).T), aim)
 
-    least, shares = evolve(cost, first, effort.generations, effort.seed)
+    results = []
+    for seed in range(effort.seed, effort.seed + effort.searches):
+        drawn = draw_steering(np.random.default_rng(seed), effort.members, limit)
+        results.append(evolve(cost, (drawn - low) / (high - low), effort.generations, seed))
+    least, shares = min(results, key=lambda result: result[0])
     return -least, points(shares[:, None])[0]
 
 

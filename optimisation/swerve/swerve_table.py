@@ -19,7 +19,7 @@ from aerodima.workbench.core.text_table import text_table
 from aerodima.workbench.view.figure_style import BLUE, SKY, new_figure, styled
 from aerodima.workbench.view.report_page import Page, Plot, Section, Table
 
-GROUP = ["tail", "floor", "aim", "speed_m_per_s"]
+GROUP = ["plant", "tail", "floor", "aim", "speed_m_per_s"]
 """Columns that name a comparison."""
 PLACE = [*GROUP, "car"]
 """Columns that name a swerve; every candidate has one row in each."""
@@ -110,15 +110,15 @@ def swerve_page(table: pd.DataFrame, summary: pd.DataFrame) -> Page:
         sections.append(Section(title, [plot, Table(_HEADER, _cells(own))]))
     cars = ", ".join(dict.fromkeys(table["car"]))
     lead = (
-        f"Each candidate with its own best steering, on the full car; cars {cars}. Values count "
-        "where the car is straight at the start and upright to the end."
+        f"Each candidate with its own best steering; cars {cars}. Values count where the car is "
+        "straight at the start, upright to the end, and straight again there."
     )
     return Page("Swerves", lead, sections)
 
 
 def _title(names: Any) -> str:
-    tail, floor, aim, speed = names
-    return f"{aim} at {speed:g} m/s, {tail} tail, friction {floor}"
+    plant, tail, floor, aim, speed = names
+    return f"{aim} at {speed:g} m/s, {plant} cars, {tail} tail, friction {floor}"
 
 
 def _cells(summary: pd.DataFrame) -> list[tuple[str, ...]]:

@@ -2,8 +2,8 @@
 together, on reduced cars.
 
 Starts of the nonlinear program (`swerve_nlp`) are the best of a differential evolution over all its
-variables, the best of its first generation, and the steerings of candidates with the same tail,
-so that the bound is never below one whose motion its variables contain.
+variables, the best of its first generation, and motions and steerings of candidates with the same
+tail, so that the bound is not below one whose motion its variables contain.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def find_bound(
     aim: Aim | Callable[[Swerve], FloatArray] | str = "aside-0.5",
     limits: Sequence[Limit] = (),
     effort: BoundEffort | None = None,
-    candidates: Sequence[tuple[float, FloatArray]] = (),
+    candidates: Sequence[tuple[FloatArray, FloatArray]] = (),
     extend: Callable[[SwerveNlp], None] | None = None,
 ) -> Bound:
     """Searches steering and motion of the tail that are best for one car, or one motion for many.
@@ -116,8 +116,8 @@ def find_bound(
         aim: to be large: a name, or a function of `Swerve` that returns a number per car (n,).
         limits: beside those of every swerve.
         effort: how much is tried; by default `BoundEffort()`.
-        candidates: pitch of a tail that does not roll (rad), and steering (`STEERING`,), from which
-            the program starts, too.
+        candidates: motion of a tail, its pitch and its roll at the knots after the first
+            (`KNOTS`,), rad, and steering (`STEERING`,), from which the program starts, too.
         extend: adds costs and constraints to the program before it is solved.
 
     Raises:
@@ -129,7 +129,7 @@ def find_bound(
     program = SwerveNlp(shooting, chosen.size)
     if extend is not None:
         extend(program)
-    starts = [_still(shooting, pitch, steering) for pitch, steering in candidates]
+    starts = [_start_of(shooting, tail, steering) for tail, steering in candidates]
     starts += _first_search(shooting, effort)
     solutions = [program.solve(start, effort.iterations, effort.solver) for start in starts]
     best = best_of(solutions)
@@ -138,11 +138,10 @@ def find_bound(
     return Bound(tuple(scenarios), program, best)
 
 
-def _still(shooting: SwerveShooting, pitch: float, steering: FloatArray) -> FloatArray:
-    """Returns the scaled variables of a tail that does not roll, and one steering of all cars."""
+def _start_of(shooting: SwerveShooting, tail: FloatArray, steering: FloatArray) -> FloatArray:
+    """Returns the scaled variables of a motion of the tail, and one steering of all cars."""
     variables = shooting.variables
-    rolls = np.zeros(len(KNOTS) - 1)
-    return np.concatenate([[pitch], rolls, *[steering] * variables.members]) / variables.units
+    return np.concatenate([tail, *[steering] * variables.members]) / variables.units
 
 
 def _first_search(shooting: SwerveShooting, effort: BoundEffort) -> list[FloatArray]:

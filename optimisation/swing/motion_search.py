@@ -14,7 +14,8 @@ from aerodima.optimisation.studies.runs import FINE_STEP, CachedRunner
 from aerodima.optimisation.swerve.aims import find_aim
 from aerodima.optimisation.swerve.suite import BOUND, SUITE, ensemble_cases, select_candidates
 from aerodima.optimisation.swing.bound import BoundEffort, find_bound
-from aerodima.optimisation.swing.comparison import Descent, compare_swerves, drive_shares
+from aerodima.optimisation.swing.comparison import compare_swerves
+from aerodima.optimisation.swing.full_runs import Descent, drive_shares
 from aerodima.optimisation.swing.solution import AIM_VALUE, solution_swing
 from aerodima.optimisation.swing.swerve_nlp import steering_of
 from aerodima.optimisation.swing.swerve_shooting import LIMITS, Limit

@@ -28,6 +28,7 @@ from aerodima.optimisation.swerve.steering import (
     FIRST_ENDS,
     MIN_FIRST_LEVEL,
     SECOND_ENDS,
+    TICK,
 )
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.swerves import LEVELS, STEERING, PlayedSwerve, drive_swerves
@@ -198,6 +199,15 @@ def midway() -> FloatArray:
     return middles
 
 
+def tail_at_knots(swerve: Swerve) -> FloatArray:
+    """Returns the pitch of a tail when the steering starts, and its roll at the knots after the
+    first (`KNOTS`,), rad, of a swerve of one car.
+    """
+    pitch, roll = swerve.tail[:, 0, 0], swerve.tail[:, 1, 0]
+    rolls = [swerve.at(roll, TICK + knot) for knot in KNOTS[1:]]
+    return np.array([swerve.at(pitch, 0.0), *rolls], dtype=np.float64)
+
+
 class Evaluation(NamedTuple):
     """Evaluation at some variables.
 
@@ -264,7 +274,7 @@ class SwerveShooting:
         rolls = np.concatenate([np.zeros((1, count)), rolls])
         one = np.ones(count)
         gains = [gain * one for gain in (*FOLLOW_GAINS.values(), *FOLLOW_GAINS.values())]
-        knots = RollTrajectory(one, np.outer(KNOTS, one), rolls, knot_rates() @ rolls, *gains)
+        knots = RollTrajectory(np.outer(KNOTS, one), rolls, knot_rates() @ rolls, *gains)
         cars = self.cars.take(members)
         rollout = PlayedSwerve(cars, self.scenario, steering, pitch[0], knots)
         return drive_swerves(rollout, self.scenario)

@@ -48,7 +48,8 @@ def judge(
     runs: CachedRunner | None = None,
     steering_effort: SearchEffort | None = None,
     bound_effort: BoundEffort | None = None,
-    step: float = FINE_STEP,
+    step: float | None = FINE_STEP,
+    further: int = 0,
 ) -> pd.DataFrame:
     """Compares candidates in swerves on test cars, each with its own best steering.
 
@@ -63,7 +64,9 @@ def judge(
         folder: of runs and swings; the same call goes on in it.
         runs: where searches and runs are made; by default two workers that keep them in the folder.
         steering_effort, bound_effort: of the searches.
-        step: of the plant of the full car, s; a claim needs the fine one.
+        step: of the plant of the full car, s; a claim needs the fine one. None compares reduced
+            cars alone.
+        further: so many full runs with which each candidate is searched on.
 
     Returns:
         The table of `compare_swerves`; `summarise_swerves` makes medians and intervals of it.
@@ -81,6 +84,7 @@ def judge(
             steering_effort=steering_effort,
             bound_effort=bound_effort,
             step=step,
+            further=further,
         )
 
 

@@ -136,9 +136,7 @@ class TurnRollout(Rollout):
         # A controller sees what the driver gave a tick ago.
         steering = pulse_angle(plans.pulse, time - 1.0 / law.rate + TICK_TOLERANCE)
         signal = np.where(law.by_steering > 0.0, steering, yaw_rate)
-        elapsed = time - self._since + EPSILON
-        over = is_over(law, roll - self._start_roll, elapsed)
-        over = np.where(plans.knots.plays > 0.0, elapsed >= plans.knots.time[-1], over)
+        over = is_over(law, roll - self._start_roll, time - self._since + EPSILON)
         phase = next_phase(
             SwingPhase(self._phase, self._since, self._start_roll),
             time,
@@ -149,23 +147,9 @@ class TurnRollout(Rollout):
         )
         self._phase, self._since, self._start_roll = phase
         self.trigger = np.where(phase.state == SwingState.SWING, phase.since, self.trigger)
-        self._follow(time)
-
-    def _follow(self, time: Any) -> None:
-        """Commands what the law or the knots want in the present state."""
-        law = self._plans.law
-        knots = self._plans.knots
-        state = self._phase
-        swings = (state == SwingState.SWING) | (state == SwingState.SETTLE)
-        plays = swings & (knots.plays > 0.0)
-        roll = np.where(
-            plays,
-            np.stack(knots.command(time - self.trigger, law.rate)),
-            np.stack(roll_command(law, state, LEFT)),
-        )
-        kp = np.where(plays, knots.pitch_kp, law.hold_kp)
-        kd = np.where(plays, knots.pitch_kd, law.hold_kd)
-        self._command(np.stack([law.pitch_angle, np.zeros_like(kp), kp, kd]), roll)
+        still = np.zeros_like(law.hold_kp)
+        pitch = np.stack([law.pitch_angle, still, law.hold_kp, law.hold_kd])
+        self._command(pitch, np.stack(roll_command(law, phase.state, LEFT)))
 
     def step(self, time: Any) -> tuple[FloatArray, ...]:
         """Drives one step and returns what `HISTORY` names."""
