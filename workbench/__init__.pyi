@@ -47,8 +47,6 @@ from .scenario.rig_scenario import load_rig_scenario as load_rig_scenario
 from .scenario.scenario import Scenario as Scenario
 from .scenario.scenario import load_scenario as load_scenario
 from .view.coefficient_figures import plot_coefficients as plot_coefficients
-from .view.entry_chapter import entry_medians as entry_medians
-from .view.entry_chapter import load_shown_entry as load_shown_entry
 from .view.filmstrip import filmstrip_figure as filmstrip_figure
 from .view.filmstrip import strip_figure as strip_figure
 from .view.model_figures import draw_diagram as draw_diagram
@@ -59,5 +57,8 @@ from .view.notebook_cells import sliders as sliders
 from .view.observed_run import observe as observe
 from .view.run_figures import plot_overlay as plot_overlay
 from .view.run_figures import plot_turn as plot_turn
+from .view.swerve_chapter import load_shown_swerve as load_shown_swerve
+from .view.swerve_chapter import stored_swerves as stored_swerves
+from .view.swerve_chapter import swerve_medians as swerve_medians
 
 __version__: str

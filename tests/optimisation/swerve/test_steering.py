@@ -22,7 +22,7 @@ from aerodima.optimisation.swerve.steering import (
     steering_settings,
 )
 from aerodima.optimisation.swerve.steering_limit import ACCELERATIONS, tune_limit
-from aerodima.optimisation.swerve.suite import ensemble_cases
+from aerodima.optimisation.swerve.suite import ensemble_cases, select_candidates
 from aerodima.workbench.car.reduced.swerves import LEVELS
 from aerodima.workbench.car.swerve import counts
 from aerodima.workbench.core.errors import SweepError
@@ -70,6 +70,28 @@ def test_the_best_steering_counts_and_beats_every_constant_angle(car):
     values = score(car.drive(constant), AIMS["aside-0.5"])
     assert (values <= FAILED).any()  # the largest angles tip this car
     assert value >= values.max()
+
+
+def test_more_searches_are_never_worse_and_the_first_of_them_is_that_of_one(car):
+    aim = AIMS["aside-0.5"]
+    alone = [
+        search_steering(car.drive, aim, LIMIT, SearchEffort(16, 2, 1, seed)) for seed in (1, 2)
+    ]
+    best, _ = search_steering(car.drive, aim, LIMIT, SearchEffort(16, 2, 2, 1))
+    assert best == max(value for value, _ in alone)
+
+
+@pytest.mark.parametrize(("name", "side"), [("held", -1.0), ("published", 1.0)])
+def test_motions_of_the_thesis_begin_in_the_middle_when_the_steering_does(name, side):
+    (case,) = ensemble_cases("physical", "test", 1, "built", [1.0])
+    _, candidate = select_candidates([name])
+    settings = (*case.settings(), *candidate.settings, "manoeuvre.speed=6.0")
+    steering = np.array([0.02, 0.02, 0.02, 0.2, 0.4])[:, None]
+    swerve = ReducedSwerve(load_scenario("swerve", settings)).drive(steering)
+    roll = swerve.tail[:, 1, 0]
+    assert roll[~swerve.steered] == pytest.approx(0.0, abs=0.01)
+    assert roll[swerve.time > 0.6] == pytest.approx(side * np.pi / 2, abs=0.1)
+    assert np.abs(np.diff(roll)).max() < 0.002 * 12.0  # it follows 8 rad/s
 
 
 def test_a_limit_of_the_steering_holds_on_every_car_and_the_next_one_does_not():

@@ -26,7 +26,8 @@ def table(values=VALUES):
     rows = []
     for candidate, own in values.items():
         for number, value in enumerate(own):
-            place = {"tail": "built", "floor": "x 1", "aim": "aside-0.5", "speed_m_per_s": 6.0}
+            place = {"plant": "full", "tail": "built", "floor": "x 1", "aim": "aside-0.5"}
+            place["speed_m_per_s"] = 6.0
             rows.append(place | {"candidate": candidate, "car": f"car{number}", "value": value})
     return pd.DataFrame(rows).astype({"value": float})
 

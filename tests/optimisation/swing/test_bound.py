@@ -14,6 +14,7 @@ from aerodima.optimisation.swing.swerve_shooting import (
     SwerveShooting,
     knot_rates,
     midway,
+    tail_at_knots,
 )
 from aerodima.workbench.car.swerve import aside, energy
 from aerodima.workbench.core.errors import SwingError
@@ -22,7 +23,8 @@ from aerodima.workbench.scenario.swing_file import hermite, write_swing
 from tests.refusals import assert_refused
 
 FEW = BoundEffort(members=24, generations=1, starts=1, iterations=4)
-STILL = (-1.05, np.array([0.06, 0.04, 0.02, 0.2, 0.4]))
+LYING = np.append(-1.05, np.zeros(len(KNOTS) - 1))
+STILL = (LYING, np.array([0.06, 0.04, 0.02, 0.2, 0.4]))
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +51,7 @@ def test_slopes_are_those_of_differences(scenario):
     shooting = SwerveShooting.from_scenarios([scenario], AIMS["aside-0.5"])
     generator = np.random.default_rng(4)
     rolls = 0.1 * generator.standard_normal(len(KNOTS) - 1)
-    x = np.concatenate([[STILL[0]], rolls, STILL[1]]) / shooting.variables.units
+    x = np.concatenate([LYING[:1], rolls, STILL[1]]) / shooting.variables.units
     evaluation = shooting.at(x)
     direction = generator.standard_normal(x.size)
     step = 1e-6
@@ -75,11 +77,23 @@ def test_the_bound_is_not_below_a_candidate_and_plays_what_it_claims(settings, s
     steering = steering_of(bound.program, solution.x)[:, None]
     values = score(ReducedSwerve(played).drive(steering), aim)
     assert values == pytest.approx(solution.aims, abs=1e-6)
-    still = np.concatenate([[STILL[0]], np.zeros(len(KNOTS) - 1), STILL[1]])
     shooting = bound.program.shooting
-    start = still / shooting.variables.units
+    start = np.concatenate(STILL) / shooting.variables.units
     assert solution.aims[0] > shooting.at(start).aims[0] + 0.01
     assert list(bound.table["level_1"]) == pytest.approx([steering[0, 0]])
+
+
+def test_the_motion_of_a_candidate_is_one_that_the_program_can_play(settings, scenario):
+    """The tail that goes to the inside and stays there, from its knots: 5 mm aside of the file's."""
+    file = (*settings, "controller.swing_file=inside_8_rad_per_s")
+    steering = np.array([0.03, 0.02, 0.01, 0.2, 0.4])
+    swerve = ReducedSwerve(load_scenario("swerve", file)).drive(steering[:, None])
+    tail = tail_at_knots(swerve)
+    assert tail[0] == pytest.approx(0.0, abs=0.02)
+    assert tail[-1] == pytest.approx(-np.pi / 2, abs=0.05)
+    shooting = SwerveShooting.from_scenarios([scenario], AIMS["aside-0.5"])
+    x = np.concatenate([tail, steering]) / shooting.variables.units
+    assert shooting.at(x).aims == pytest.approx(aside(swerve), abs=5e-3)
 
 
 def test_an_aim_and_limits_of_the_user_are_kept(scenario):

@@ -12,7 +12,6 @@ from aerodima.optimisation.swerve.candidate import write_candidates
 from aerodima.optimisation.swerve.reduced_swerves import ReducedSwerve
 from aerodima.optimisation.swerve.steering import steering_settings
 from aerodima.optimisation.swerve.suite import FEEDBACK, ensemble_cases, select_candidates
-from aerodima.optimisation.swing.comparison import FullRun, drive_full
 from aerodima.optimisation.swing.feedback_training import (
     RANGES,
     LawBatch,
@@ -25,6 +24,7 @@ from aerodima.optimisation.swing.feedback_training import (
     shares_of,
     train_feedback,
 )
+from aerodima.optimisation.swing.full_runs import FullRun, drive_full
 from aerodima.workbench.car.swerve import swerve_row
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.scenario import load_scenario
