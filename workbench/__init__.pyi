@@ -24,6 +24,7 @@ from .car.swerve import centre_aside as centre_aside
 from .car.swerve import course_change as course_change
 from .car.swerve import energy as energy
 from .car.swerve import sustained as sustained
+from .car.swerve import swerve_counts as swerve_counts
 from .car.swerve import swerve_of as swerve_of
 from .car.tail_file import read_tail as read_tail
 from .car.tail_file import write_tail as write_tail

@@ -12,10 +12,10 @@ from aerodima.workbench.car.swerve import (
     LATER,
     Swerve,
     aside,
-    counts,
     course_change,
     max_side_lift,
     sustained,
+    swerve_counts,
 )
 from aerodima.workbench.control.user_law import load_named
 from aerodima.workbench.core.array_types import FloatArray
@@ -90,4 +90,4 @@ def score(swerve: Swerve, aim: Callable[[Swerve], FloatArray]) -> FloatArray:
     """Returns the aim of swerves that count (n,); what is below `FAILED` of the others."""
     value = aim(swerve)
     lifted = FAILED - LIFT_WEIGHT * np.maximum(max_side_lift(swerve), 0.0)
-    return np.where(counts(swerve) & np.isfinite(value), value, lifted)
+    return np.where(swerve_counts(swerve) & np.isfinite(value), value, lifted)

@@ -12,7 +12,7 @@ from aerodima.optimisation.swerve.candidate import NO_TAIL, SWERVE
 from aerodima.optimisation.swerve.reduced_swerves import ReducedSwerve
 from aerodima.optimisation.swerve.steering import limited_steering
 from aerodima.optimisation.swerve.suite import Case
-from aerodima.workbench.car.swerve import counts
+from aerodima.workbench.car.swerve import swerve_counts
 from aerodima.workbench.scenario.scenario import load_scenario
 
 ACCELERATIONS = np.geomspace(0.5, 12.0, 64)
@@ -33,6 +33,6 @@ def tune_limit(cases: Sequence[Case], speeds: Sequence[float]) -> float:
             settings = (*case.settings(), *NO_TAIL.settings, f"manoeuvre.speed={speed!r}")
             scenario = load_scenario(SWERVE, settings)
             swerves = ReducedSwerve(scenario).drive(limited_steering(scenario, ACCELERATIONS))
-            held &= counts(swerves)
+            held &= swerve_counts(swerves)
     unbroken = int(np.argmin(np.append(held, False)))
     return float(ACCELERATIONS[max(unbroken - 1, 0)])

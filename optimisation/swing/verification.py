@@ -21,7 +21,7 @@ from aerodima.optimisation.swerve.candidate import swing_player
 from aerodima.optimisation.swing.solution import AIM, AIM_VALUE
 from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.car.clearance import ground_clearance, make_range_of_motion
-from aerodima.workbench.car.swerve import counts, swerve_of
+from aerodima.workbench.car.swerve import swerve_counts, swerve_of
 from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.control.swing_library import (
     find_swing,
@@ -156,7 +156,7 @@ def _aim_checks(swing: SwingFile, log: RunLog) -> Iterator[Check]:
         return
     aim = find_aim(str(found[AIM]))
     swerve = swerve_of(log)
-    yield Check("the swerve counts", float(counts(swerve)[0]), "", low=1.0)
+    yield Check("the swerve counts", float(swerve_counts(swerve)[0]), "", low=1.0)
     claimed = float(found.get(AIM_VALUE, -math.inf))
     value = float(aim(swerve)[0])
     yield Check(f"aim {aim.name}", value, aim.unit, low=claimed - AIM_MARGIN * abs(claimed))

@@ -252,7 +252,7 @@ def end_yaw_rate(swerve: Swerve) -> FloatArray:
     return np.asarray(np.mean(last, axis=0))
 
 
-def counts(swerve: Swerve) -> np.ndarray:
+def swerve_counts(swerve: Swerve) -> np.ndarray:
     """Returns whose swerve counts (n,): straight at the start, upright to the end, straight again
     there.
     """
@@ -274,7 +274,7 @@ def swerve_row(swerve: Swerve) -> dict[str, Any]:
         "end_yaw_rate_rad_per_s": end_yaw_rate(swerve),
     }
     truths = {
-        "counts": counts(swerve),
+        "counts": swerve_counts(swerve),
         "is_upright": is_upright(swerve),
         "starts_straight": starts_straight(swerve),
     }

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import pandas as pd
 from pydantic import Field
 
-from aerodima.workbench.car.swerve import aside, counts, is_upright, swerve_of
+from aerodima.workbench.car.swerve import aside, is_upright, swerve_counts, swerve_of
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
 from aerodima.workbench.logs.schema import RunLog
@@ -131,6 +131,6 @@ def _ending(run_log: RunLog) -> str:
     ending = "completes the swerve"
     if not is_upright(swerve)[0]:
         ending = "tips"
-    elif not counts(swerve)[0]:
+    elif not swerve_counts(swerve)[0]:
         ending = "does not begin or end straight"
     return f"{aside(swerve)[0]:.2f} m aside after 0.5 s, {ending}"

@@ -24,7 +24,7 @@ from aerodima.optimisation.swerve.steering import (
 from aerodima.optimisation.swerve.steering_limit import ACCELERATIONS, tune_limit
 from aerodima.optimisation.swerve.suite import ensemble_cases, select_candidates
 from aerodima.workbench.car.reduced.swerves import LEVELS
-from aerodima.workbench.car.swerve import counts
+from aerodima.workbench.car.swerve import swerve_counts
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.scenario.scenario import load_scenario
 from tests.refusals import assert_refused
@@ -106,7 +106,7 @@ def test_a_limit_of_the_steering_holds_on_every_car_and_the_next_one_does_not():
         steering = limited_steering(scenario, ACCELERATIONS[: index + 2])
         angle = np.arctan(scenario.car.wheelbase * limit / 36.0)
         assert steering[:LEVELS, index] == pytest.approx(angle)
-        counting.append(counts(ReducedSwerve(scenario).drive(steering)))
+        counting.append(swerve_counts(ReducedSwerve(scenario).drive(steering)))
     assert np.all(counting, axis=0).tolist() == [True] * (index + 1) + [False]
 
 

@@ -84,7 +84,7 @@ def test_the_bound_is_not_below_a_candidate_and_plays_what_it_claims(settings, s
 
 
 def test_the_motion_of_a_candidate_is_one_that_the_program_can_play(settings, scenario):
-    """The tail that goes to the inside and stays there, from its knots: 5 mm aside of the file's."""
+    """The tail that goes to the inside and stays there, from its knots, to 5 mm."""
     file = (*settings, "controller.swing_file=inside_8_rad_per_s")
     steering = np.array([0.03, 0.02, 0.01, 0.2, 0.4])
     swerve = ReducedSwerve(load_scenario("swerve", file)).drive(steering[:, None])

@@ -113,7 +113,7 @@ def test_a_swerve_counts_that_is_straight_at_both_ends_and_upright_in_between(
     assert measures.is_upright(swerve).tolist() == [upright]
     assert measures.starts_straight(swerve).tolist() == [straight]
     ends_straight = abs(measures.end_yaw_rate(swerve)[0]) <= 0.1
-    assert measures.counts(swerve).tolist() == [upright and straight and ends_straight]
+    assert measures.swerve_counts(swerve).tolist() == [upright and straight and ends_straight]
 
 
 def test_what_happens_before_the_steering_does_not_tip_a_car():
