@@ -15,16 +15,10 @@ from aerodima.optimisation.swerve.suite import FOLDED, ensemble_cases
 from aerodima.optimisation.swing.full_runs import Descent, FullRun, drive_full
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.scenario.swing_file import read_swing
+from tests.code_measure import ROOT
+from tests.page_blocks import blocks
 
-AIM = '''"""An aim of a user's own."""
-
-from aerodima.workbench import aside, energy
-
-
-def thrifty(swerve):
-    """Metres aside after 0.5 s less 0.02 m a joule."""
-    return aside(swerve) - 0.02 * energy(swerve)
-'''
+GUIDE = ROOT / "docs" / "howto" / "optimise.md"
 LAW = '''"""A law that fails."""
 
 
@@ -140,9 +134,11 @@ def test_a_comparison_has_every_candidate_and_goes_on_with_its_runs(tmp_path):
 
 
 @pytest.mark.slow
-def test_an_aim_of_ones_own_becomes_a_verified_motion(tmp_path):
+def test_an_aim_of_ones_own_becomes_a_verified_motion_and_a_replay(tmp_path):
+    """The example of the page, step by step."""
+    (block,) = [block for block in blocks(GUIDE) if block["title"] == "aims.py"]
     aim = tmp_path / "aims.py"
-    aim.write_text(AIM)
+    aim.write_text(block["text"])
     out = tmp_path / "motion"
     words = ["--aim", f"{aim}:thrifty", "--limit", "roll=0.3", "--floor", "1.2", "--speed", "6"]
     words += ["--members", "60", "--generations", "3", "--starts", "1", "--iterations", "8"]
@@ -159,4 +155,9 @@ def test_an_aim_of_ones_own_becomes_a_verified_motion(tmp_path):
     values = {check["name"]: check["value"] for check in checks}
     assert values["the swerve counts"] == 1.0, verdict.output
     claimed = swing.provenance.found["aim_value"]
+    words = ["run", "--swing", str(out / "swing.yaml"), "--set", "simulation.step=0.002"]
+    files = [tmp_path / name for name in ("thrifty.parquet", "thrifty.html")]
+    run = CliRunner().invoke(build_app(), [*words, "--out", str(files[0]), "--html", str(files[1])])
+    assert run.exit_code == 0, run.output
+    assert all(file.is_file() for file in files)
     assert values[f"aim {aim}:thrifty"] == pytest.approx(claimed, abs=1e-6)
