@@ -124,7 +124,8 @@ def compare_swerves(
     for descent in descents:
         descent.step = step
     drive_shares(descents, runs)
-    search_full(descents, further, runs, folder / "further", effort.seed)
+    if further:
+        search_full(descents, further, runs, folder / "further", effort.seed)
     return make_frame([one.as_row() for one in descents])
 
 

@@ -62,9 +62,8 @@ class FullSearch:
     spread: FloatArray
 
     @classmethod
-    def from_descent(cls, descent: Descent) -> FullSearch:
-        """Makes the search that starts at the best run of a descent; it has one."""
-        share, _ = descent.best
+    def from_descent(cls, descent: Descent, share: float) -> FullSearch:
+        """Makes the search that starts at the steering of a descent, its angles times a share."""
         steering = np.array(descent.result["steering"])
         steering[:LEVELS] *= share
         largest = np.max(np.abs(steering[:LEVELS]))
@@ -126,8 +125,9 @@ def search_full(
     folder.mkdir(parents=True, exist_ok=True)
     searches = []
     for descent in descents:
-        if descent.best is not None and descent.candidate.limit is None:
-            searches.append(FullSearch.from_descent(descent))
+        best = descent.best
+        if best is not None and descent.candidate.limit is None:
+            searches.append(FullSearch.from_descent(descent, best[0]))
     for index in range(number // ROUND):
         items = []
         points = []

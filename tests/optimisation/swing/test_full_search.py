@@ -24,8 +24,7 @@ def search(motion=None):
     result = {"score": 0.4, "steering": STEERING, "variant": 0}
     candidate = FOLDED if motion is None else BOUND
     descent = Descent(candidate, case, 6.0, "aside-0.5", (), result, motion=motion)
-    descent.rows[0.9] = {"counts": True, "value": 0.4}
-    return FullSearch.from_descent(descent)
+    return FullSearch.from_descent(descent, 0.9)
 
 
 def test_a_swing_is_scaled_in_roll_and_time_and_moved_in_pitch():
