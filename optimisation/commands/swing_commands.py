@@ -69,7 +69,7 @@ class MotionOptions:
     """Search of a motion; fields as those of `BoundEffort`."""
 
     members: Annotated[int, typer.Option(help="Of a generation of the first search.", min=8)] = 150
-    generations: Annotated[int, typer.Option(help="Of the first search.", min=0)] = 15
+    generations: Annotated[int, typer.Option(help="Of the first search.", min=0)] = 40
     starts: Annotated[int, typer.Option(help="Of the nonlinear program.", min=1, max=1000)] = 4
     iterations: Annotated[int, typer.Option(help="Most iterations from a start.", min=1)] = 20
     solver: Annotated[str, cli.chosen("Of the program.", "snopt", "ipopt")] = "snopt"

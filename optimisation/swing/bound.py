@@ -58,7 +58,7 @@ class BoundEffort:
     """
 
     members: int = 150
-    generations: int = 15
+    generations: int = 40
     starts: int = 4
     iterations: int = 20
     solver: Solver = "snopt"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -80,14 +80,6 @@ class TurnPlans:
     def take(self, places: Any) -> TurnPlans:
         """Returns the plans at these places, again and again if asked."""
         return take(self, places)
-
-    def varied(self, **numbers: Mapping[str, FloatArray]) -> TurnPlans:
-        """Returns plans with other numbers (n), such as `law={"delay": ...}`."""
-        parts: dict[str, Any] = {
-            part: SimpleNamespace(**vars(getattr(self, part)) | dict(changes))
-            for part, changes in numbers.items()
-        }
-        return replace(self, **parts)
 
 
 def stack_fields(objects: Sequence[Any], names: Sequence[str] | Mapping[str, Any]) -> Any:
