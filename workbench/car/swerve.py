@@ -27,7 +27,7 @@ from aerodima.workbench.car.verdict import (
     stays_upright,
     touches_ground,
 )
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.scenario.car_parameters import CarParameters
 
@@ -85,12 +85,12 @@ class Swerve:
     lag: FloatArray
     torques: FloatArray
     power: FloatArray
-    flipped: np.ndarray
+    flipped: BoolArray
     com_x: FloatArray
     outline: FloatArray
 
     @property
-    def steered(self) -> np.ndarray:
+    def steered(self) -> BoolArray:
         """Which samples count: those from the start of the steering on (steps,)."""
         return self.time >= -_ROUNDING
 
@@ -227,7 +227,7 @@ def max_side_lift(swerve: Swerve) -> FloatArray:
     return np.asarray(np.max(side_lift(lifts), axis=0))
 
 
-def is_upright(swerve: Swerve) -> np.ndarray:
+def is_upright(swerve: Swerve) -> BoolArray:
     """Returns who stays upright from the start of the steering on (n,); see `stays_upright`."""
     inside = swerve.steered
     tail, board = np.moveaxis(swerve.heights[inside], 1, 0) <= 0.0
@@ -236,7 +236,7 @@ def is_upright(swerve: Swerve) -> np.ndarray:
     return np.asarray(stays_upright(max_side_lift(swerve), touched, swerve.flipped))
 
 
-def starts_straight(swerve: Swerve) -> np.ndarray:
+def starts_straight(swerve: Swerve) -> BoolArray:
     """Returns whose course is that of the start of the run when the steering starts, and whose
     yaw rate was zero in the mean until then (n,).
     """
@@ -252,7 +252,7 @@ def end_yaw_rate(swerve: Swerve) -> FloatArray:
     return np.asarray(np.mean(last, axis=0))
 
 
-def swerve_counts(swerve: Swerve) -> np.ndarray:
+def swerve_counts(swerve: Swerve) -> BoolArray:
     """Returns whose swerve counts (n,): straight at the start, upright to the end, straight again
     there.
     """

@@ -26,7 +26,7 @@ from aerodima.workbench.car.reduced.rollout import (
 )
 from aerodima.workbench.car.reduced.states import RATES, SPIN, STATES, TAIL_RATE, V, W
 from aerodima.workbench.car.swerve import Swerve
-from aerodima.workbench.control.feedback_law import Seen, respond
+from aerodima.workbench.control.feedback_law import FeedbackSignals, respond
 from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE, level_angle, slewed_angle
 from aerodima.workbench.control.swing_player import RollTrajectory
 from aerodima.workbench.core.array_types import FloatArray
@@ -158,7 +158,7 @@ class FeedbackSwerve(SwerveRollout):
         gains = self._gains
         speed = self.state[RATES][V][0]
         roll, roll_rate, yaw_rate = self._measure()
-        seen = Seen(roll, roll_rate, yaw_rate, speed, self._seen_steering(time), True)
+        seen = FeedbackSignals(roll, roll_rate, yaw_rate, speed, self._seen_steering(time), True)
         response = respond(gains, self._wheelbase, self._rate, self._reference, seen)
         self._reference = response.reference
         still = 0.0 * self._reference
