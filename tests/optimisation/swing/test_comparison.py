@@ -5,6 +5,7 @@ to a verified motion.
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 from typer.testing import CliRunner
@@ -161,3 +162,18 @@ def test_an_aim_of_ones_own_becomes_a_verified_motion_and_a_replay(tmp_path):
     assert run.exit_code == 0, run.output
     assert all(file.is_file() for file in files)
     assert values[f"aim {aim}:thrifty"] == pytest.approx(claimed, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_the_command_leaves_table_summary_and_page_and_goes_on_in_its_folder(tmp_path):
+    words = ["swing", "judge", "--reduced", "--cars", "1", "--speed", "6", "--candidate", "none"]
+    words += ["--workers", "1", "--out", str(tmp_path)]
+    first = CliRunner().invoke(build_app(), words)
+    assert first.exit_code in (0, 1), first.output
+    table = pd.read_csv(tmp_path / "swerves.csv")
+    assert set(table["plant"]) == {"reduced"}
+    assert "no tail" in first.output
+    assert "no tail" in (tmp_path / "report.html").read_text()
+    again = CliRunner().invoke(build_app(), words)
+    assert again.exit_code == first.exit_code
+    assert pd.read_csv(tmp_path / "swerves.csv").equals(table)
