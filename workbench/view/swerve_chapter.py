@@ -17,6 +17,8 @@ from aerodima.workbench.view.report_page import Section, Table
 SCHEMA = "aerodima/shown_swerve/1"
 SHOWN = "swerve/shown.yaml"
 SWERVES = "swerve/swerves.csv"
+PLACE = ("tail", "floor", "car", "aim", "speed_m_per_s")
+"""Columns that name a case and its swerve."""
 AIM = "aside-0.5"
 """Aim of the medians."""
 NO_TAIL = "no tail"
@@ -43,7 +45,7 @@ class ShownSwerve(StrictModel):
         """Makes the run of each candidate of the table whose full car completes the swerve."""
         table = stored_swerves()
         table = table[(table["plant"] == "full") & table["value"].notna()]
-        for column in ("tail", "floor", "car", "aim", "speed_m_per_s"):
+        for column in PLACE:
             table = table[table[column] == getattr(self, column)]
         runs = {}
         for candidate, settings in zip(table["candidate"], table["settings"], strict=True):

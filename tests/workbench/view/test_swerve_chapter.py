@@ -13,12 +13,11 @@ from aerodima.workbench.view import swerve_chapter as chapter
 from tests.refusals import assert_refused
 
 CHOSEN = chapter.load_shown_swerve()
-PLACE = ("tail", "floor", "car", "aim", "speed_m_per_s")
 
 
 def shown_rows():
     table = pd.read_csv(model_path(chapter.SWERVES)).query("plant == 'full'")
-    for column in PLACE:
+    for column in chapter.PLACE:
         table = table[table[column] == getattr(CHOSEN, column)]
     return table.set_index("candidate")
 
