@@ -57,7 +57,8 @@ def page_tables(table: pd.DataFrame) -> str:
 
 def store(folders: list[Path]) -> None:
     """Writes table, swings and page."""
-    table = pd.concat([pd.read_csv(folder / "swerves.csv") for folder in folders])
+    parts = [pd.read_csv(folder / "swerves.csv") for folder in folders]
+    table = pd.concat(parts, ignore_index=True)
     shown = load_shown_swerve()
     is_shown = (table["plant"] == "full") & table["value"].notna()
     for column in PLACE:
