@@ -168,11 +168,12 @@ class Descent:
         if self.best is None:
             return row
         share, result = self.best
-        run = self.run(share)
-        if self.found is not None:
-            share = None
+        if self.found is None:
+            run = self.run(share)
+            row["share"] = share
+        else:
             run, result = self.found
-        return row | result | {"share": share, "settings": json.dumps(run.settings)}
+        return row | result | {"settings": json.dumps(run.settings)}
 
 
 def drive_shares(descents: Sequence[Descent], runs: CachedRunner) -> None:
