@@ -82,10 +82,11 @@ def swerve_medians(plant: str = "reduced") -> pd.DataFrame:
         gains = (values / values.loc[NO_TAIL] - 1.0).median(axis=1)
         cells = {}
         for candidate, row in values.iterrows():
-            cells[candidate] = "–"
+            name = str(candidate)
+            cells[name] = "–"
             if row.notna().any():
                 cars = f"({row.notna().sum()} of {row.size})"
-                cells[candidate] = f"{row.median():.3f}, {gains[candidate]:+.0%} {cars}"
+                cells[name] = f"{row.median():.3f}, {gains[name]:+.0%} {cars}"
         columns[f"friction {floor}, {speed:g} m/s"] = cells
     return pd.DataFrame(columns).reindex(table["candidate"].unique())
 
