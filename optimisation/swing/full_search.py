@@ -78,7 +78,9 @@ class FullSearch:
         shape = (ROUND, self.point.size)
         drawn = generator.standard_normal(shape) * (generator.random(shape) < MUTATED_SHARE)
         points = possible_steering(self.point + self.spread * drawn, limit)
-        points[:, STEERING:] = np.clip(points[:, STEERING:], *TAIL_RANGES)
+        tail = points[:, STEERING:]
+        if self.swing is not None:
+            np.clip(tail, *TAIL_RANGES, out=tail)
         return points
 
     def run(self, point: FloatArray, path: Path) -> FullRun:

@@ -36,7 +36,7 @@ def test_a_shown_run_is_at_the_speed_on_the_floor_and_with_the_steering_of_its_r
     runs = CHOSEN.runs()
     assert {run.manoeuvre.speed for run in runs.values()} == {CHOSEN.speed_m_per_s}
     assert len({run.car.tyre_friction for run in runs.values()}) == 1
-    assert {run.simulation.step for run in runs.values()} == {0.0005}
+    assert len({run.simulation.step for run in runs.values()}) == 1
     for candidate, run in runs.items():
         row = rows.loc[candidate]
         assert [f"{key}={getattr(run.manoeuvre, key)!r}" for key in ("level_1", "level_1_end")] == [
