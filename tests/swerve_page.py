@@ -34,7 +34,9 @@ def page_rows(own: pd.DataFrame) -> Iterator[str]:
         cells = [str(candidate)]
         for row in rows.sort_values("speed_m_per_s").to_dict("records"):
             gain, low, high = (100.0 * row[key] for key in ("gain", "gain_low", "gain_high"))
-            cell = f"{gain:+.0f} % ({low:+.0f} to {high:+.0f})"
+            cell = f"{gain:+.0f} %"
+            if row["cars"] > 1:
+                cell += f" ({low:+.0f} to {high:+.0f})"
             if candidate == "no tail":
                 cell = f"{row['median']:.3f} m"
             if row["with_value"] < row["cars"]:
