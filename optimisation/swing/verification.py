@@ -137,7 +137,7 @@ def verify_swing(
         raise SwingError(
             f"swing {played.name}: was never released in this turn ({turn} {' '.join(settings)})"
         )
-    checks = (*_turn_checks(row), *_aim_checks(played, log), *_tail_checks(played, driven, log))
+    checks = (*_turn_checks(row), *_aim_checks(played, driven), *_tail_checks(played, driven, log))
     return Verification(played, turn_words(played, driven), checks, log)
 
 
@@ -149,13 +149,13 @@ def _turn_checks(row: Facts) -> Iterator[Check]:
     yield Check("energy of the tail", row["tail_energy_j"], "J")
 
 
-def _aim_checks(swing: SwingFile, log: RunLog) -> Iterator[Check]:
+def _aim_checks(swing: SwingFile, scenario: Scenario) -> Iterator[Check]:
     """Compares the aim of a solution with the value that its file claims for the full car."""
     found = swing.provenance.found
     if AIM not in found:
         return
     aim = find_aim(str(found[AIM]))
-    swerve = swerve_of(log)
+    swerve = swerve_of(simulate(scenario, record="outcome", stop_when_certain=True))
     yield Check("the swerve counts", float(swerve_counts(swerve)[0]), "", low=1.0)
     claimed = float(found.get(AIM_VALUE, -math.inf))
     value = float(aim(swerve)[0])

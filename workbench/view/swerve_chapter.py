@@ -6,7 +6,6 @@ from collections.abc import Mapping
 import pandas as pd
 from pydantic import Field
 
-from aerodima.workbench.car.swerve import aside, is_upright, swerve_counts, swerve_of
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
 from aerodima.workbench.logs.schema import RunLog
@@ -41,16 +40,18 @@ class ShownSwerve(StrictModel):
     speed_m_per_s: float
     words: dict[str, str]
 
-    def runs(self) -> dict[str, Scenario]:
-        """Makes the run of each candidate of the table whose full car completes the swerve."""
+    def rows(self) -> pd.DataFrame:
+        """Returns the rows of the candidates whose full car completes the swerve."""
         table = stored_swerves()
         table = table[(table["plant"] == "full") & table["value"].notna()]
         for column in PLACE:
             table = table[table[column] == getattr(self, column)]
-        runs = {}
-        for candidate, settings in zip(table["candidate"], table["settings"], strict=True):
-            runs[candidate] = load_scenario("swerve", json.loads(settings))
-        return runs
+        return table.set_index("candidate")
+
+    def runs(self) -> dict[str, Scenario]:
+        """Makes the run of each of these candidates."""
+        rows = self.rows()["settings"]
+        return {str(name): load_scenario("swerve", json.loads(one)) for name, one in rows.items()}
 
 
 def load_shown_swerve() -> ShownSwerve:
@@ -98,12 +99,13 @@ def swerve_chapter(shown: ShownSwerve, run_logs: Mapping[str, RunLog]) -> list[S
         shown: what is shown.
         run_logs: name of a candidate -> its run.
     """
+    values = shown.rows()["value"]
     captions = []
     names = []
-    for name, run_log in run_logs.items():
+    for name in run_logs:
         words = shown.words.get(name, name)
         names.append(words)
-        captions.append(f"{words}: {_ending(run_log)}")
+        captions.append(f"{words}: {values[name]:.2f} m aside after 0.5 s")
     case = f"{shown.speed_m_per_s:g} m/s, {shown.car}, friction {shown.floor}, {shown.tail} tail"
     sections = [
         Section(
@@ -126,14 +128,3 @@ def swerve_chapter(shown: ShownSwerve, run_logs: Mapping[str, RunLog]) -> list[S
         table = Table(["candidate", *medians], rows)
         sections.append(Section(f"How far they swerve: {plant} cars", [table, explanation]))
     return sections
-
-
-def _ending(run_log: RunLog) -> str:
-    """Says how far a car swerves, and how its run ends."""
-    swerve = swerve_of(run_log)
-    ending = "completes the swerve"
-    if not is_upright(swerve)[0]:
-        ending = "tips"
-    elif not swerve_counts(swerve)[0]:
-        ending = "does not begin or end straight"
-    return f"{aside(swerve)[0]:.2f} m aside after 0.5 s, {ending}"

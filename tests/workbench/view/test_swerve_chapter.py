@@ -85,7 +85,7 @@ def test_the_chapter_says_how_far_a_run_swerves_and_whether_it_counts():
         "How far they swerve: reduced cars",
         "How far they swerve: full cars",
     ]
-    assert "completes the swerve" in str(vars(replays))
+    assert f"{CHOSEN.rows()['value']['no tail']:.2f} m aside" in str(vars(replays))
 
 
 def test_a_choice_that_is_not_whole_is_refused(tmp_path, monkeypatch):
