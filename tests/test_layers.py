@@ -24,7 +24,7 @@ LAYERS = {
         "view",
         "cli",
     ),
-    "optimisation": ("identify", "studies", "judge", "swing", "calibrate", "commands"),
+    "optimisation": ("identify", "studies", "swerve", "swing", "calibrate", "commands"),
     "hardware": (
         "protocol",
         "transport",

@@ -18,6 +18,14 @@ from .car.car_diagram import assemble as assemble
 from .car.car_station import make_car_station as make_car_station
 from .car.clearance import make_range_of_motion as make_range_of_motion
 from .car.roll_estimator import RollEstimator as RollEstimator
+from .car.swerve import Swerve as Swerve
+from .car.swerve import aside as aside
+from .car.swerve import centre_aside as centre_aside
+from .car.swerve import course_change as course_change
+from .car.swerve import energy as energy
+from .car.swerve import sustained as sustained
+from .car.swerve import swerve_counts as swerve_counts
+from .car.swerve import swerve_of as swerve_of
 from .car.tail_file import read_tail as read_tail
 from .car.tail_file import write_tail as write_tail
 from .car.tail_plant import tail_geometry as tail_geometry
@@ -40,8 +48,6 @@ from .scenario.rig_scenario import load_rig_scenario as load_rig_scenario
 from .scenario.scenario import Scenario as Scenario
 from .scenario.scenario import load_scenario as load_scenario
 from .view.coefficient_figures import plot_coefficients as plot_coefficients
-from .view.entry_chapter import entry_medians as entry_medians
-from .view.entry_chapter import load_shown_entry as load_shown_entry
 from .view.filmstrip import filmstrip_figure as filmstrip_figure
 from .view.filmstrip import strip_figure as strip_figure
 from .view.model_figures import draw_diagram as draw_diagram
@@ -52,5 +58,8 @@ from .view.notebook_cells import sliders as sliders
 from .view.observed_run import observe as observe
 from .view.run_figures import plot_overlay as plot_overlay
 from .view.run_figures import plot_turn as plot_turn
+from .view.swerve_chapter import load_shown_swerve as load_shown_swerve
+from .view.swerve_chapter import stored_swerves as stored_swerves
+from .view.swerve_chapter import swerve_medians as swerve_medians
 
 __version__: str

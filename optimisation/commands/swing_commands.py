@@ -1,4 +1,4 @@
-"""`aerodima swing search`, `judge`, `train`, `bound` and `verify`: find laws and motions of the
+"""`aerodima swing search`, `judge`, `train` and `verify`: find laws and motions of the
 tail, compare what they gain.
 """
 
@@ -12,36 +12,30 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from aerodima import optimisation, workbench
+from aerodima import optimisation
 from aerodima.optimisation.commands.study_commands import runs_in
 from aerodima.workbench.cli import options as cli
 from aerodima.workbench.core.atomic_write import refuse_existing
 from aerodima.workbench.core.errors import SweepError, SwingError
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-    from aerodima.optimisation.judge.entry_speed import Case
     from aerodima.optimisation.studies.runs import CachedRunner
+Step = Annotated[
+    float,
+    typer.Option(help="Step of the plant, s; a claim needs that of 0.0005.", min=1e-5, max=0.005),
+]
 TestCars = Annotated[int, typer.Option(help="So many of the test cars.", min=1)]
-Generations = Annotated[int, typer.Option(help="Of a search, beside the first one.", min=0)]
 
 
 def _suite(table: str) -> list[str]:
-    from aerodima.optimisation.judge import suite
+    from aerodima.optimisation.swerve import suite
 
     return list(getattr(suite, table))
 
 
-def _task_keys() -> list[str]:
-    from aerodima.optimisation.swing.task import Task
-
-    return [f"{name}=" for name in Task.model_fields if name != "schema_"]
-
-
 @dataclass(frozen=True)
 class CaseOptions:
-    """Cars, surfaces and tail of a comparison."""
+    """Cars, floors, tail and speeds of a comparison."""
 
     ensemble: cli.Ensemble = "physical"
     floors: Annotated[
@@ -52,47 +46,33 @@ class CaseOptions:
     ] = None
     tail: Annotated[
         str, cli.chosen("Tail: that of each car, or the larger one.", "built", "designed")
-    ] = "designed"
+    ] = "built"
+    speeds: Annotated[
+        list[float] | None,
+        typer.Option("--speed", help="m/s; may be repeated; by default 4, 6 and 8."),
+    ] = None
     seed: Annotated[
         int, typer.Option(help="Of the split of the cars, and of all draws.", min=0)
     ] = 1
 
-    def cases(self, part: str, number: int) -> list[Case]:
-        """Returns the first cars of a part of the ensemble, `training` or `test`, on surfaces."""
-        from aerodima.optimisation.judge.suite import make_surfaces
-
-        split = workbench.load_ensemble(self.ensemble).split(self.seed)
-        cars = getattr(split, part)
-        most = len(cars)
-        if number > most:
-            raise SweepError(
-                f"--cars {number}: the part of the ensemble has {most}: must be 1 to {most}"
-            )
-        return make_surfaces(cars[:number], self.floors or [1.0])
-
-
-@dataclass(frozen=True)
-class ClimbOptions:
-    """Speeds of a climb."""
-
-    start: Annotated[float, typer.Option(help="First speed of a climb, m/s.")] = 2.0
-    step: Annotated[
-        float, typer.Option(help="Between two speeds of a climb, m/s; its last step is refined.")
-    ] = 0.1
-    ceiling: Annotated[float, typer.Option(help="Highest speed that is tried, m/s.")] = 8.0
+    def arguments(self) -> dict[str, Any]:
+        """Returns arguments of `judge` and `train_law`."""
+        arguments: dict[str, Any] = {"ensemble": self.ensemble, "tail": self.tail}
+        arguments["floors"] = self.floors or [1.0]
+        if self.speeds:
+            arguments["speeds"] = self.speeds
+        return arguments
 
 
 @dataclass(frozen=True)
 class MotionOptions:
-    """Search of a motion; fields as those of `MotionSearch`."""
+    """Search of a motion; fields as those of `BoundEffort`."""
 
-    starts: Annotated[int, typer.Option(help="Random starts of a motion.", min=1, max=1000)] = 7
-    seed: Annotated[int, typer.Option(help="Of all draws.", min=0)] = 1
-    knots: Annotated[int, typer.Option(help="Of the motion's rate.")] = 11
-    length: Annotated[float, typer.Option(help="Of the motion, s.")] = 0.8
-    iterations: Annotated[int, typer.Option(help="Most iterations of the motion from a start.")] = (
-        30
-    )
+    members: Annotated[int, typer.Option(help="Of a generation of the first search.", min=8)] = 150
+    generations: Annotated[int, typer.Option(help="Of the first search.", min=0)] = 40
+    starts: Annotated[int, typer.Option(help="Of the nonlinear program.", min=1, max=1000)] = 4
+    iterations: Annotated[int, typer.Option(help="Most iterations from a start.", min=1)] = 20
+    solver: Annotated[str, cli.chosen("Of the program.", "snopt", "ipopt")] = "snopt"
 
 
 def register(app: typer.Typer) -> None:
@@ -100,110 +80,155 @@ def register(app: typer.Typer) -> None:
     group = cli.command_group(
         app, "swing", "Search laws and motions of the tail, and judge their gain.", cli.SWINGS
     )
-    for command in (search, judge, train, bound, verify):
+    for command in (search, judge, train, verify):
         group.command()(command)
 
 
 @cli.grouped
 def search(
-    task: Annotated[str, cli.named("Task", "tasks")],
     out: Annotated[
         Path, cli.written("Folder for what is found and its runs; a stopped search goes on in it.")
     ],
-    work: cli.WorkOptions,
-    motion: MotionOptions,
-    settings: Annotated[
-        list[str] | None, cli.setting("training=2 or speeds=[3.6,4.5]", _task_keys)
+    aim: Annotated[
+        str,
+        typer.Option(
+            help="aside-0.5, aside-1.0, course, sustained, or a function of yours, mine.py:my_aim."
+        ),
+    ] = "aside-0.5",
+    limit: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="roll=0.3 (rad), energy=5 (J), torque=20 (N m) at most, speed=5 (m/s) at least; "
+            "may be repeated."
+        ),
     ] = None,
+    cars: Annotated[
+        int, typer.Option(help="So many training cars, one motion for all.", min=1)
+    ] = 1,
+    step: Step = 0.0005,
+    *,
+    options: CaseOptions,
+    motion: MotionOptions,
+    work: cli.WorkOptions,
 ) -> None:
-    """Search motion and steering as one nonlinear program.
+    """Search motion of the tail and steering as one nonlinear program.
 
-    On the training cars of a task; the motion is written as swing.yaml.
+    The motion is written as swing.yaml, with the steering that the full car of the first training
+    car holds. A table compares it with other candidates on that car. Exits with 1 where it is not
+    the best.
 
-    Example: aerodima swing search short_turn_designed --set training=0 --out out/motion
+    Example: aerodima swing search --floor 1.2 --speed 6 --out out/motion
     """
     from aerodima.optimisation.swing.motion_search import search_motion
-    from aerodima.optimisation.swing.task import load_task
-    from aerodima.workbench.scenario.swing_file import write_swing
 
-    loaded = load_task(task, settings or ())
-    effort = optimisation.MotionSearch(**vars(motion))
     path = out / "swing.yaml"
+    effort = optimisation.BoundEffort(**vars(motion), seed=options.seed)
     with _new_file(path, work) as runs:
-        swing = search_motion(out.name, loaded, effort, runs, progress=runs.say)
-        write_swing(swing, path, force=work.force)
-    _suggest_judge(path, workbench.load_scenario(loaded.scenario).tail.name)
+        result = search_motion(
+            path,
+            aim,
+            limit or [],
+            cars,
+            runs,
+            effort,
+            step=step,
+            force=work.force,
+            **options.arguments(),
+        )
+    typer.echo(result.table.to_string(index=False))
+    typer.echo(f"found: {path}")
+    typer.echo(f"verify it: aerodima swing verify {path} --out {out / 'verify'}")
+    if not result.is_best:
+        typer.echo("the motion is not better than every other candidate", err=True)
+        raise typer.Exit(cli.Status.NO)
 
 
 @cli.grouped
 def judge(
     out: Annotated[
-        Path, cli.written("Folder for table, summary and runs; stopped climbs go on in it.")
+        Path, cli.written("Folder for table, summary, swings and runs; it goes on in it.")
     ],
-    manoeuvre: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="turn, held-turn, twice, twice-late, fishhook, lane-change, slalom, corner, "
-            "rising-steer; may be "
-            "repeated; by default the first, second, fifth and sixth.",
-            autocompletion=lambda: _suite("MANOEUVRES"),
-        ),
-    ] = None,
     candidate: Annotated[
         list[str] | None,
         typer.Option(
-            help="none, low-ballast, held, upright, lying, published, feedback, best_swing, a "
-            "swing, or a file of "
-            "candidates; may be repeated; by default the first seven. The car without tail always "
-            "takes part.",
+            help="none, limited, low-ballast, folded, held, published, feedback, bound, a swing, "
+            "or a file of candidates; may be repeated; by default the first eight. The car without "
+            "tail always takes part.",
             autocompletion=lambda: _suite("NAMED_CANDIDATES"),
         ),
     ] = None,
     law: cli.Laws = None,
+    aim: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="aside-0.5, aside-1.0, course, sustained; may be repeated; by default the first."
+        ),
+    ] = None,
     cars: TestCars = 4,
+    step: Step = 0.0005,
+    reduced: Annotated[
+        bool, typer.Option("--reduced", help="Reduced cars alone: minutes instead of hours.")
+    ] = False,
+    further: Annotated[
+        int, typer.Option(help="Full runs with which each candidate is searched on.", min=0)
+    ] = 0,
+    standard: Annotated[
+        bool, typer.Option("--standard", help="Also drive NHTSA's fishhook and J-turn.")
+    ] = False,
     *,
     options: CaseOptions,
-    climbs: ClimbOptions,
     work: cli.WorkOptions,
 ) -> None:
-    """Compare candidates by the speed at which a car may enter.
+    """Compare candidates in swerves, each with its own best steering.
 
-    It is the highest one at which a manoeuvre is completed without tip-up. Exits with 1 when no
-    candidate with a tail is faster than the car without one. Asked for again after Ctrl-C, or with
-    more cars or manoeuvres, it keeps the runs that are there.
+    Steerings are searched on reduced cars and driven on the full car at the fine step, scaled to
+    where it just stays upright. Exits with 1 when no candidate with a tail is above the car without
+    one. Asked for again after Ctrl-C, or with more cars, it keeps the runs that are there.
 
-    Example: aerodima swing judge --manoeuvre fishhook --cars 1 --candidate published --out
-    out/judge
+    Example: aerodima swing judge --cars 1 --speed 6 --candidate feedback --out out/judge
     """
-    from aerodima.optimisation.judge import suite
-    from aerodima.optimisation.judge.entry_rule import ERROR
-    from aerodima.optimisation.judge.entry_search import EntrySearch
+    from aerodima.optimisation.swerve.standard_manoeuvres import SPEEDS, compare_standard
+    from aerodima.optimisation.swerve.suite import SUITE, ensemble_cases
+    from aerodima.optimisation.swerve.swerve_table import has_gain, swerve_lines, swerve_page
+    from aerodima.optimisation.swing.swerve_study import tuned_candidates
 
-    search = EntrySearch(**vars(climbs))
-    manoeuvres = suite.select_manoeuvres(manoeuvre or suite.TRAINING_MANOEUVRES, options.tail)
-    candidates = suite.select_candidates(candidate or list(suite.CANDIDATES), law or ())
-    cases = options.cases("test", cars)
+    names = candidate or SUITE.default
+    arguments = options.arguments()
+    files: dict[str, Any] = {}
     with runs_in(out, work) as runs:
-        table = optimisation.find_entry_speeds(manoeuvres, candidates, cases, runs, search)
-    is_faster = _write_entries(out, table)
-    if table["ended_by"].astype(str).str.startswith(ERROR).any():
-        raise typer.Exit(cli.Status.LEFT_OUT)
-    if not is_faster:
-        typer.echo("no candidate enters faster than the car without a tail", err=True)
+        table = optimisation.judge(
+            names,
+            laws=law or (),
+            aims=aim or ["aside-0.5"],
+            cars=cars,
+            seed=options.seed,
+            folder=out,
+            runs=runs,
+            step=None if reduced else step,
+            further=0 if reduced else further,
+            **arguments,
+        )
+        if standard:
+            surroundings = (options.tail, arguments["floors"], options.seed)
+            cases = ensemble_cases(options.ensemble, "test", cars, *surroundings)
+            chosen = tuned_candidates(
+                [name for name in names if name != "bound"],
+                law or (),
+                options.ensemble,
+                options.tail,
+                arguments["floors"],
+                SPEEDS,
+                options.seed,
+            )
+            files["standard.csv"] = compare_standard(chosen, cases, runs)
+    summary = optimisation.summarise_swerves(table)
+    files |= {"swerves.csv": table, "summary.csv": summary}
+    _write(out, {**files, "report.html": swerve_page(table, summary)})
+    typer.echo("\n".join(swerve_lines(summary)))
+    typer.echo(f"written: {', '.join(files)} and report.html in {out}")
+    if not has_gain(summary):
+        typer.echo("no candidate with a tail is above the car without one", err=True)
         raise typer.Exit(cli.Status.NO)
-
-
-def _write_entries(out: Path, table: pd.DataFrame) -> bool:
-    """Writes the entry speeds and their summary; returns whether a tail is faster than none."""
-    from aerodima.optimisation.judge.entry_page import entry_lines, entry_page
-    from aerodima.optimisation.judge.entry_table import has_gain, summarise_entries
-
-    summary = summarise_entries(table)
-    page = entry_page(table, summary)
-    _write(out, {"entries.csv": table, "summary.csv": summary, "report.html": page})
-    typer.echo("\n".join(entry_lines(summary)))
-    typer.echo(f"written: entries.csv, summary.csv and report.html in {out}")
-    return has_gain(summary)
 
 
 @cli.grouped
@@ -218,7 +243,7 @@ def train(
     laws: Annotated[
         int, typer.Option(help="Of a generation, for each number that is free.", min=3)
     ] = 4,
-    generations: Generations = 8,
+    generations: Annotated[int, typer.Option(help="Beside the first one.", min=0)] = 8,
     around: Annotated[
         float,
         typer.Option(
@@ -228,59 +253,18 @@ def train(
 ) -> None:
     """Search the numbers of the feedback law.
 
-    For the entry speeds of reduced training cars; they are written as candidates.yaml.
+    For swerves of reduced training cars; they are written as candidates.yaml.
 
     Example: aerodima swing train --cars 2 --laws 3 --generations 1 --out out/train
     """
-    from aerodima.optimisation.judge.candidate import write_candidates
-    from aerodima.optimisation.swing.feedback_training import LawSearch, train_feedback
-
     path = out / "candidates.yaml"
-    cases = options.cases("training", cars)
-    search = LawSearch(laws=laws, generations=generations, seed=options.seed, around=around)
+    search = optimisation.LawSearch(laws, generations, options.seed, around)
     with _new_file(path, work) as runs:
-        trained = train_feedback(cases, options.tail, search, runs)
-    chosen = f"aerodima swing train --ensemble {options.ensemble} --tail {options.tail}"
-    chosen += f" --cars {cars} --laws {laws} --generations {generations} --around {around}"
-    chosen += f" --seed {options.seed}"
-    for scale in options.floors or ():
-        chosen += f" --floor {scale}"
-    write_candidates(path, [trained], chosen, force=work.force)
-    _suggest_judge(path, options.tail)
-
-
-@cli.grouped
-def bound(
-    out: Annotated[
-        Path, cli.written("Folder for bound.csv and the runs; a stopped search goes on in it.")
-    ],
-    work: cli.WorkOptions,
-    options: CaseOptions,
-    manoeuvre: Annotated[
-        list[str] | None, typer.Option(help="lane-change or corner; by default both.")
-    ] = None,
-    cars: TestCars = 6,
-    starts: Annotated[int, typer.Option(help="Of the search of a motion.", min=1)] = 7,
-    generations: Generations = 80,
-) -> None:
-    """Find what any motion of the tail can reach on a path.
-
-    The entry speed of reduced cars, each with its own motion and driver; other candidates have
-    their own best driver.
-
-    Example: aerodima swing bound --manoeuvre corner --cars 1 --starts 1 --generations 3 --out
-    out/bound
-    """
-    from aerodima.optimisation.swing.bound import paths, search_bound
-
-    names = paths(manoeuvre or ())
-    cases = options.cases("test", cars)
-    with runs_in(out, work) as runs:
-        table = search_bound(names, cases, options.tail, starts, generations, runs)
-    _write(out, {"bound.csv": table})
-    typer.echo("entry speeds of reduced cars, m/s")
-    typer.echo(table.to_string(index=False))
-    typer.echo(f"written: {out / 'bound.csv'}")
+        optimisation.train_law(
+            out, search, cars=cars, runs=runs, force=work.force, **options.arguments()
+        )
+    typer.echo(f"found: {path}")
+    typer.echo(f"judge it: aerodima swing judge --candidate {path} --out {out / 'judge'}")
 
 
 @contextmanager
@@ -289,13 +273,6 @@ def _new_file(path: Path, work: cli.WorkOptions) -> Iterator[CachedRunner]:
     refuse_existing(path, work.force, SwingError)
     with runs_in(path.parent, work) as runs:
         yield runs
-
-
-def _suggest_judge(path: Path, tail: str) -> None:
-    """Prints where a result is, and the command that compares it with others."""
-    typer.echo(f"found: {path}")
-    out = path.parent / "judge"
-    typer.echo(f"judge it: aerodima swing judge --tail {tail} --candidate {path} --out {out}")
 
 
 def _write(out: Path, files: dict[str, Any]) -> None:
@@ -309,9 +286,7 @@ def verify(
     out: Annotated[Path, cli.written("Folder for verification.yaml and report.html.")],
     scenario: cli.OtherScenario = None,
     settings: cli.Settings = None,
-    step: Annotated[
-        float, typer.Option(help="Step of the plant, s.", min=1e-5, max=0.005)
-    ] = 0.0005,
+    step: Step = 0.0005,
     other_car: Annotated[
         bool, typer.Option("--other-car", help="Verify on another car than it was made for.")
     ] = False,

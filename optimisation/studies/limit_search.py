@@ -1,13 +1,12 @@
 """Search of a limit: the highest value of a factor that holds, and the first one that is lost.
 
 What holds is not monotone (design section 7): beyond the first loss there may be islands that hold
-again. A limit is therefore the end of an unbroken row from below. It is searched in one of three
-ways, for one candidate or many, by runs or as arrays of reduced cars:
+again. A limit is therefore the end of an unbroken row from below. It is searched in one of two
+ways, for one candidate or many:
 
 - A climb begins where the candidate is expected to hold, goes up in strides until a value is lost
   (down first, if the first one is), and halves the last stride (`Bracket.next_value`).
 - A scan evaluates the whole range and narrows the step from held to the first loss.
-- A sweep evaluates a whole grid at once (`unbroken`).
 
 The values that are evaluated depend on their verdicts alone, so neither do the limits depend on the
 number of workers; rows that are kept are not made again.
@@ -22,7 +21,6 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
 
@@ -69,11 +67,6 @@ class Bracket:
         down = np.where(has_lost, lost - stride, start)
         outside = np.where(has_held, held + stride, down)
         return np.where(has_held & has_lost, 0.5 * (held + lost), outside)
-
-
-def unbroken(holds: BoolArray | FloatArray, axis: int = 0) -> FloatArray:
-    """Returns which verdicts hold with all those before them on an axis, as 1 and 0."""
-    return np.cumprod(holds, axis=axis)
 
 
 def run_rounds(

@@ -1,166 +1,211 @@
-"""Bound of the entry speed on a path: the best motion of the tail with its best driver, both known
-beforehand.
+"""The bound of a swerve: the best steering and motion of the tail, both known beforehand and chosen
+together, on reduced cars.
 
-A reduced car is searched by differential evolution (Storn and Price 1997, doi
-10.1023/A:1008202821328) over the numbers of its driver and, for the bound, the roll and pitch of
-its tail at knots spread evenly over the path. Other candidates have their own best driver. A
-motion need not clear the car; torque and speed of the motors limit it.
+Starts of the nonlinear program (`swerve_nlp`) are the best of a differential evolution over all its
+variables, the best of its first generation, and motions and steerings of candidates with the same
+tail, so that the bound is not below one whose motion its variables contain.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
-from aerodima.optimisation.judge.entry_speed import Case
-from aerodima.optimisation.judge.reduced_entries import gains_of, reduced_cars
-from aerodima.optimisation.judge.suite import CANDIDATES, FEEDBACK, MANOEUVRES, select_manoeuvres
-from aerodima.optimisation.studies.limit_search import unbroken
-from aerodima.optimisation.studies.runs import CachedRunner, make_frame, scenario_content
-from aerodima.optimisation.swing.feedback_training import evolve
-from aerodima.workbench.batch.row_store import content_key
-from aerodima.workbench.car.reduced.entry_runs import PathMotion, at_speeds, simulate_entries
+from aerodima.optimisation.swerve.aims import Aim, as_aim, score
+from aerodima.optimisation.swerve.evolution import evolve
+from aerodima.optimisation.swerve.steering import (
+    STEERING_KEYS,
+    draw_steering,
+    possible_steering,
+    steering_ranges,
+)
+from aerodima.optimisation.swing.swerve_nlp import (
+    FEASIBILITY_TOL,
+    Solver,
+    SwerveNlp,
+    SwerveSolution,
+    best_of,
+    steering_of,
+)
+from aerodima.optimisation.swing.swerve_shooting import KNOTS, Limit, SwerveShooting, midway
+from aerodima.workbench.car.reduced.swerves import STEERING
+from aerodima.workbench.car.swerve import Swerve
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.errors import SweepError
-from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.core.errors import SwingError
+from aerodima.workbench.scenario.scenario import Scenario
 
-BOUND = "bound"
-"""Name of the motion that is known beforehand; the other names are those of `suite.CANDIDATES`."""
-CANDIDATE_NAMES = ("none", "low-ballast", "feedback", BOUND)
-FOLLOWING = ("feedback", BOUND)
-"""Candidates whose tail rolls."""
-DRIVER_RANGES = [(0.15, 0.6), (0.0, 3.0), (0.02, 0.3)]
-"""Ranges of the driver's preview, s, correction and lag, s."""
-ROLLS = 12
-"""Number of rolls of the tail along the path."""
-MOTION_RANGES = [(-1.45, 1.45)] * ROLLS + [(-1.25, 0.6)] * 4
-"""Ranges of the tail's roll and pitch at knots along the path, rad."""
-FIRST_SPEED = 2.0
-"""First speed that is expected, m/s."""
-STEP = 0.1
-"""Between two speeds, m/s."""
-SPEED_OFFSETS = STEP * np.arange(-4, 4)
-"""Speeds of each member of a generation, from the best one so far, m/s."""
-POPULATION = 40
-"""Members of a generation."""
-RESTARTS = 2
-"""Starts of the candidates beside the bound."""
-CASE = ["manoeuvre", "car", "floor"]
-"""Columns that name a case."""
+MAX_DRAWN_ROLL = 1.5
+"""Largest roll of the tail in the first generation, rad."""
+DRAWN_PITCHES = (-1.1, -0.6, 0.0, 0.0)
+"""Pitches of the tail in the first generation, rad."""
+STILL_SHARE = 4
+"""One in so many tails of the first generation does not roll."""
 
 
 @dataclass(frozen=True)
-class BoundStart:
-    """One start of a search: small enough to send to a worker.
+class BoundEffort:
+    """Budget of a bound.
 
     Attributes:
-        manoeuvre, tail: of the suite.
-        car: settings.
-        candidate: of `CANDIDATE_NAMES`.
-        seed: of all draws; `generations` beside the first one.
+        members: of a generation of the first search; `generations` of it beside the first one.
+        starts: of the program, beside those of candidates.
+        iterations: largest number of major iterations from a start.
+        solver: of the program.
+        seed: of all draws.
     """
 
-    manoeuvre: str
-    tail: str
-    car: tuple[str, ...]
-    candidate: str
-    seed: int
-    generations: int
+    members: int = 150
+    generations: int = 40
+    starts: int = 4
+    iterations: int = 20
+    solver: Solver = "snopt"
+    seed: int = 1
 
 
-def paths(names: Sequence[str] = ()) -> list[str]:
-    """Returns these manoeuvres of the suite, by default all with a path; SweepError for another
-    one.
+@dataclass(frozen=True)
+class Bound:
+    """The best steering and motion that were found.
+
+    Attributes:
+        scenarios: of the cars; steering and swing are not theirs.
+        program: that was solved.
+        solution: the best of all starts.
     """
-    known = [name for name, one in MANOEUVRES.items() if one.rule == "path"]
-    for name in names:
-        if name not in known:
-            raise SweepError(
-                f"manoeuvre {name!r}: the bound is known on paths only; must be of "
-                f"{', '.join(known)}"
+
+    scenarios: tuple[Scenario, ...]
+    program: SwerveNlp
+    solution: SwerveSolution
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row per car: aim, steering (rad and s), and what the search took."""
+        solution = self.solution
+        rows = []
+        for member, scenario in enumerate(self.scenarios):
+            steering = steering_of(self.program, solution.x, member)
+            rows.append(
+                {
+                    "car": scenario.name,
+                    "speed_m_per_s": scenario.manoeuvre.speed,
+                    "aim": solution.aims[member],
+                    **dict(zip(STEERING_KEYS, steering.tolist(), strict=True)),
+                    "violation": solution.violation,
+                    "worst": solution.worst,
+                    "evaluations": solution.evaluations,
+                    "wall_time_s": solution.wall_time,
+                }
             )
-    return list(dict.fromkeys(names)) or known
+        return pd.DataFrame(rows)
 
 
-def search_bound(
-    names: Sequence[str],
-    cases: Sequence[Case],
-    tail: str,
-    starts: int,
-    generations: int,
-    runs: CachedRunner,
-) -> pd.DataFrame:
-    """Searches the entry speeds of reduced cars on paths, m/s: a row for each manoeuvre, car and
-    surface, a column for `CANDIDATE_NAMES`.
+def find_bound(
+    scenarios: Sequence[Scenario],
+    aim: Aim | Callable[[Swerve], FloatArray] | str = "aside-0.5",
+    limits: Sequence[Limit] = (),
+    effort: BoundEffort | None = None,
+    candidates: Sequence[tuple[FloatArray, FloatArray]] = (),
+    extend: Callable[[SwerveNlp], None] | None = None,
+) -> Bound:
+    """Searches steering and motion of the tail that are best for one car, or one motion for many.
 
-    The bound has so many starts, and is never below the law, which is a motion, too.
+    Args:
+        scenarios: of kind `levels`, cars with a tail; each has its own steering.
+        aim: to be large: a name, or a function of `Swerve` that returns a number per car (n,).
+        limits: beside those of every swerve.
+        effort: how much is tried; by default `BoundEffort()`.
+        candidates: motion of a tail, its pitch and its roll at the knots after the first
+            (`KNOTS`,), rad, and steering (`STEERING`,), from which the program starts, too.
+        extend: adds costs and constraints to the program before it is solved.
+
+    Raises:
+        UserError: no swerve keeps all limits; what the reduced car does not know.
     """
-    runs.stage = "bound"
-    items = []
-    rows = []
-    keys = []
-    for name in names:
-        manoeuvre = MANOEUVRES[name]
-        content = scenario_content(manoeuvre.scenario)
-        for car, surface in cases:
-            settings = (*car.settings_on(manoeuvre.scenario), *surface.settings)
-            for candidate in CANDIDATE_NAMES:
-                row = {"manoeuvre": manoeuvre.name, "car": car.name, "floor": surface.name}
-                for seed in range(starts if candidate == BOUND else RESTARTS):
-                    item = BoundStart(name, tail, settings, candidate, seed, generations)
-                    items.append(item)
-                    rows.append(row | {"candidate": candidate})
-                    keys.append(content_key("bound", vars(item), *content))
-    table = make_frame(rows)
-    table["speed"] = runs.map(best_speed, items, keys)
-    by_candidate = table.groupby([*CASE, "candidate"], sort=False)["speed"]
-    best = by_candidate.max().unstack(sort=False)
-    best[BOUND] = best[[BOUND, "feedback"]].max(axis=1)
-    return best.reset_index()
+    effort = effort or BoundEffort()
+    chosen = as_aim(aim)
+    shooting = SwerveShooting.from_scenarios(scenarios, chosen, limits)
+    program = SwerveNlp(shooting, chosen.size)
+    if extend is not None:
+        extend(program)
+    starts = [_start_of(shooting, tail, steering) for tail, steering in candidates]
+    starts += _first_search(shooting, effort)
+    solutions = [program.solve(start, effort.iterations, effort.solver) for start in starts]
+    best = best_of(solutions)
+    if best.violation > FEASIBILITY_TOL:
+        raise SwingError(f"no start reached a swerve that keeps its limits; nearest: {best.worst}")
+    return Bound(tuple(scenarios), program, best)
 
 
-def best_speed(start: BoundStart) -> float:
-    """Returns the highest speed at which a start of the search finds the path kept, m/s; 0 where it
-    finds none.
+def _start_of(shooting: SwerveShooting, tail: FloatArray, steering: FloatArray) -> FloatArray:
+    """Returns the scaled variables of a motion of the tail, and one steering of all cars."""
+    variables = shooting.variables
+    return np.concatenate([tail, *[steering] * variables.members]) / variables.units
 
-    A member of a generation keeps the path from 0.4 m/s below the best speed before that generation
-    on.
+
+def _first_search(shooting: SwerveShooting, effort: BoundEffort) -> list[FloatArray]:
+    """Returns starts (size,) of the program: the best point of a search with one steering for all
+    cars, and the best ones of its first generation.
     """
-    (chosen,) = select_manoeuvres([start.manoeuvre], start.tail)
-    car = reduced_cars(chosen, [start.car], CANDIDATES.get(start.candidate, FEEDBACK))
-    scenario = load_scenario(chosen.scenario, (*chosen.settings, *FEEDBACK.settings))
-    ranges = list(DRIVER_RANGES)
-    if start.candidate == BOUND:
-        ranges += MOTION_RANGES
-    low, high = np.array(ranges).T[..., None]
-    follows = float(start.candidate in FOLLOWING)
-    drivers = len(DRIVER_RANGES)
-    best = 0.0
+    variables = shooting.variables
+    generator = np.random.default_rng(effort.seed)
+    members = effort.members
+    tails = _draw_tails(generator, members)
+    first = np.concatenate([draw_steering(generator, members, variables.max_angle), tails], axis=1)
+
+    def possible(points: FloatArray) -> FloatArray:
+        result = possible_steering(points, variables.max_angle)
+        tail = result[:, STEERING:]
+        tail[:, 0] = np.clip(tail[:, 0], *variables.pitches)
+        rolls = np.concatenate([np.zeros((len(tail), 1)), tail[:, 1:]], axis=1)
+        reach = np.max(np.abs(np.concatenate([rolls, rolls @ midway().T], axis=1)), axis=1)
+        tail[:, 1:] *= np.minimum(1.0, variables.max_roll / np.maximum(reach, 1e-9))[:, None]
+        return result
+
+    def scaled(points: FloatArray) -> FloatArray:
+        steering, tail = np.split(points, [STEERING], axis=1)
+        return np.concatenate([tail, *[steering] * variables.members], axis=1) / variables.units
+
+    def evaluate(points: FloatArray) -> FloatArray:
+        columns = scaled(points).T
+        total = np.zeros(len(points))
+        for member in range(variables.members):
+            chosen = np.full(len(points), member)
+            swerve = shooting.drive(columns[variables.own(member)], chosen)
+            behind = np.maximum(shooting.rows(swerve) - _upper(shooting), 0.0).max(axis=0)
+            total += score(swerve, shooting.aim) - np.where(behind > 0.0, 1e2 + behind, 0.0)
+        return total / variables.members
+
+    values = evaluate(possible(first))
+    best_first = possible(first)[np.argsort(-values, kind="stable")[: effort.starts - 1]]
+    low, high = steering_ranges(variables.max_angle)
+    reach = np.full(len(KNOTS) - 1, variables.max_roll)
+    low = np.concatenate([low, [variables.pitches[0]], -reach])
+    high = np.concatenate([high, [variables.pitches[1]], reach])
 
     def cost(shares: FloatArray) -> FloatArray:
-        nonlocal best
-        members = shares.shape[1]
-        speeds = np.round(max(best, FIRST_SPEED) + SPEED_OFFSETS, 2)
-        numbers = np.repeat(low + shares * (high - low), len(speeds), axis=1)
-        count = numbers.shape[1]
-        cars = at_speeds(car.take(np.zeros(count, int)), np.tile(speeds, members))
-        rolls, pitches = np.split(numbers[drivers:], [ROLLS])
-        preview, correction, lag = numbers[:drivers]
-        motion = PathMotion(preview, correction, lag, rolls, pitches)
-        gains = gains_of([{}] * count, scenario)
-        entries = simulate_entries(cars, scenario, gains, np.full(count, follows), motion)
-        completed = entries.completed.reshape(members, -1)
-        kept = unbroken(completed, axis=1).sum(axis=1)
-        best = max(best, float(np.where(kept > 0, speeds[kept - 1], 0.0).max()))
-        progress = entries.progress.reshape(members, -1)
-        first_lost = np.minimum(kept, len(speeds) - 1)
-        driven = progress[np.arange(members), first_lost]
-        return np.asarray(-(speeds[0] + STEP * (kept + driven)))
+        return -evaluate(possible(low + shares.T * (high - low)))
 
-    first = np.random.default_rng(start.seed).random((POPULATION, len(low)))
-    first[0, drivers:] = 0.5  # a tail that is fixed in the middle
-    evolve(cost, first, start.generations, start.seed)
-    return best
+    spread = np.clip((possible(first) - low) / (high - low), 0.0, 1.0)
+    _, shares = evolve(cost, spread, effort.generations, effort.seed)
+    best = possible((low + shares * (high - low))[None])
+    return [*scaled(np.concatenate([best, best_first]))]
+
+
+def _upper(shooting: SwerveShooting) -> FloatArray:
+    """Returns the largest scaled value of each row (rows, 1)."""
+    return np.array([limit.upper / limit.size for limit in shooting.row_limits])[:, None]
+
+
+def _draw_tails(generator: np.random.Generator, members: int) -> FloatArray:
+    """Draws pitches and rolls (members, knots) of tails that go from one roll to another."""
+    pitch = generator.choice(DRAWN_PITCHES, (members, 1))
+    first = generator.uniform(-MAX_DRAWN_ROLL, MAX_DRAWN_ROLL, (members, 1))
+    last = generator.uniform(-MAX_DRAWN_ROLL, MAX_DRAWN_ROLL, (members, 1))
+    begin = generator.uniform(0.0, 1.0, (members, 1))
+    length = generator.uniform(0.05, 1.0, (members, 1))
+    share = np.array(KNOTS)[None, 1:] / KNOTS[-1]
+    rolls = first + (last - first) * np.clip((share - begin) / length, 0.0, 1.0)
+    rolls[::STILL_SHARE] = 0.0
+    return np.concatenate([pitch, rolls], axis=1)

@@ -1,11 +1,8 @@
-"""Training of the numbers of the feedback law: reduced training cars, the highest speeds that they
-enter at.
+"""Training of the numbers of the feedback law on reduced training cars in swerves.
 
-A law is scored by the speeds at which cars stay upright, over the entry speed of the car without
-tail. A car that turns less than `MIN_LATERAL_SHARE` of it counts much less, by the power
-`SHORTFALL_EXPONENT`, so that the search is led to laws that turn enough. The score is half the mean
-over cars and manoeuvres and half the mean of the worst fifth. Generations of laws follow
-differential evolution (Storn and Price 1997, doi 10.1023/A:1008202821328).
+A law is scored by how far the last point of the outline has moved aside after 0.5 s, with the best
+of some steerings, over that of the same car without tail and with its own best steering: half the
+mean over cars, floors and speeds, half the mean of the worst fifth.
 """
 
 from __future__ import annotations
@@ -13,26 +10,29 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
-from aerodima.optimisation.judge.candidate import NO_TAIL, Candidate
-from aerodima.optimisation.judge.entry_rule import MIN_LATERAL_SHARE
-from aerodima.optimisation.judge.entry_speed import Case
-from aerodima.optimisation.judge.reduced_entries import gains_of, reduced_cars, sweep_speeds
-from aerodima.optimisation.judge.suite import FEEDBACK, TRAINING_MANOEUVRES, select_manoeuvres
-from aerodima.optimisation.studies.limit_search import unbroken
-from aerodima.optimisation.studies.runs import CachedRunner, scenario_content
+from aerodima.optimisation.studies.runs import CachedRunner
+from aerodima.optimisation.swerve.aims import AIMS
+from aerodima.optimisation.swerve.aims import score as score_swerves
+from aerodima.optimisation.swerve.candidate import NO_TAIL, SWERVE, Candidate, Settings
+from aerodima.optimisation.swerve.evolution import evolve
+from aerodima.optimisation.swerve.reduced_swerves import (
+    ReducedSwerve,
+    SteeringItem,
+    best_steering,
+)
+from aerodima.optimisation.swerve.steering import SearchEffort, possible_steering
+from aerodima.optimisation.swerve.suite import FEEDBACK, FOLDED, Case
 from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, content_key
-from aerodima.workbench.car.reduced.parameters import VehicleParams
+from aerodima.workbench.car.reduced.swerves import LEVELS
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
-from aerodima.workbench.scenario.scenario import Scenario, load_scenario
+from aerodima.workbench.scenario.scenario import load_scenario
 
 RANGES = {
     "feedback.lean_gain": (-8.0, 1.0),
@@ -48,24 +48,14 @@ RANGES = {
     "feedback.pitch_angle": (-1.3, 0.6),
 }
 """Numbers that are free, in the units of `FeedbackParameters`."""
-RATIOS = np.concatenate([np.arange(0.72, 1.2, 0.06), np.arange(1.2, 3.2, 0.12)])
-"""Speeds of the sweep of a law, over the entry speed of the car without tail."""
-SPEEDS_WITHOUT = np.arange(1.3, 6.05, 0.1)
-"""Speeds of the sweep of a car without tail, m/s; on a car that reaches the last one a tail can
-gain nothing."""
+ANGLE_SHARES = np.geomspace(0.4, 2.5, 10)
+"""Shares of a steering's angles with which a law is tried."""
 LAWS_PER_ITEM = 22
 """Laws in one item of work."""
-SHORTFALL_EXPONENT = 12
-"""Power of what is turned over what must be; with 3 the search found laws that stay upright and
-turn too little."""
-LATERAL_MARGIN = 1.02
-"""What must be turned here over what must be turned by the full car, whose lateral acceleration is
-5 % smaller to 2 % larger (law of `models/parameters/feedback.yaml`, three training cars, turn, held
-turn and fishhook at 3.2 and 6 m/s)."""
+AIM = "aside-0.5"
+"""What a law is scored by."""
 WORST_SHARE = 0.2
 """Share of cases that the second half of the score is made of."""
-MIN_LATERAL = 1.0
-"""Lateral acceleration of a car that is upright at no speed without a tail, m/s2."""
 Law = Mapping[str, float]
 """Numbers of a law by the keys of `RANGES`."""
 
@@ -95,61 +85,92 @@ class LawSearch:
         check_range("around", self.around, 0.0, 1.0, NO_UNIT, above_low=True, error=SweepError)
 
 
-@dataclass(frozen=True)
-class LawBatch:
-    """Laws on cars in a manoeuvre: small enough to send to a worker.
+class Place(NamedTuple):
+    """A car at its speed on its floor with the feedback law.
 
     Attributes:
-        manoeuvre: name of the suite; `tail` of `suite.TAILS`.
-        cars: settings of each car.
-        laws: that are scored.
+        settings: that make it.
+        steerings: with which laws are tried.
+        reference: largest aim of the same car without tail, m.
     """
 
-    manoeuvre: str
-    tail: str
-    cars: tuple[tuple[str, ...], ...]
-    laws: tuple[Law, ...]
+    settings: Settings
+    steerings: tuple[tuple[float, ...], ...]
+    reference: float
 
-    def key(self) -> str:
-        """Returns the key of its cached result."""
-        (manoeuvre,) = select_manoeuvres([self.manoeuvre], self.tail)
-        content = scenario_content(manoeuvre.scenario, manoeuvre.settings)
-        return content_key("screened entries", vars(self), *content, manoeuvre.drivers)
+
+class LawBatch(NamedTuple):
+    """Laws on a car: small enough to send to a worker."""
+
+    place: Place
+    laws: tuple[Law, ...]
 
 
 def train_feedback(
-    cases: Sequence[Case], tail: str, search: LawSearch, runs: CachedRunner
+    cases: Sequence[Case],
+    speeds: Sequence[float],
+    search: LawSearch,
+    runs: CachedRunner,
+    effort: SearchEffort | None = None,
 ) -> Candidate:
-    """Searches the law with the best score on training cars (`TRAINING_MANOEUVRES`).
+    """Searches the law with the best score on training cars.
 
     Args:
-        cases: training cars with their surfaces.
-        tail: of `suite.TAILS`.
+        cases: training cars with their tail and floor.
+        speeds: at which they swerve, m/s.
         search: how much.
         runs: where the runs are made.
+        effort: of the steerings with which laws are tried; by default `SearchEffort()`.
 
     Raises:
         UserError: no law keeps a car upright.
     """
+    places = find_places(cases, speeds, runs, effort or SearchEffort())
     runs.stage = "feedback law"
-    cars = tuple((*car.settings_on("entry_turn"), *surface.settings) for car, surface in cases)
-    number = len(TRAINING_MANOEUVRES)
 
     def score_laws(laws: Sequence[Law]) -> FloatArray:
         batches = []
-        for first in range(0, len(laws), LAWS_PER_ITEM):
-            part = tuple(laws[first : first + LAWS_PER_ITEM])
-            batches += [LawBatch(name, tail, cars, part) for name in TRAINING_MANOEUVRES]
-        ratios = runs.map(score_law_batch, batches, [batch.key() for batch in batches])
-        by_manoeuvre = [np.concatenate(ratios[index::number]) for index in range(number)]
-        return score(np.concatenate(by_manoeuvre, axis=1))
+        for place in places:
+            for first in range(0, len(laws), LAWS_PER_ITEM):
+                batches.append(LawBatch(place, tuple(laws[first : first + LAWS_PER_ITEM])))
+        keys = [content_key("law scores", repr(batch)) for batch in batches]
+        ratios = np.concatenate(runs.map(score_law_batch, batches, keys))
+        return score(ratios.reshape(len(places), len(laws)).T)
 
-    (first, *_) = select_manoeuvres(TRAINING_MANOEUVRES, tail)
-    shipped = load_scenario(first.scenario).feedback
+    shipped = load_scenario(SWERVE).feedback
     start = {name: float(getattr(shipped, name.split(".")[1])) for name in RANGES}
     best = search_laws(search, start, score_laws, runs.say)
     numbers = [f"{name}={value!r}" for name, value in best.items()]
     return Candidate(f"trained {FEEDBACK.name}", (*FEEDBACK.settings, *numbers))
+
+
+def find_places(
+    cases: Sequence[Case], speeds: Sequence[float], runs: CachedRunner, effort: SearchEffort
+) -> list[Place]:
+    """Returns the places of cases and speeds; laws are tried there with the best steerings of the
+    car without tail and with its tail folded, by `ANGLE_SHARES`.
+    """
+    runs.stage = "steerings"
+    names = [(case, speed) for case in cases for speed in speeds]
+    items = []
+    for case, speed in names:
+        for candidate in (NO_TAIL, FOLDED):
+            settings = (*case.settings(), *candidate.settings, f"manoeuvre.speed={speed!r}")
+            items.append(SteeringItem((settings,), AIM, effort))
+    keys = [content_key("steering", repr(item)) for item in items]
+    results = runs.map(best_steering, items, keys)
+    places = []
+    for (case, speed), bare, folded in zip(names, results[::2], results[1::2], strict=True):
+        steerings = []
+        for result in (bare, folded):
+            angles = np.outer(ANGLE_SHARES, result["steering"][:LEVELS])
+            steerings += [(*row, *result["steering"][LEVELS:]) for row in angles.tolist()]
+        settings = (*case.settings(), *FEEDBACK.settings, f"manoeuvre.speed={speed!r}")
+        if bare["score"] > 0.0:
+            places.append(Place(settings, tuple(steerings), bare["score"]))
+    if not places:
+        raise SweepError("no training car stays upright without a tail")
+    return places
 
 
 def search_laws(
@@ -197,30 +218,6 @@ def search_laws(
     return best
 
 
-def evolve(
-    cost: Callable[[FloatArray], FloatArray], first: FloatArray, generations: int, seed: int
-) -> None:
-    """Minimises a cost of shares between 0 and 1 by differential evolution.
-
-    Args:
-        cost: of members (numbers, members).
-        first: generation (members, numbers).
-        generations: beside the first one.
-        seed: of all draws.
-    """
-    differential_evolution(
-        cost,
-        [(0.0, 1.0)] * first.shape[1],
-        init=first,
-        maxiter=generations,
-        tol=0.0,
-        polish=False,
-        vectorized=True,
-        updating="deferred",
-        rng=seed,
-    )
-
-
 def laws_at(shares: FloatArray) -> list[Law]:
     """Returns the laws at shares (n, numbers) of the `RANGES`, to four digits."""
     low, high = np.array(list(RANGES.values())).T
@@ -238,63 +235,26 @@ def shares_of(law: Law) -> FloatArray:
 
 
 def score(ratios: FloatArray) -> FloatArray:
-    """Returns the scores of laws (laws,) from their speeds divided by those without a tail (laws,
-    cases).
-    """
+    """Returns the scores of laws (laws,) from their aims over those of no tail (laws, places)."""
     number = max(1, round(WORST_SHARE * ratios.shape[1]))
     worst = np.sort(ratios, axis=1)[:, :number]
     return np.asarray(0.5 * (ratios.mean(axis=1) + worst.mean(axis=1)))
 
 
-def score_law_batch(batch: LawBatch) -> list[list[float]]:
-    """Returns the speed that each law is worth over the entry speed without tail (laws, cars).
+def score_law_batch(batch: LawBatch) -> list[float]:
+    """Returns the aim that each law reaches over that without tail (laws,); 0 where the car is
+    never upright.
 
     Raises:
         UserError: what the reduced car does not know.
     """
-    reference = _reference(batch.manoeuvre, batch.tail, batch.cars)
-    number = len(batch.laws)
-    count = reference.cars.count
-    which = np.tile(np.arange(count), number)
-    laws = [law for law in batch.laws for _ in range(count)]
-    gains = gains_of(laws, reference.drivers[0])
-    without = reference.speeds[which]
-    speeds = RATIOS[:, None] * without
-    cars = reference.cars.take(which)
-    completed, lateral = sweep_speeds(cars, speeds, reference.drivers, gains, np.ones(len(which)))
-    enough = LATERAL_MARGIN * reference.min_lateral[which]
-    turned = np.minimum(1.0, np.maximum(lateral, 0.0) / enough) ** SHORTFALL_EXPONENT
-    worth = np.where(unbroken(completed), RATIOS[:, None] * turned, 0.0)
-    best = np.max(worth, axis=0)
-    best = np.where(without >= SPEEDS_WITHOUT[-1], np.minimum(best, 1.0), best)
-    ratios: list[list[float]] = best.reshape(number, count).tolist()
+    place, laws = batch
+    car = ReducedSwerve(load_scenario(SWERVE, place.settings))
+    count = len(place.steerings)
+    limit = car.scenario.servo.limit
+    steerings = possible_steering(np.tile(place.steerings, (len(laws), 1)), limit)
+    numbers = {name.split(".")[1]: np.repeat([law[name] for law in laws], count) for name in RANGES}
+    values = score_swerves(car.drive(steerings.T, numbers), AIMS[AIM])
+    best = values.reshape(len(laws), count).max(axis=1)
+    ratios: list[float] = (np.maximum(best, 0.0) / place.reference).tolist()
     return ratios
-
-
-class _Reference(NamedTuple):
-    """A manoeuvre with its drivers, its cars (n) with the tail, and what the cars without tail
-    reach: entry speeds (n), m/s, and the lateral accelerations (n) that are enough, m/s2.
-    """
-
-    drivers: list[Scenario]
-    cars: VehicleParams
-    speeds: FloatArray
-    min_lateral: FloatArray
-
-
-@lru_cache(maxsize=16)
-def _reference(manoeuvre: str, tail: str, cars: tuple[tuple[str, ...], ...]) -> _Reference:
-    (chosen,) = select_manoeuvres([manoeuvre], tail)
-    settings = (*chosen.settings, *FEEDBACK.settings)
-    drivers = [load_scenario(chosen.scenario, (*settings, *driver)) for driver in chosen.drivers]
-    bare = reduced_cars(chosen, cars, NO_TAIL)
-    count = bare.count
-    speeds = np.outer(SPEEDS_WITHOUT, np.ones(count))
-    gains = gains_of([{}] * count, drivers[0])
-    completed, lateral = sweep_speeds(bare, speeds, drivers, gains, np.zeros(count))
-    held = unbroken(completed)
-    last = np.maximum(np.sum(held, axis=0) - 1, 0)
-    share = 1e-9 if chosen.rule == "path" else MIN_LATERAL_SHARE
-    most = np.max(np.where(held, lateral, 0.0), axis=0, initial=MIN_LATERAL)
-    with_tail = reduced_cars(chosen, cars, FEEDBACK)
-    return _Reference(drivers, with_tail, SPEEDS_WITHOUT[last], share * most)

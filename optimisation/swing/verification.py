@@ -1,7 +1,7 @@
 """Verification of a swing on its full car: forward simulation at the fine step.
 
 It measures how far the motion is from the knots, whether anything leaves its limits or touches the
-car, and whether the car survives clean. Entry speeds of other cars: `optimisation.judge`.
+car, whether the car survives clean, and whether its aim reaches the claim of the file.
 """
 
 from __future__ import annotations
@@ -14,11 +14,14 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from aerodima.optimisation.judge.candidate import swing_player
 from aerodima.optimisation.studies.rollover_threshold import is_clean
 from aerodima.optimisation.studies.runs import FINE_STEP, RunTask, measured_row, step_settings
+from aerodima.optimisation.swerve.aims import find_aim
+from aerodima.optimisation.swerve.candidate import swing_player
+from aerodima.optimisation.swing.solution import AIM, AIM_VALUE
 from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.car.clearance import ground_clearance, make_range_of_motion
+from aerodima.workbench.car.swerve import swerve_counts, swerve_of
 from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.control.swing_library import (
     find_swing,
@@ -45,6 +48,8 @@ MAX_TILT = 0.8
 """Largest tilt at which the height of the tail over the ground is checked, rad."""
 _MARGIN = 1e-3
 """rad and N m; an encoder and a stop give this much."""
+AIM_MARGIN = 0.01
+"""Share of its claim by which an aim may be missed."""
 SCHEMA = "aerodima/verification/3"
 VERDICT = "verification.yaml"
 PAGE = "report.html"
@@ -132,7 +137,7 @@ def verify_swing(
         raise SwingError(
             f"swing {played.name}: was never released in this turn ({turn} {' '.join(settings)})"
         )
-    checks = (*_turn_checks(row), *_tail_checks(played, driven, log))
+    checks = (*_turn_checks(row), *_aim_checks(played, driven), *_tail_checks(played, driven, log))
     return Verification(played, turn_words(played, driven), checks, log)
 
 
@@ -142,6 +147,19 @@ def _turn_checks(row: Facts) -> Iterator[Check]:
     yield Check("heading change", row["heading_change_rad"], "rad")
     yield Check("peak roll of the car", row["peak_roll_rad"], "rad")
     yield Check("energy of the tail", row["tail_energy_j"], "J")
+
+
+def _aim_checks(swing: SwingFile, scenario: Scenario) -> Iterator[Check]:
+    """Compares the aim of a solution with the value that its file claims for the full car."""
+    found = swing.provenance.found
+    if AIM not in found:
+        return
+    aim = find_aim(str(found[AIM]))
+    swerve = swerve_of(simulate(scenario, record="outcome", stop_when_certain=True))
+    yield Check("the swerve counts", float(swerve_counts(swerve)[0]), "", low=1.0)
+    claimed = float(found.get(AIM_VALUE, -math.inf))
+    value = float(aim(swerve)[0])
+    yield Check(f"aim {aim.name}", value, aim.unit, low=claimed - AIM_MARGIN * abs(claimed))
 
 
 def _tail_checks(swing: SwingFile, scenario: Scenario, log: RunLog) -> Iterator[Check]:

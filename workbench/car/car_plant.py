@@ -33,6 +33,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from aerodima.workbench.aero.added_mass import AddedMass, add_added_mass
 from aerodima.workbench.car.car_model import car_sdf, stiction_tolerance
 from aerodima.workbench.car.tail_plant import MIN_INERTIA_FRACTION, added_mass_layout, tail_sdf
+from aerodima.workbench.control.swing_library import resting_tail
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.resources import models_dir
 from aerodima.workbench.core.sdf_model import SdfModel
@@ -109,8 +110,8 @@ def add_car_plant(
         reach = scenario.tail.mount_x - scenario.car.gearbox_x
         X_GT = RigidTransform(np.array([reach, 0.0, scenario.car.gearbox_height / 2]))
         plant.WeldFrames(plant.GetFrameByName("gearbox"), plant.GetFrameByName("tail_anchor"), X_GT)
-        plant.GetJointByName("tail_roll").set_default_angle(scenario.resting_roll)
-        plant.GetJointByName("tail_pitch").set_default_angle(scenario.resting_pitch)
+        for joint, angle in zip(("roll", "pitch"), resting_tail(scenario), strict=True):
+            plant.GetJointByName(f"tail_{joint}").set_default_angle(angle)
         added = _added_mass(plant, scenario)
     plant.set_stiction_tolerance(stiction_tolerance(scenario.car, scenario.manoeuvre.speed))
     plant.set_contact_model(ContactModel.kPoint)

@@ -124,11 +124,6 @@ def goes_straight(steered: Any, yaw_rate: Any) -> Any:
     return steered | (np.abs(yaw_rate) <= EXIT_YAW_RATE)
 
 
-def keeps_path(off_path: Any) -> Any:
-    """Returns whether a car that is `off_path` (m) beyond its lane keeps to it."""
-    return off_path <= 0.0
-
-
 def side_lift(lifts: Any) -> Any:
     """Returns the larger height (m) of the lower wheel of each side.
 

@@ -88,7 +88,7 @@ def demo(
     seed: Annotated[int, typer.Option(help="Seed of the sensor noise.")] = 1,
     force: cli.Anew = False,
 ) -> None:
-    """Drive four cars in step and the thesis' own turn; write a page.
+    """Drive a swerve of several cars in step and the thesis' own turn; write a page.
 
     Asked for again after Ctrl-C it keeps the finished runs and goes on. Example: aerodima demo
     --out out/demo

@@ -122,21 +122,18 @@ class FishhookDriver:
 
     def step(self, memory: FloatArray, view: DriverView) -> tuple[FloatArray, DriverInput]:
         """See `DriverLaw`."""
-        memory, angle = self.steer(memory, view)
-        side = self.side if math.isinf(memory[0]) else -self.side
-        return memory, DriverInput(float(angle), self.ramp.throttle(view.time), side)
-
-    def steer(self, memory: FloatArray, view: DriverView) -> tuple[FloatArray, FloatArray]:
-        """Returns the new memory and angle, rad: of one car, or of many, whose last axis it is."""
         now = view.time + TICK_TOLERANCE
         reach = self.steer_angle / self.servo_rate
-        counter = memory[0]
-        falls = (now >= self.start_time + reach) & (self.side * view.roll_rate < self.roll_rate)
-        counter = np.where(falls, np.minimum(counter, view.time), counter)
-        begun = np.where(now >= self.start_time, self.steer_angle, 0.0)
-        angle = np.where(view.time < counter, begun, -self.steer_angle)
-        angle = np.where(now >= counter + 2.0 * reach + self.hold, 0.0, angle)
-        return np.stack([counter]), self.side * angle
+        counter = float(memory[0])
+        falls = self.side * view.roll_rate < self.roll_rate
+        if now >= self.start_time + reach and falls:
+            counter = min(counter, view.time)
+        angle = 0.0
+        if now < counter + 2.0 * reach + self.hold and now >= self.start_time:
+            angle = self.steer_angle if view.time < counter else -self.steer_angle
+        side = self.side if math.isinf(counter) else -self.side
+        given = DriverInput(self.side * angle, self.ramp.throttle(view.time), side)
+        return np.array([counter]), given
 
 
 @dataclass(frozen=True)
@@ -196,9 +193,7 @@ class PathDriver:
         )
 
     def steer(self, memory: FloatArray, view: DriverView) -> tuple[FloatArray, FloatArray]:
-        """Returns the new memory and angle, rad, with a pose: of one car, or of many, whose last
-        axis it is.
-        """
+        """Returns the new memory and angle, rad, with a pose."""
         moves = (view.speed > SLOW) & ~np.isnan(view.yaw_rate)
         bent = np.where(moves, view.yaw_rate, 0.0) / np.maximum(view.speed, SLOW)
         curvature = self.wanted_curvature(view, bent)

@@ -8,6 +8,7 @@ car. Steering angles in rad, positive to the left; throttle -1 to 1; planned tur
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -133,15 +134,39 @@ def pulse_angle(pulse: Any, since: Any) -> Any:
     return where((since >= 0.0) & (since < pulse.hold), level, 0.0)
 
 
+def level_angle(levels: Sequence[Any], ends: Sequence[Any], since: Any) -> Any:
+    """Returns the steering angle (rad) that levels command one after the other, then straight.
+
+    Args:
+        levels: angles, rad, numbers or arrays of cars.
+        ends: when each is over, s since the start of the first one, in order.
+        since: time since that start, s.
+    """
+    angle: Any = 0.0
+    for level, end in zip(reversed(levels), reversed(ends), strict=True):
+        angle = where(since < end, level, angle)
+    return where(since >= 0.0, angle, 0.0)
+
+
+def slewed_angle(levels: Sequence[Any], ends: Sequence[Any], rate: Any, since: Any) -> Any:
+    """Returns the angle (rad) to which a servo of `rate` (rad/s) has turned the wheels from 0 by
+    then, and on the way back after the last level; other arguments as `level_angle`.
+    """
+    angle: Any = 0.0 * since
+    begun: Any = 0.0
+    for level, end in zip((*levels, 0.0), (*ends, since), strict=True):
+        moved = rate * maximum(0.0, minimum(since, end) - begun)
+        angle = angle + clip(level - angle, -moved, moved)
+        begun = end
+    return angle
+
+
 def wheel_angle(pulse: Any, rate: Any, since: Any) -> Any:
     """Returns the angle (rad) to which a servo of `rate` (rad/s) has turned the wheels by then;
     other arguments as `pulse_angle`.
     """
-    begun = maximum(rate * minimum(since, pulse.first_hold), 0.0)
-    first = minimum(begun, pulse.first_angle)
-    moved = rate * maximum(0.0, minimum(since, pulse.hold) - pulse.first_hold)
-    angle = first + clip(pulse.steer_angle - first, -moved, moved)
-    return maximum(angle - rate * maximum(0.0, since - pulse.hold), 0.0)
+    levels = (pulse.first_angle, pulse.steer_angle)
+    return slewed_angle(levels, (pulse.first_hold, pulse.hold), rate, since)
 
 
 def turn_length(
@@ -250,6 +275,38 @@ class TurnSchedule:
 
 
 @dataclass(frozen=True)
+class LevelSchedule:
+    """Straight, then angles that are held one after the other, then straight again.
+
+    Args:
+        ramp: of the speed.
+        side: +1 left, -1 right; announced from the first tick.
+        start: of the first level, s.
+        levels: angles to that side, rad.
+        ends: of the levels, s after the start.
+
+    Raises:
+        UserError: a level that ends before the one before it.
+    """
+
+    ramp: SpeedRamp
+    side: float
+    start: float
+    levels: tuple[float, ...]
+    ends: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        for number in range(1, len(self.ends)):
+            end = self.ends[number]
+            check_range("manoeuvre: end of a level", self.ends[number - 1], 0.0, end, "s")
+
+    def at(self, time: float) -> DriverInput:
+        """Returns inputs at `time` s since the start."""
+        angle = level_angle(self.levels, self.ends, time + TICK_TOLERANCE - self.start)
+        return DriverInput(self.side * angle, self.ramp.throttle(time), self.side)
+
+
+@dataclass(frozen=True)
 class RisingSchedule:
     """Steering that grows by `rate` from `start` on up to `steer_angle`, and stays there.
 
@@ -330,7 +387,7 @@ def make_schedule(scenario: Any) -> Schedule:
     if manoeuvre.kind in CLOSED_LOOP:
         raise UserError(
             f"manoeuvre.kind: {manoeuvre.kind}, whose driver looks at the car; allowed as a "
-            "function of time: turn, auto_turn, straight, slalom, rising"
+            "function of time: turn, auto_turn, levels, straight, slalom, rising"
         )
     side = side_of(manoeuvre)
     ramp = speed_ramp(scenario)
@@ -349,6 +406,10 @@ def make_schedule(scenario: Any) -> Schedule:
         if not scenario.drive.governor:
             ramp = SpeedRamp(manoeuvre.speed, 0.0, ramp.line)
         return TurnSchedule(ramp, side, angle, start, manoeuvre.turn_hold, throttle_off)
+    if manoeuvre.kind == "levels":
+        levels = (manoeuvre.level_1, manoeuvre.level_2, manoeuvre.level_3)
+        ends = (manoeuvre.level_1_end, manoeuvre.level_2_end, manoeuvre.turn_hold)
+        return LevelSchedule(ramp, side, manoeuvre.turn_start, levels, ends)
     if manoeuvre.kind == "straight":
         return StraightSchedule(ramp)
     if manoeuvre.kind == "rising":

@@ -11,6 +11,7 @@ from aerodima.workbench.scenario.swing_file import (
     SwingFile,
     car_mismatches,
     read_swing,
+    swing_at,
 )
 
 NO_SWING = "none"
@@ -48,6 +49,17 @@ def swing_of_scenario(scenario: Any) -> SwingFile | None:
     if name == NO_SWING or (mode, law) != ("swing", "swing"):
         return None
     return find_swing(name)
+
+
+def resting_tail(scenario: Any) -> tuple[float, float]:
+    """Returns roll and pitch (rad) of the tail at the start of a run: those of the first knot of a
+    swing that is played, else those at which the law waits.
+    """
+    swing = swing_of_scenario(scenario)
+    if swing is None:
+        return scenario.resting_roll, scenario.resting_pitch
+    waiting = swing_at(swing, 0.0, scenario.manoeuvre.direction)
+    return float(waiting.roll_position), float(waiting.pitch_position)
 
 
 def swing_facts(scenario: Any) -> Json:

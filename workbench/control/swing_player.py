@@ -47,14 +47,12 @@ class RollTrajectory:
     """Knots of the roll of n tails in a turn to the left; the last axis of every field is the car.
 
     Attributes:
-        plays: 1 where a tail follows its knots, 0 where the law is another one.
         time: since the release (knots, n), s, strictly increasing, the first 0; before and after
             them the tail rests.
         roll, rate: of the tail at the knots (knots, n), rad and rad/s.
         kp, kd: of the roll motor; `pitch_kp`, `pitch_kd` of the pitch motor; N m/rad, N m s/rad.
     """
 
-    plays: FloatArray
     time: FloatArray
     roll: FloatArray
     rate: FloatArray
@@ -62,14 +60,6 @@ class RollTrajectory:
     kd: FloatArray
     pitch_kp: FloatArray
     pitch_kd: FloatArray
-
-    @classmethod
-    def none(cls, number: int) -> Self:
-        """Makes the knots of so many tails that follow another law."""
-        time = np.array([[0.0], [1.0]]) * np.ones(number)
-        still = np.zeros((2, number))
-        no_gain = np.zeros(number)
-        return cls(no_gain, time, still, still, *[no_gain] * 4)
 
     def command(self, elapsed: Any, rate: Any) -> JointCommand:
         """Returns the command to the roll motors in a tick; arguments as `middle_of_tick`."""

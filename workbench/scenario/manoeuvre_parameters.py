@@ -50,9 +50,9 @@ class WindParameters(QuantityModel):
 class ManoeuvreParameters(QuantityModel):
     """Task of the car (design section 10)."""
 
-    kind: Literal["turn", "auto_turn", "straight", "slalom", "fishhook", "path", "rising"] = (
-        quantity("1", "simulated turn, AUTO sequence, ...")
-    )
+    kind: Literal[
+        "turn", "auto_turn", "levels", "straight", "slalom", "fishhook", "path", "rising"
+    ] = quantity("1", "simulated turn, AUTO sequence, ...")
     speed: float = quantity("m/s", "commanded speed", "[0, 30]")
     rolling_start: bool = quantity(
         "1", "true: the car begins at that speed, straight ahead; false: at rest"
@@ -63,6 +63,11 @@ class ManoeuvreParameters(QuantityModel):
         "rad", "another angle at the beginning of a simulated turn", "[0, 1.2]"
     )
     first_hold: float = quantity("s", "how much of turn_hold has that angle; 0: none", "[0, 60]")
+    level_1: float = quantity("rad", "first of the angles that kind levels holds", "[-1.2, 1.2]")
+    level_2: float = quantity("rad", "second of these angles", "[-1.2, 1.2]")
+    level_3: float = quantity("rad", "last of these angles, until turn_hold", "[-1.2, 1.2]")
+    level_1_end: float = quantity("s", "end of the first level, from its start on", "[0, 60]")
+    level_2_end: float = quantity("s", "end of the second level, from that start on", "[0, 60]")
     speed_ramp: float = quantity("s", "time in which the commanded speed is ramped up", "(0, 60]")
     turn_start: float = quantity(
         "s", "time of the steering command in a simulated turn", "[0, 600]"

@@ -113,6 +113,8 @@ class Scenario(ScenarioFile):
         self._require_at_most("manoeuvre.steer_angle", "servo.limit")
         self._require_at_most("manoeuvre.first_angle", "servo.limit")
         self._require_at_most("manoeuvre.first_hold", "manoeuvre.turn_hold")
+        for level in ("level_1", "level_2", "level_3"):
+            self._require_at_most(f"manoeuvre.{level}", "servo.limit")
         if turn.kind in ("turn", "fishhook", "path") and not turn.rolling_start:
             self._require_at_most("manoeuvre.speed_ramp", "manoeuvre.turn_start")
         if turn.kind == "path" and turn.path == "corner":

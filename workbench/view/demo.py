@@ -1,4 +1,4 @@
-"""The demo: a manoeuvre of four cars in step and the thesis' own turn: logs, table, replays and
+"""The demo: a swerve of several cars in step and the thesis' own turn: logs, table, replays and
 page in one folder.
 """
 
@@ -30,7 +30,6 @@ from aerodima.workbench.metrics.published_values import flip_bracket
 from aerodima.workbench.metrics.run_summary import MODE_WORDS, RunSummary, published_for, summarise
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.view.captions import outcome_in_words
-from aerodima.workbench.view.entry_chapter import entry_chapter, load_shown_entry
 from aerodima.workbench.view.replay_page import write_replay_html
 from aerodima.workbench.view.report_page import (
     Folded,
@@ -45,6 +44,7 @@ from aerodima.workbench.view.report_page import (
     percent,
     write_files,
 )
+from aerodima.workbench.view.swerve_chapter import load_shown_swerve, swerve_chapter
 
 DEMO_SCHEMA = "aerodima/demo/3"
 PAGE = "index.html"
@@ -68,8 +68,8 @@ class DemoPlan:
             commanded speed, m/s.
         shown: turns with a replay.
         seed: of every run.
-        opening: whether the page begins with the four cars of `models/entry/shown.yaml`, four runs
-            more.
+        opening: whether the page begins with the swerve of `models/swerve/shown.yaml`, a run more
+            for each candidate.
     """
 
     turns: Turns = (
@@ -120,7 +120,7 @@ def make_demo(
 
     Args:
         out: folder; made when it is not there.
-        plan: what to run; the four cars, and the thesis' turn on both sides of its two flips, by
+        plan: what to run; the swerve, and the thesis' turn on both sides of its two flips, by
             default.
         workers: processes.
         force: make a finished demo again, or write among other files.
@@ -173,13 +173,11 @@ def demo_runs(out: Path, plan: DemoPlan) -> list[DemoRun]:
 def _opening_runs(out: Path, seed: int) -> list[DemoRun]:
     """Makes the runs at the beginning of the page."""
     runs = []
-    shown = load_shown_entry()
-    for candidate in shown.candidates:
-        name = candidate.name
+    for name, scenario in load_shown_swerve().runs().items():
         stem = re.sub(r"[^a-z0-9]+", "_", name)
-        scenario = shown.run(candidate).resolved() | {"seed": seed}
+        content = scenario.resolved() | {"seed": seed}
         log = out / "logs" / f"{stem}.parquet"
-        runs.append(DemoRun(f"{shown.manoeuvre}, {name}", scenario, log, opening=name))
+        runs.append(DemoRun(f"swerve, {name}", content, log, opening=name))
     return runs
 
 
@@ -238,9 +236,9 @@ def _write_page(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSumma
     title = "The car turns, with and without its tail"
     lead = ""
     if first:
-        title = "One manoeuvre, four cars"
-        lead = "Same car, floor, speed and manoeuvre; the tail is a larger one than was built."
-        sections = [*entry_chapter(load_shown_entry(), first), *sections]
+        title = f"One swerve, {len(first)} cars"
+        lead = "Same car, floor and speed; each candidate has its own best steering."
+        sections = [*swerve_chapter(load_shown_swerve(), first), *sections]
     write_files(out, {SUMMARY: numbers, PAGE: Page(title, lead, sections)})
 
 

@@ -1,105 +1,123 @@
-"""Bound of the entry speed on a path: its motion reaches the tail, and its command names what it
-cannot do.
-"""
+"""The bound as a nonlinear program: its slopes, its limits, a user's aim, and its swing file."""
 
 import numpy as np
 import pytest
 
-from aerodima.optimisation.judge.reduced_entries import gains_of, reduced_cars
-from aerodima.optimisation.judge.suite import FEEDBACK, make_surfaces, select_manoeuvres
-from aerodima.optimisation.studies.runs import CachedRunner
-from aerodima.optimisation.swing import bound
-from aerodima.optimisation.swing.bound import CANDIDATE_NAMES, paths, search_bound
-from aerodima.workbench.car.reduced.entry_runs import (
-    EntryRollout,
-    PathMotion,
-    at_speeds,
-    interpolate_knots,
-    simulate_entries,
+from aerodima.optimisation import AIMS, LIMITS, BoundEffort, find_bound
+from aerodima.optimisation.swerve.aims import score
+from aerodima.optimisation.swerve.reduced_swerves import ReducedSwerve
+from aerodima.optimisation.swerve.suite import BOUND, ensemble_cases
+from aerodima.optimisation.swing.solution import solution_swing
+from aerodima.optimisation.swing.swerve_nlp import FEASIBILITY_TOL, SwerveNlp, steering_of
+from aerodima.optimisation.swing.swerve_shooting import (
+    KNOTS,
+    SwerveShooting,
+    knot_rates,
+    midway,
+    tail_at_knots,
 )
-from aerodima.workbench.core.errors import SweepError
-from aerodima.workbench.scenario.ensemble import load_ensemble
+from aerodima.workbench.car.swerve import aside, energy
+from aerodima.workbench.core.errors import SwingError
 from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.swing_file import hermite, write_swing
 from tests.refusals import assert_refused
 
-CAR = load_ensemble("physical").split(1).test[0]
-(CORNER,) = select_manoeuvres(["corner"], "designed")
-SCENARIO = load_scenario(CORNER.scenario, (*CORNER.settings, *FEEDBACK.settings))
+FEW = BoundEffort(members=24, generations=1, starts=1, iterations=4)
+LYING = np.append(-1.05, np.zeros(len(KNOTS) - 1))
+STILL = (LYING, np.array([0.06, 0.04, 0.02, 0.2, 0.4]))
 
 
-def motion_of(roll, pitch):
-    one = np.ones(1)
-    return PathMotion(
-        0.28 * one, 1.2 * one, 0.1 * one, np.full((12, 1), roll), np.full((4, 1), pitch)
+@pytest.fixture(scope="module")
+def settings():
+    (case,) = ensemble_cases("physical", "test", 1, "built", [1.2])
+    return (*case.settings(), *BOUND.settings, "manoeuvre.speed=6.0")
+
+
+@pytest.fixture(scope="module")
+def scenario(settings):
+    return load_scenario("swerve", settings)
+
+
+def test_knots_and_midway_are_those_of_the_cubic_of_a_swing_file():
+    rolls = np.random.default_rng(3).normal(size=len(KNOTS))
+    rolls[0] = 0.0
+    times = np.array(KNOTS)
+    between, _ = hermite(0.5 * (times[1:] + times[:-1]), times, rolls, knot_rates() @ rolls)
+    assert midway() @ rolls == pytest.approx(between, abs=1e-12)
+
+
+def test_slopes_are_those_of_differences(scenario):
+    """Of aim and limits by all variables, with another step than the program's own."""
+    shooting = SwerveShooting.from_scenarios([scenario], AIMS["aside-0.5"])
+    generator = np.random.default_rng(4)
+    rolls = 0.1 * generator.standard_normal(len(KNOTS) - 1)
+    x = np.concatenate([LYING[:1], rolls, STILL[1]]) / shooting.variables.units
+    evaluation = shooting.at(x)
+    direction = generator.standard_normal(x.size)
+    step = 1e-6
+    ahead, behind = (shooting.at(x + sign * step * direction) for sign in (1.0, -1.0))
+    for slopes, values in (("aim_slopes", "aims"), ("row_slopes", "rows")):
+        expected = (getattr(ahead, values) - getattr(behind, values)) / (2.0 * step)
+        found = getattr(evaluation, slopes) @ direction
+        assert found == pytest.approx(expected, rel=1e-4, abs=1e-4)
+    assert (np.abs(evaluation.aim_slopes[0, -2:]) > 1e-3).all()  # by the times of the steering
+
+
+def test_the_bound_is_not_below_a_candidate_and_plays_what_it_claims(settings, scenario, tmp_path):
+    """The reduced car reaches the value with the file that is written, and a tail that does not
+    roll does not.
+    """
+    aim = AIMS["aside-0.5"]
+    bound = find_bound([scenario], aim, effort=FEW, candidates=[STILL])
+    solution = bound.solution
+    assert solution.violation <= FEASIBILITY_TOL
+    path = tmp_path / "found.yaml"
+    write_swing(solution_swing("found", settings, bound, aim.name), path)
+    played = load_scenario("swerve", (*settings, f"controller.swing_file={path}"))
+    steering = steering_of(bound.program, solution.x)[:, None]
+    values = score(ReducedSwerve(played).drive(steering), aim)
+    assert values == pytest.approx(solution.aims, abs=1e-6)
+    shooting = bound.program.shooting
+    start = np.concatenate(STILL) / shooting.variables.units
+    assert solution.aims[0] > shooting.at(start).aims[0] + 0.01
+    assert list(bound.table["level_1"]) == pytest.approx([steering[0, 0]])
+
+
+def test_the_motion_of_a_candidate_is_one_that_the_program_can_play(settings, scenario):
+    """The tail that goes to the inside and stays there, from its knots, to 5 mm."""
+    file = (*settings, "controller.swing_file=inside_8_rad_per_s")
+    steering = np.array([0.03, 0.02, 0.01, 0.2, 0.4])
+    swerve = ReducedSwerve(load_scenario("swerve", file)).drive(steering[:, None])
+    tail = tail_at_knots(swerve)
+    assert tail[0] == pytest.approx(0.0, abs=0.02)
+    assert tail[-1] == pytest.approx(-np.pi / 2, abs=0.05)
+    shooting = SwerveShooting.from_scenarios([scenario], AIMS["aside-0.5"])
+    x = np.concatenate([tail, steering]) / shooting.variables.units
+    assert shooting.at(x).aims == pytest.approx(aside(swerve), abs=5e-3)
+
+
+def test_an_aim_and_limits_of_the_user_are_kept(scenario):
+    """Metres aside less 0.02 m a joule, with a roll and a steering of the user's choice."""
+
+    def aside_for_energy(swerve):
+        return aside(swerve) - 0.02 * energy(swerve)
+
+    limits = [LIMITS["energy"](1.5), LIMITS["roll"](0.2)]
+
+    def steer_little(program: SwerveNlp) -> None:
+        program.prog.AddBoundingBoxConstraint(0.0, 0.5, program.x[len(KNOTS)])
+
+    bound = find_bound(
+        [scenario], aside_for_energy, limits, FEW, candidates=[STILL], extend=steer_little
     )
+    shooting = bound.program.shooting
+    x = bound.solution.x
+    assert x[len(KNOTS)] <= 0.5 + FEASIBILITY_TOL
+    swerve = shooting.drive(x[:, None], np.zeros(1, int))
+    assert energy(swerve)[0] <= 1.5 + FEASIBILITY_TOL
+    assert np.abs(swerve.roll).max() <= 0.2 + 0.1 * FEASIBILITY_TOL
+    assert bound.solution.aims == pytest.approx(aside_for_energy(swerve))
 
 
-def test_values_between_places_are_linear():
-    places = np.array([[0.0], [2.0], [1.0]])
-    assert [
-        interpolate_knots(np.array([share]), places)[0] for share in (0.0, 0.25, 0.5, 0.75, 1.0)
-    ] == [
-        0.0,
-        1.0,
-        2.0,
-        1.5,
-        1.0,
-    ]
-
-
-@pytest.mark.slow
-def test_the_tail_goes_where_the_motion_says_and_the_path_is_counted_from_its_end():
-    car = at_speeds(
-        reduced_cars(CORNER, [tuple(CAR.settings_on(CORNER.scenario))], FEEDBACK), np.array([1.6])
-    )
-    gains = gains_of([{}], SCENARIO)
-    entering = EntryRollout(car, SCENARIO, gains, np.ones(1), motion_of(0.5, -0.4))
-    for step in range(300):
-        if step % 5 == 0:
-            entering.tick(0.002 * step, 0.0)
-        entering.step(0.002 * step, 0.0, 1.0, 0.0)
-    assert entering.state[6:8, 0] == pytest.approx([-0.4, 0.5], abs=0.2)
-    assert entering.whole - entering.to_go == pytest.approx(1.6 * 0.6, rel=0.05)
-    slow = simulate_entries(car, SCENARIO, gains, np.ones(1), motion_of(0.0, -1.0))
-    fast = simulate_entries(
-        at_speeds(car, np.array([4.0])), SCENARIO, gains, np.ones(1), motion_of(0.0, -1.0)
-    )
-    assert slow.completed[0]
-    assert slow.progress[0] > 0.95
-    assert not fast.completed[0]
-    assert 0.1 < fast.progress[0] < 0.9
-
-
-@pytest.mark.slow
-def test_the_bound_is_never_below_the_law_and_repeats():
-    cases = make_surfaces([CAR], [1.2])
-    table = search_bound(["corner"], cases, "designed", 1, 1, CachedRunner())
-    assert list(table) == ["manoeuvre", "car", "floor", *CANDIDATE_NAMES]
-    (row,) = table.to_dict("records")
-    assert row["bound"] >= row["feedback"] > 1.5
-    assert row["low-ballast"] > 2.0
-    assert table.equals(search_bound(["corner"], cases, "designed", 1, 1, CachedRunner()))
-
-
-def test_starts_differ_by_their_seed_and_the_bound_is_no_lower_than_the_law(monkeypatch):
-    """A bound that was searched worse than the law counts as the law's; every start is run once."""
-
-    def speed(start):
-        return {"bound": 1.0 + start.seed, "feedback": 2.5}.get(start.candidate, 2.0)
-
-    monkeypatch.setattr(bound, "best_speed", speed)
-    runs = CachedRunner()
-    cases = make_surfaces([CAR], [1.2])
-    (one,), (three,) = (
-        search_bound(["corner"], cases, "designed", starts, 1, runs).to_dict("records")
-        for starts in (1, 3)
-    )
-    assert (one["bound"], three["bound"], three["feedback"]) == (2.5, 3.0, 2.5)
-    again = CachedRunner()
-    search_bound(["corner"], cases, "designed", 3, 1, again)
-    assert again.ran == runs.ran, "what is there of one start is not run again for three"
-
-
-def test_a_manoeuvre_without_a_path_has_no_bound():
-    assert paths() == ["lane-change", "corner"]
-    assert_refused(lambda: paths(["turn"]), SweepError, "turn", "lane-change", "corner")
+def test_a_car_without_tail_has_no_bound():
+    assert_refused(lambda: find_bound([load_scenario("swerve")]), SwingError, "tail.mode", "none")

@@ -10,8 +10,10 @@ from aerodima.workbench.control.manoeuvre import (
     SlalomSchedule,
     SpeedRamp,
     ThrottleLine,
+    level_angle,
     make_schedule,
     run_time,
+    slewed_angle,
     turn_length,
 )
 from aerodima.workbench.core.errors import UserError
@@ -78,6 +80,33 @@ def test_a_turn_of_two_levels_has_each_for_its_time():
     assert set(steering(make_schedule(scenario(first_angle=0.1)), 0.01 * np.arange(200, 250))) == {
         STEER
     }
+
+
+LEVELS = {"level_1": 0.3, "level_2": -0.2, "level_3": 0.1, "level_1_end": 0.2, "level_2_end": 0.5}
+
+
+def test_levels_follow_one_another_and_end_straight():
+    schedule = make_schedule(scenario(kind="levels", turn_hold=0.8, direction="right", **LEVELS))
+    angles = steering(schedule, 0.01 * np.arange(400))
+    for first, end, angle in ((0, 200, 0.0), (200, 220, 0.3), (220, 250, -0.2), (250, 280, 0.1)):
+        assert set(angles[first:end]) == {-angle}
+    assert not angles[280:].any()
+    wrong = LEVELS | {"level_1_end": 0.6}
+    assert_refused(
+        lambda: make_schedule(scenario(kind="levels", turn_hold=0.8, **wrong)), UserError, "0.6"
+    )
+
+
+def test_the_wheels_follow_levels_at_the_rate_of_the_servo():
+    """The angle at any instant is that of a servo in small steps."""
+    levels = (0.3, -0.2, 0.1)
+    ends = (0.1, 0.25, 0.5)
+    step = 1e-4
+    angle = 0.0
+    for index in range(8000):
+        assert slewed_angle(levels, ends, 3.0, index * step) == pytest.approx(angle, abs=1e-3)
+        command = level_angle(levels, ends, index * step)
+        angle += min(max(command - angle, -3.0 * step), 3.0 * step)
 
 
 def test_ticks_reach_the_instants_whatever_their_rounding():

@@ -24,6 +24,7 @@ from aerodima.workbench.car.car_model import (
 )
 from aerodima.workbench.car.car_plant import add_car_plant
 from aerodima.workbench.car.laws import shaft_gain, torque_speed_limits
+from aerodima.workbench.car.swerve import car_outline
 from aerodima.workbench.car.tail_plant import SAIL_TIP_MARGIN
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.elementwise import maximum
@@ -53,6 +54,7 @@ class VehicleParams:
         mass: of all that does not move with the tail, kg.
         centre: its centre of mass in B (3, n), m; `inertia` about the origin of B (3, 3, n), kg m2.
         com_x: of the centre of mass of the car without tail arm, whose course counts, m.
+        outline: corners of the car as seen from above, in B (2, corners, n), m.
         wheel: places of the wheels' centres in B (3, 4, n), m.
         tyre_radius, tyre_half_width: half axes of the ellipsoids that the tyres stand on, m.
         edge: distance of these from the wheel's middle, m, one to either side.
@@ -89,6 +91,7 @@ class VehicleParams:
     centre: FloatArray
     inertia: FloatArray
     com_x: FloatArray
+    outline: FloatArray
     wheel: FloatArray
     tyre_radius: FloatArray
     tyre_half_width: FloatArray
@@ -198,6 +201,7 @@ def _car(scenario: Scenario) -> dict[str, Any]:
         "gravity": gravity,
         "air_density": scenario.environment.air_density,
         "com_x": car.com_x,
+        "outline": car_outline(car),
         "wheel": [
             _both_sides(car.wheelbase, 0.0),
             [half_track, -half_track] * 2,
@@ -327,7 +331,12 @@ def _refuse_unknown(scenario: Scenario) -> None:
         raise UserError(
             f"servo.linkage: {scenario.servo.linkage!r}; the reduced car knows: parallel"
         )
-    if scenario.manoeuvre.kind != "turn" or scenario.manoeuvre.direction != "left":
-        raise UserError("manoeuvre: the reduced car knows: kind turn, direction left")
-    if scenario.manoeuvre.rolling_start or scenario.manoeuvre.turns != 1:
-        raise UserError("manoeuvre: the reduced car knows: rolling_start false, turns 1")
+    manoeuvre = scenario.manoeuvre
+    from_rest = not manoeuvre.rolling_start and manoeuvre.turns == 1
+    if manoeuvre.direction != "left" or not (
+        manoeuvre.kind == "levels" or (manoeuvre.kind == "turn" and from_rest)
+    ):
+        raise UserError(
+            "manoeuvre: the reduced car knows: direction left; kind levels, or turn with "
+            "rolling_start false, turns 1"
+        )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,7 +14,6 @@ from aerodima.workbench.car.reduced.rollout import delay_ticks
 from aerodima.workbench.control.manoeuvre import TurnSchedule, make_schedule
 from aerodima.workbench.control.swing_law import SwingSettings
 from aerodima.workbench.control.swing_library import NO_SWING
-from aerodima.workbench.control.swing_player import RollTrajectory
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.scenario import Scenario
@@ -34,7 +33,6 @@ class TurnPlans:
         ramp: fields `duration` and `time_constant` of its ramp of the speed, s.
         law: numbers of its `SwingSettings`; `threshold` of its trigger, infinite where the tail is
             held, and `by_steering`, 1 where that is the steering, 0 where the yaw rate is.
-        knots: of the tails that follow some.
         servo_rate: rad/s.
         imu_delay: age of the yaw rate that the law sees, ticks.
     """
@@ -42,7 +40,6 @@ class TurnPlans:
     pulse: Any
     ramp: Any
     law: Any
-    knots: RollTrajectory
     servo_rate: FloatArray
     imu_delay: FloatArray
 
@@ -64,7 +61,6 @@ class TurnPlans:
             stack_fields(schedules, PULSE),
             stack_fields(ramps, vars(ramps[0])),
             stack_fields(laws, vars(laws[0])),
-            RollTrajectory.none(len(scenarios)),
             np.array([scenario.servo.rate for scenario in scenarios], float),
             np.array([delay_ticks(scenario) for scenario in scenarios], float),
         )
@@ -84,14 +80,6 @@ class TurnPlans:
     def take(self, places: Any) -> TurnPlans:
         """Returns the plans at these places, again and again if asked."""
         return take(self, places)
-
-    def varied(self, **numbers: Mapping[str, FloatArray]) -> TurnPlans:
-        """Returns plans with other numbers (n), such as `law={"delay": ...}`."""
-        parts: dict[str, Any] = {
-            part: SimpleNamespace(**vars(getattr(self, part)) | dict(changes))
-            for part, changes in numbers.items()
-        }
-        return replace(self, **parts)
 
 
 def stack_fields(objects: Sequence[Any], names: Sequence[str] | Mapping[str, Any]) -> Any:

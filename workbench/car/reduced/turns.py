@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.workbench.car.laws import pd_torque
 from aerodima.workbench.car.reduced.compiled.steps import run
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.rollout import (
@@ -49,7 +48,7 @@ from aerodima.workbench.core.array_types import BoolArray, FloatArray
 WITHIN = (np.arange(8.0)[:, None] + 0.5) / 8.0
 """Instants of a step, in its length: the wheels' angle in a step is the mean over them, so that it
 changes smoothly with the times of the steering."""
-HISTORY = ("history", "asked", "loads")
+HISTORY = ("history", "loads")
 """What `TurnRollout` returns of every step."""
 LEFT = 1.0
 """Side of all turns."""
@@ -69,9 +68,8 @@ class Turns:
         course: change from the start of the turn to its exit, rad; `exit_time` s since that start
             and `sideslip` rad there. NaN without an exit.
         last: states at the end (24, n).
-        history: every state (steps, 24, n), when asked for; `asked` the torque of the roll motor by
-            its own law at the beginning of each of these steps (steps, n), N m; `loads` of the
-            wheels in them (steps, 4, n), N.
+        history: every state (steps, 24, n), when asked for; `loads` of the wheels in these steps
+            (steps, 4, n), N.
     """
 
     survived: BoolArray
@@ -86,7 +84,6 @@ class Turns:
     sideslip: FloatArray
     last: FloatArray
     history: FloatArray | None = None
-    asked: FloatArray | None = None
     loads: FloatArray | None = None
 
 
@@ -139,9 +136,7 @@ class TurnRollout(Rollout):
         # A controller sees what the driver gave a tick ago.
         steering = pulse_angle(plans.pulse, time - 1.0 / law.rate + TICK_TOLERANCE)
         signal = np.where(law.by_steering > 0.0, steering, yaw_rate)
-        elapsed = time - self._since + EPSILON
-        over = is_over(law, roll - self._start_roll, elapsed)
-        over = np.where(plans.knots.plays > 0.0, elapsed >= plans.knots.time[-1], over)
+        over = is_over(law, roll - self._start_roll, time - self._since + EPSILON)
         phase = next_phase(
             SwingPhase(self._phase, self._since, self._start_roll),
             time,
@@ -152,23 +147,9 @@ class TurnRollout(Rollout):
         )
         self._phase, self._since, self._start_roll = phase
         self.trigger = np.where(phase.state == SwingState.SWING, phase.since, self.trigger)
-        self._follow(time)
-
-    def _follow(self, time: Any) -> None:
-        """Commands what the law or the knots want in the present state."""
-        law = self._plans.law
-        knots = self._plans.knots
-        state = self._phase
-        swings = (state == SwingState.SWING) | (state == SwingState.SETTLE)
-        plays = swings & (knots.plays > 0.0)
-        roll = np.where(
-            plays,
-            np.stack(knots.command(time - self.trigger, law.rate)),
-            np.stack(roll_command(law, state, LEFT)),
-        )
-        kp = np.where(plays, knots.pitch_kp, law.hold_kp)
-        kd = np.where(plays, knots.pitch_kd, law.hold_kd)
-        self._command(np.stack([law.pitch_angle, np.zeros_like(kp), kp, kd]), roll)
+        still = np.zeros_like(law.hold_kp)
+        pitch = np.stack([law.pitch_angle, still, law.hold_kp, law.hold_kd])
+        self._command(pitch, np.stack(roll_command(law, phase.state, LEFT)))
 
     def step(self, time: Any) -> tuple[FloatArray, ...]:
         """Drives one step and returns what `HISTORY` names."""
@@ -176,12 +157,11 @@ class TurnRollout(Rollout):
         plans = self._plans
         ramp = plans.ramp
         before = self.state
-        asked = asked_torque(before, self._tail)
         angles = wheel_angle(plans.pulse, plans.servo_rate, time + self._length * WITHIN)
         speed = ramp_speed(cars.speed, ramp.duration, ramp.time_constant, time + plans.pulse.start)
         self._drive(np.sum(angles, axis=0) / len(WITHIN), speed / cars.rolling_radius)
         self._record(time + self._length, before)
-        return self.state, asked, self.loads
+        return self.state, self.loads
 
     def _record(self, time: Any, before: FloatArray) -> None:
         """Records peaks, exit and rest at a time; `before` are the states a step before it."""
@@ -262,7 +242,7 @@ def drive_turns(
         duration: s from the start of the steering; 0 ends with the straight, whose `last` begins
             other turns.
         length: of a step, s.
-        history: keep every state, the torques that were asked of the roll motor, and the loads.
+        history: keep every state and the loads.
         begun: states (24, n) when the steering begins, of cars whose tail still waits; the straight
             is not driven.
     """
@@ -285,13 +265,3 @@ def drive_turns(
             kept.append(run(rollout, ticked, (part - begin) * length, keep=history))
     histories = map(np.concatenate, zip(*kept, strict=True))
     return Turns(**rollout.results(), **dict(zip(HISTORY, histories, strict=False)))
-
-
-def asked_torque(state: FloatArray, tail: FloatArray) -> FloatArray:
-    """Returns the torque (n) that the roll motor is asked for before its limits, N m; `tail` as of
-    `Commands`.
-    """
-    target, speed, kp, kd = tail[1]
-    rate = state[RATES][TAIL_RATE][1]
-    torque: FloatArray = pd_torque(state[7], rate, target, speed, kp, kd)
-    return torque

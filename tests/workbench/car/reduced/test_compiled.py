@@ -11,21 +11,23 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from aerodima.optimisation.judge.reduced_entries import gains_of
+from aerodima.optimisation.swerve.reduced_swerves import knots_of
 from aerodima.workbench import load_scenario
 from aerodima.workbench.car.reduced.compiled import steps
 from aerodima.workbench.car.reduced.compiled.batch_arrays import attributes
 from aerodima.workbench.car.reduced.compiled.machine_code import LANES
 from aerodima.workbench.car.reduced.compiled.steps import run, run_in_numpy
-from aerodima.workbench.car.reduced.entry_runs import EntryRollout
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.states import STATES
+from aerodima.workbench.car.reduced.swerves import FeedbackSwerve, PlayedSwerve
 from aerodima.workbench.car.reduced.turn_plans import TurnPlans
 from aerodima.workbench.car.reduced.turns import TurnRollout, drive_turns
+from aerodima.workbench.control.swing_library import find_swing
 from tests.refusals import assert_refused
 
 RNG = np.random.default_rng(5)
 ONCE = np.array([False])
+FOLLOWING = ("tail.mode=swing", "controller.law=feedback")
 FRICTIONS = tuple([f"car.tyre_friction={one}"] for one in (0.3, 0.5, 0.8, 1.1))
 
 
@@ -147,37 +149,21 @@ def test_steps_of_turns():
     assert np.isfinite(driven.results()["course"]).any()
 
 
-DRIVERS = {
-    "fishhook": {"kind": "fishhook", "steer_angle": 0.3},
-    "lane change": {"kind": "path", "path": "lane_change"},
-    "corner": {"kind": "path", "path": "corner"},
-}
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("manoeuvre", DRIVERS)
-def test_steps_of_entries(manoeuvre):
-    """From 3 to 6 m/s, steered to one side and then, by the roll rate, to the other; or along a
-    path.
-    """
-    words = (
-        "manoeuvre.kind=turn",
-        "manoeuvre.turns=1",
-        "manoeuvre.rolling_start=false",
-        "manoeuvre.turn_start=2",
-    )
-    scenarios = [load_scenario("turn_designed", (*settings, *words)) for settings in FRICTIONS]
+@pytest.mark.parametrize("played", [False, True])
+def test_steps_of_swerves(played):
+    """At 6 m/s, steered to either side; the tail follows the state, or knots."""
+    words = ("manoeuvre.speed=6.0", *FOLLOWING)
+    scenarios = [load_scenario("swerve", (*settings, *words)) for settings in FRICTIONS]
     cars = VehicleParams.from_scenarios(scenarios)
-    cars.speed[:] = np.linspace(3.0, 6.0, cars.count)
-    driven = scenarios[0].varied(manoeuvre=DRIVERS[manoeuvre])
-    entering = EntryRollout(cars, driven, gains_of([{}] * cars.count, driven), np.ones(4))
+    n = cars.count
+    steering = np.outer([0.3, -0.2, 0.1, 0.1, 0.4], np.linspace(0.5, 1.5, n))
+    if played:
+        knots = knots_of(find_swing("thesis_8_rad_per_s"), n)
+        rollout = PlayedSwerve(cars, scenarios[0], steering, np.zeros(n), knots)
+    else:
+        gains = {name: value * np.ones(n) for name, value in scenarios[0].feedback}
+        rollout = FeedbackSwerve(cars, scenarios[0], steering, SimpleNamespace(**gains))
     index = np.arange(500)
-    agree(
-        entering,
-        index % 5 == 0,
-        1.9 + 0.002 * index,
-        0.0 * index,
-        1.0 * (index > 50),
-        (index > 400) / 99,
-    )
-    assert np.all(np.abs(entering.state[STATES.index("yaw")]) > 0.01)
+    agree(rollout, index % 5 == 0, 0.002 * index - 0.1)
+    assert np.all(np.abs(rollout.state[STATES.index("yaw")]) > 0.01)

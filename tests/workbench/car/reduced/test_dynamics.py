@@ -13,7 +13,6 @@ from aerodima.workbench import load_scenario
 from aerodima.workbench.car.car_model import axle_statics
 from aerodima.workbench.car.car_plant import add_car_plant
 from aerodima.workbench.car.reduced.dynamics import configuration_rate, equations, solve
-from aerodima.workbench.car.reduced.entry_runs import at_speeds
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.states import RATES, STATES, Commands, V, W, cross, up
 from aerodima.workbench.car.reduced.tail_terms import STOP_RATE
@@ -317,14 +316,3 @@ def test_inertia_of_the_tail_is_that_of_the_full_car():
     cars = cars_of()
     mass = equations(state_of(tail_pitch=0.3, tail_roll=-0.8), coasting(cars), cars).mass[..., 0]
     assert mass[10:][:, [*range(6), 10, 11]] == pytest.approx(full, rel=1e-6, abs=1e-9)
-
-
-@pytest.mark.parametrize("angle", [0.0, 0.1])
-def test_a_car_at_another_speed_is_that_which_was_built_for_it(angle):
-    """On rigid tyres friction is spread over the same slip at every speed."""
-    slow, fast = (
-        cars_of(f"car.tyre_slip_angle={angle}", f"manoeuvre.speed={speed}") for speed in (3.0, 6.0)
-    )
-    moved = at_speeds(slow, np.array([6.0]))
-    assert moved.slip_speed == pytest.approx(fast.slip_speed)
-    assert moved.speed == pytest.approx(fast.speed)

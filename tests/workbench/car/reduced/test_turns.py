@@ -2,14 +2,11 @@
 scenario survives.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from aerodima.optimisation.studies.limit_search import LimitSearch
 from aerodima.optimisation.studies.rollover_threshold import FRICTION
-from aerodima.optimisation.swing.motion_search import steered_swing
 from aerodima.workbench import Observation, UserError, load_scenario, metrics_of, simulate
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.rollout import STEP
@@ -20,7 +17,6 @@ from aerodima.workbench.car.turn_course import turn_course
 from aerodima.workbench.control.manoeuvre import make_schedule, pulse_angle, wheel_angle
 from aerodima.workbench.control.swing_law import SwingSettings
 from aerodima.workbench.control.swing_machine import SwingLaw
-from aerodima.workbench.control.swing_player import RollTrajectory, SwingPlayer
 from tests.certain_cars import HIGH_BODY
 from tests.optimisation.screening_gate import screened_friction
 from tests.refusals import assert_refused
@@ -135,62 +131,20 @@ def test_what_it_does_not_know_is_refused(make, words, named):
     assert_refused(lambda: make(*words), UserError, *named)
 
 
-def played():
-    """A swing over the top that the steering releases."""
-    turn = load_scenario("turn_designed")
-    time = np.linspace(0.0, 0.8, 9)
-    phase = np.clip(time / 0.6, 0.0, 1.0)
-    travel = 2.0 * turn.controller.hold_angle
-    roll = travel * (phase**2 * (3.0 - 2.0 * phase) - 0.5)
-    rate = 6.0 * travel * phase * (1.0 - phase) / 0.6
-    return steered_swing("played", turn, time, roll, rate, provenance={"source": ""})
-
-
-def plans_of(scenario, swing):
-    """Of a car that plays a swing file, which the steering releases in a turn to the left."""
-    (phase,) = swing.gains.phases
-    threshold = swing.trigger.threshold_rad
-    plans = TurnPlans.from_scenarios([scenario.varied(controller={"swing_file": "none"})])
-    knots = [
-        values[:, None] for values in (np.array(swing.knots.time_s), *swing.knots.states("roll"))
-    ]
-    gains = [
-        np.array([gain]) for joint in (phase.roll, phase.pitch) for gain in (joint.kp, joint.kd)
-    ]
-    law = {"by_steering": 1.0, "threshold": threshold, "delay": 0.0}
-    law |= {"hold_kp": swing.gains.hold.kp, "hold_kd": swing.gains.hold.kd}
-    varied = plans.varied(law={name: np.array([value]) for name, value in law.items()})
-    return replace(varied, knots=RollTrajectory(np.ones(1), *knots, *gains))
-
-
 @pytest.mark.slow
-def test_two_levels_and_a_played_swing_take_the_car_where_the_full_car_goes():
-    levels = (
-        "manoeuvre.steer_angle=0.05",
-        "manoeuvre.first_angle=0.08",
-        "manoeuvre.first_hold=0.15",
-    )
-    levels += ("manoeuvre.duration=3.2",)
-    tailless = load_scenario("turn_designed", (*levels, "tail.mode=none", "car.tyre_friction=0.6"))
-    tailed = load_scenario("turn_designed", (*levels, "car.tyre_friction=0.9"))
-    swing = played()
-    player = SwingPlayer.from_scenario(swing, tailed)
-    for scenario, plans, law in (
-        (tailless, TurnPlans.from_scenarios([tailless]), None),
-        (tailed, plans_of(tailed, swing), player),
-    ):
-        reduced = drive_turns(VehicleParams.from_scenarios([scenario]), plans, duration=1.2)
-        run = simulate(
-            scenario.varied(controller={"swing_file": "none"}), record="outcome", law=law
-        )
-        full = turn_course(run)
-        peak_roll = metrics_of(run).peak_roll_rad
-        assert reduced.course[0] == pytest.approx(
-            full.course_change_rad, rel=0.04
-        )  # runs differ by 2 %
-        assert reduced.exit_time[0] == pytest.approx(full.exit_time_s, abs=0.02)
-        assert reduced.peak_roll[0] == pytest.approx(peak_roll, abs=0.02)
-    assert reduced.trigger[0] == pytest.approx(0.01, abs=0.011)
+def test_two_levels_take_the_car_where_the_full_car_goes():
+    levels = ("manoeuvre.steer_angle=0.05", "manoeuvre.first_angle=0.08")
+    levels += ("manoeuvre.first_hold=0.15", "manoeuvre.duration=3.2")
+    scenario = load_scenario("turn_designed", (*levels, "tail.mode=none", "car.tyre_friction=0.6"))
+    plans = TurnPlans.from_scenarios([scenario])
+    reduced = drive_turns(VehicleParams.from_scenarios([scenario]), plans, duration=1.2)
+    run = simulate(scenario, record="outcome")
+    full = turn_course(run)
+    assert reduced.course[0] == pytest.approx(
+        full.course_change_rad, rel=0.04
+    )  # runs differ by 2 %
+    assert reduced.exit_time[0] == pytest.approx(full.exit_time_s, abs=0.02)
+    assert reduced.peak_roll[0] == pytest.approx(metrics_of(run).peak_roll_rad, abs=0.02)
 
 
 def test_the_wheels_follow_two_levels_at_the_rate_of_the_servo():

@@ -1,1 +1,0 @@
-"""Gain of a candidate: the measure, the search of a limit, candidates and suites."""

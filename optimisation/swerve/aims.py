@@ -1,0 +1,93 @@
+"""What a swerve aims at, by name or as a function of the user's, and when it counts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from aerodima.workbench.car.swerve import (
+    LATER,
+    Swerve,
+    aside,
+    course_change,
+    max_side_lift,
+    sustained,
+    swerve_counts,
+)
+from aerodima.workbench.control.user_law import load_named
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.core.key_errors import nearest
+
+USUAL_SIZE = 0.3
+"""Of the value of a user's aim, for the solver."""
+FAILED = -1e3
+"""Score of a swerve that does not count; less the higher two wheels are lifted."""
+LIFT_WEIGHT = 1e2
+"""Of that lift, 1/m."""
+
+
+@dataclass(frozen=True)
+class Aim:
+    """A number of a swerve that is to be large.
+
+    Attributes:
+        name: that asks for it.
+        function: value of each car (n,) of a `Swerve`.
+        unit: of the value.
+        size: of a usual value, for the solver.
+    """
+
+    name: str
+    function: Callable[[Swerve], FloatArray]
+    unit: str
+    size: float
+
+    def __call__(self, swerve: Swerve) -> FloatArray:
+        """Returns the value of each car (n,)."""
+        return self.function(swerve)
+
+
+AIMS: Mapping[str, Aim] = {
+    aim.name: aim
+    for aim in (
+        Aim("aside-0.5", aside, "m", 0.3),
+        Aim("aside-1.0", partial(aside, after=LATER), "m", 1.5),
+        Aim("course", course_change, "rad", 0.6),
+        Aim("sustained", sustained, "m/s2", 4.0),
+    )
+}
+"""Name that asks for one -> aim."""
+
+
+def find_aim(name: str) -> Aim:
+    """Returns an aim by name, or the function of a user's file, `mine.py:my_aim`.
+
+    Raises:
+        UserError: no such aim, file or function.
+    """
+    if ".py:" in name:
+        function = load_named("--aim", name, "function", "mine.py:my_aim")
+        return Aim(name, function, "", USUAL_SIZE)
+    if name not in AIMS:
+        raise SweepError(f"aim {name!r}: {nearest(name, list(AIMS))}, or mine.py:my_aim")
+    return AIMS[name]
+
+
+def as_aim(aim: Aim | Callable[[Swerve], FloatArray] | str) -> Aim:
+    """Returns the aim of a name or a function."""
+    if isinstance(aim, Aim):
+        return aim
+    if isinstance(aim, str):
+        return find_aim(aim)
+    return Aim(aim.__name__, aim, "", USUAL_SIZE)
+
+
+def score(swerve: Swerve, aim: Callable[[Swerve], FloatArray]) -> FloatArray:
+    """Returns the aim of swerves that count (n,); what is below `FAILED` of the others."""
+    value = aim(swerve)
+    lifted = FAILED - LIFT_WEIGHT * np.maximum(max_side_lift(swerve), 0.0)
+    return np.where(swerve_counts(swerve) & np.isfinite(value), value, lifted)

@@ -1,0 +1,118 @@
+"""Swerves of a candidate on reduced cars."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from aerodima.optimisation.swerve.aims import find_aim, score
+from aerodima.optimisation.swerve.candidate import SWERVE, Settings
+from aerodima.optimisation.swerve.steering import SearchEffort, limited_steering, search_steering
+from aerodima.workbench.car.reduced.parameters import VehicleParams
+from aerodima.workbench.car.reduced.swerves import (
+    FeedbackSwerve,
+    PlayedSwerve,
+    SwerveRollout,
+    drive_swerves,
+)
+from aerodima.workbench.car.swerve import Swerve
+from aerodima.workbench.control.swing_library import swing_of_scenario
+from aerodima.workbench.control.swing_player import RollTrajectory
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.scenario.scenario import Scenario, load_scenario
+from aerodima.workbench.scenario.swing_file import SwingFile
+
+
+class ReducedSwerve:
+    """The reduced car of a scenario of kind `levels`, driven with any steerings.
+
+    Args:
+        scenario: car at its speed on its floor, with its tail and law.
+
+    Raises:
+        UserError: what the reduced car does not know.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        if not reduced_car_knows(scenario):
+            raise SweepError(
+                f"{scenario.name}: the reduced car knows no tail, the feedback law, or a swing "
+                "that the steering releases"
+            )
+        self.scenario = scenario
+        self._car = VehicleParams.from_scenarios([scenario])
+        self._swing = swing_of_scenario(scenario)
+
+    def drive(self, steering: FloatArray, law: Mapping[str, FloatArray] | None = None) -> Swerve:
+        """Drives one car for each steering (`STEERING`, n), with other numbers (n) of the feedback
+        law if asked.
+        """
+        n = steering.shape[1]
+        cars = self._car.take(np.zeros(n, int))
+        rollout: SwerveRollout
+        if self._swing is None:
+            gains = {name: value * np.ones(n) for name, value in self.scenario.feedback}
+            gains |= law or {}
+            rollout = FeedbackSwerve(cars, self.scenario, steering, SimpleNamespace(**gains))
+        else:
+            pitch = self._swing.knots.pitch_position_rad[0] * np.ones(n)
+            rollout = PlayedSwerve(cars, self.scenario, steering, pitch, knots_of(self._swing, n))
+        return drive_swerves(rollout, self.scenario)
+
+
+def reduced_car_knows(scenario: Scenario) -> bool:
+    """Returns whether the tail of a scenario has a law that reduced cars can follow."""
+    swing = swing_of_scenario(scenario)
+    if swing is None:
+        return scenario.tail.mode == "none" or scenario.follows_state
+    return swing.trigger.kind == "steering" and swing.trigger.delay_s == 0.0
+
+
+def knots_of(swing: SwingFile, count: int) -> RollTrajectory:
+    """Returns the roll of a swing file for so many cars, with the gains of its first phase."""
+    one = np.ones(count)
+    phase = swing.gains.phases[0]
+    knots = [np.outer(swing.knots.time_s, one)]
+    knots += [np.outer(values, one) for values in swing.knots.states("roll")]
+    gains = [phase.roll.kp, phase.roll.kd, phase.pitch.kp, phase.pitch.kd]
+    return RollTrajectory(*knots, *[gain * one for gain in gains])
+
+
+@dataclass(frozen=True)
+class SteeringItem:
+    """A search of a steering: small enough to send to a worker.
+
+    Attributes:
+        variants: settings of the car, of which the best is taken.
+        aim: name.
+        effort: of the search.
+        limit: of a driver at full lock, see `Candidate`; nothing is searched then.
+    """
+
+    variants: tuple[Settings, ...]
+    aim: str
+    effort: SearchEffort
+    limit: float | None = None
+
+
+def best_steering(item: SteeringItem) -> dict[str, Any]:
+    """Returns score and steering of a search, and the index of the best variant."""
+    aim = find_aim(item.aim)
+    results = []
+    for settings in item.variants:
+        car = ReducedSwerve(load_scenario(SWERVE, settings))
+        if item.limit is None:
+            limit = car.scenario.servo.limit
+            results.append(search_steering(car.drive, aim, limit, item.effort))
+        else:
+            steering = limited_steering(car.scenario, item.limit)
+            value = float(score(car.drive(steering[:, None]), aim)[0])
+            results.append((value, steering))
+    index = int(np.argmax([value for value, _ in results]))
+    value, steering = results[index]
+    return {"score": value, "steering": steering.tolist(), "variant": index}

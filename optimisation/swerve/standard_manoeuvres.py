@@ -1,0 +1,110 @@
+"""NHTSA's fishhook and J-turn at the standard's own angle, on the full car.
+
+The steering is 6.5 (fishhook) or 8 times (J-turn) that of 0.3 g at 50 mph (49 CFR 575), which for a
+car with the same cornering stiffness per load on both axles is wheelbase x 0.3 g / speed squared.
+Speeds are those of the standard over the root of 10, for a car of 1:10; so are times.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import pandas as pd
+
+from aerodima.optimisation.studies.runs import (
+    FINE_STEP,
+    CachedRunner,
+    RunTask,
+    make_frame,
+    step_settings,
+)
+from aerodima.optimisation.swerve.candidate import Candidate
+from aerodima.optimisation.swerve.steering import limited_angle
+from aerodima.optimisation.swerve.suite import Case
+from aerodima.workbench.batch.row_store import Row
+from aerodima.workbench.car.verdict import keeps_sides_down
+from aerodima.workbench.core.file_reading import Facts
+from aerodima.workbench.core.quantity import STANDARD_GRAVITY
+from aerodima.workbench.scenario.scenario import Scenario, load_scenario
+
+MPH = 0.44704 / math.sqrt(10.0)
+"""One mile per hour of the full-size car, m/s."""
+SPEEDS = tuple(round(MPH * speed, 3) for speed in (35.0, 40.0, 45.0, 50.0))
+"""Speeds of the standard, m/s."""
+REFERENCE_ACCELERATION = 0.3 * STANDARD_GRAVITY
+"""Lateral acceleration at which the steering is measured, m/s2."""
+
+
+class StandardManoeuvre(NamedTuple):
+    """Manoeuvre of the standard: scenario, angle over the reference steering, more settings."""
+
+    scenario: str
+    factor: float
+    settings: tuple[str, ...] = ()
+
+
+MANOEUVRES: Mapping[str, StandardManoeuvre] = {
+    "fishhook": StandardManoeuvre("entry_fishhook", 6.5),
+    "j-turn": StandardManoeuvre("entry_held_turn", 8.0, ("manoeuvre.turn_hold=1.26",)),
+}
+"""Name -> manoeuvre; the J-turn is held for 4 s at full size."""
+
+
+def standard_angle(scenario: Scenario, factor: float) -> float:
+    """Returns the steering angle of the standard, rad, at most the servo's limit."""
+    reference = scenario.car.wheelbase * REFERENCE_ACCELERATION / SPEEDS[-1] ** 2
+    return min(factor * reference, scenario.servo.limit)
+
+
+def stays_down(row: Facts) -> bool:
+    """Returns whether a full run neither lifts two wheels, nor touches the ground, nor flips."""
+    lift = row.get("side_lift_m")
+    upright = row["outcome"] == "survived" and row.get("touched_when_steered") == ""
+    return upright and lift is not None and bool(keeps_sides_down(lift))
+
+
+def passed_from_below(results: Sequence[bool]) -> int:
+    """Returns how many speeds are passed before the first that is not."""
+    return next((count for count, passes in enumerate(results) if not passes), len(results))
+
+
+def compare_standard(
+    candidates: Sequence[Candidate], cases: Sequence[Case], runs: CachedRunner
+) -> pd.DataFrame:
+    """Drives the manoeuvres of the standard.
+
+    Returns:
+        A row per manoeuvre, candidate and case: `passed`, how many speeds from below are passed,
+        and `tips_at_m_per_s`, the first that is not.
+    """
+    tasks = []
+    places = []
+    for name, manoeuvre in MANOEUVRES.items():
+        for case in cases:
+            base = (*case.settings(manoeuvre.scenario), *manoeuvre.settings)
+            car = load_scenario(manoeuvre.scenario, base)
+            angle = standard_angle(car, manoeuvre.factor)
+            for candidate in candidates:
+                places.append((name, candidate, case))
+                ballast = candidate.ballasts[0](car) if candidate.ballasts else ()
+                for speed in SPEEDS:
+                    settings = (*base, *candidate.at(speed), *ballast, f"manoeuvre.speed={speed!r}")
+                    steered = angle
+                    if candidate.limit is not None:
+                        there = load_scenario(manoeuvre.scenario, settings)
+                        steered = min(angle, float(limited_angle(there, candidate.limit)))
+                    settings += (f"manoeuvre.steer_angle={steered!r}", *step_settings(FINE_STEP))
+                    words = " ".join((name, candidate.name, *case.names.values(), f"{speed:g}"))
+                    tasks.append(RunTask(words, manoeuvre.scenario, settings, law=candidate.law))
+    runs.stage = "standard manoeuvres"
+    results = [stays_down(row) for row in runs.rows(tasks)]
+    rows: list[Row] = []
+    for index, (name, candidate, case) in enumerate(places):
+        own = results[len(SPEEDS) * index : len(SPEEDS) * (index + 1)]
+        passed = passed_from_below(own)
+        tips = SPEEDS[passed] if passed < len(SPEEDS) else None
+        row: Row = {"manoeuvre": name, "candidate": candidate.name, **case.names}
+        rows.append(row | {"passed": passed, "tips_at_m_per_s": tips})
+    return make_frame(rows)

@@ -1,0 +1,144 @@
+"""The best steering of a candidate on a reduced car: three angles and two times, found by
+differential evolution with the same budget for all.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from aerodima.optimisation.swerve.aims import score
+from aerodima.optimisation.swerve.evolution import evolve
+from aerodima.workbench.car.reduced.swerves import LEVELS, STEERING
+from aerodima.workbench.car.swerve import Swerve
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.core.ranges import NO_UNIT, check_range
+from aerodima.workbench.scenario.scenario import Scenario
+
+MIN_FIRST_LEVEL = 0.012
+"""Least first angle, rad: it begins the swerve, and is above what counts as steering."""
+MIN_DRAWN_LEVEL = 0.015
+"""Least angle of the first generation, rad."""
+FIRST_ENDS = (0.02, 0.6)
+"""Range of the end of the first level, s."""
+SECOND_ENDS = (0.04, 1.2)
+"""Range of the end of the second level, s."""
+CONSTANT_ENDS = (0.2, 0.6)
+"""Ends of the first two levels of a steering that is constant, s."""
+TICK = 0.01
+"""Ends of levels are whole ticks of the driver, s."""
+STEERING_KEYS = ("level_1", "level_2", "level_3", "level_1_end", "level_2_end")
+"""Keys of section `manoeuvre` that are a steering, in the order of its array."""
+MIN_MEMBERS = 8
+"""Least number of members of a generation."""
+
+
+@dataclass(frozen=True)
+class SearchEffort:
+    """Budget of a search of a steering.
+
+    Attributes:
+        members: of a generation.
+        generations: beside the first one.
+        searches: so many, each with a seed of its own, of which the best is taken.
+        seed: of the first search; the others have those after it.
+    """
+
+    members: int = 60
+    generations: int = 30
+    searches: int = 2
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        for name, low in (("members", MIN_MEMBERS), ("generations", 0), ("searches", 1)):
+            check_range(name, getattr(self, name), low, math.inf, NO_UNIT, error=SweepError)
+
+
+def search_steering(
+    drive: Callable[[FloatArray], Swerve],
+    aim: Callable[[Swerve], FloatArray],
+    limit: float,
+    effort: SearchEffort,
+) -> tuple[float, FloatArray]:
+    """Searches the steering of the best score.
+
+    Args:
+        drive: swerves of a batch of steerings (`STEERING`, members).
+        aim: to be largest (members,).
+        limit: of the angles, rad.
+        effort: how much is tried.
+
+    Returns:
+        The score, see `aims.score`, and the steering (`STEERING`,).
+    """
+    low, high = steering_ranges(limit)
+
+    def points(shares: FloatArray) -> FloatArray:
+        return possible_steering(low + shares.T * (high - low), limit)
+
+    def cost(shares: FloatArray) -> FloatArray:
+        return -score(drive(points(shares).T), aim)
+
+    results = []
+    for seed in range(effort.seed, effort.seed + effort.searches):
+        drawn = draw_steering(np.random.default_rng(seed), effort.members, limit)
+        results.append(evolve(cost, (drawn - low) / (high - low), effort.generations, seed))
+    least, shares = min(results, key=lambda result: result[0])
+    return -least, points(shares[:, None])[0]
+
+
+def steering_ranges(limit: float) -> tuple[FloatArray, FloatArray]:
+    """Returns the least and the largest steering (`STEERING`,) within a limit of the angles,
+    rad.
+    """
+    low = [MIN_FIRST_LEVEL, -limit, -limit, FIRST_ENDS[0], SECOND_ENDS[0]]
+    high = [limit, limit, limit, FIRST_ENDS[1], SECOND_ENDS[1]]
+    return np.array(low), np.array(high)
+
+
+def draw_steering(generator: np.random.Generator, members: int, limit: float) -> FloatArray:
+    """Draws steerings (members, `STEERING`): one half constant angles, one half any three."""
+    constant = members // 2
+    low, high = math.log(MIN_DRAWN_LEVEL), math.log(limit)
+    angles = np.exp(generator.uniform(low, high, (members, LEVELS)))
+    angles[:constant] = np.exp(np.linspace(low, high, constant))[:, None]
+    first = generator.uniform(0.04, 0.5, (members, 1))
+    second = generator.uniform(0.1, 1.0, (members, 1))
+    return np.concatenate([angles, first, second], axis=1)
+
+
+def possible_steering(points: FloatArray, limit: float) -> FloatArray:
+    """Returns the steerings (members, `STEERING` or more) that are nearest and possible."""
+    result = points.copy()
+    result[:, :LEVELS] = np.clip(points[:, :LEVELS], -limit, limit)
+    result[:, 0] = np.maximum(result[:, 0], MIN_FIRST_LEVEL)
+    ends = TICK * np.rint(points[:, LEVELS:STEERING] / TICK)
+    first = np.clip(ends[:, 0], *FIRST_ENDS)
+    result[:, LEVELS] = first
+    result[:, LEVELS + 1] = np.clip(np.maximum(ends[:, 1], first), *SECOND_ENDS)
+    return result
+
+
+def steering_settings(steering: FloatArray, share: float = 1.0) -> tuple[str, ...]:
+    """Returns the settings of a steering (`STEERING`,), its angles times a share."""
+    scaled = np.concatenate([share * steering[:LEVELS], steering[LEVELS:]])
+    numbers = zip(STEERING_KEYS, scaled, strict=True)
+    return tuple(f"manoeuvre.{key}={float(f'{value:.9g}')!r}" for key, value in numbers)
+
+
+def limited_angle(scenario: Scenario, acceleration: float | FloatArray) -> FloatArray:
+    """Returns the angle (rad) at which the kinematic car has a lateral acceleration, m/s2, at most
+    the servo's limit.
+    """
+    curvature = acceleration / scenario.manoeuvre.speed**2
+    return np.minimum(np.arctan(scenario.car.wheelbase * curvature), scenario.servo.limit)
+
+
+def limited_steering(scenario: Scenario, acceleration: float | FloatArray) -> FloatArray:
+    """Returns the steering (`STEERING`, ...) of a driver at full lock under a limit, m/s2."""
+    angle = limited_angle(scenario, acceleration)
+    return np.stack([angle, angle, angle, *(end + 0.0 * angle for end in CONSTANT_ENDS)])

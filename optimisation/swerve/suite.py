@@ -1,0 +1,141 @@
+"""Tails, candidates and cases of a comparison by name, from `models/swerve/suite.yaml`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from pydantic import Field
+
+from aerodima.optimisation.swerve.candidate import (
+    LIMITED,
+    LOW_BALLAST,
+    NO_TAIL,
+    SWERVE,
+    Candidate,
+    ListedCandidate,
+    Settings,
+    read_candidates,
+    require_unique,
+    user_law,
+)
+from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.core.key_errors import nearest
+from aerodima.workbench.core.ranges import check_range
+from aerodima.workbench.core.resources import model_path
+from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
+from aerodima.workbench.scenario.ensemble import Member, load_ensemble
+from aerodima.workbench.scenario.scenario import load_scenario
+
+SCHEMA = "aerodima/swerve-suite/1"
+FRICTION_SCALES = (0.2, 2.0)
+"""Lowest and highest friction of a surface over that of the car."""
+
+
+class SuiteFile(StrictModel):
+    """The suite as its file has it; the file says what each entry means."""
+
+    schema_: str = Field(alias="schema")
+    comparison: Settings
+    tails: dict[str, str]
+    mount_keys: tuple[str, ...]
+    candidates: dict[str, ListedCandidate]
+    default: tuple[str, ...]
+    speeds: tuple[float, ...]
+
+
+_PATH = model_path("swerve/suite.yaml")
+SUITE = checked(SuiteFile, read_yaml(_PATH), str(_PATH), SweepError, schema=SCHEMA)
+BOUND = Candidate("bound", ("tail.mode=swing",))
+"""Stands for the best motion of the tail; it is searched for every car."""
+NAMED_CANDIDATES = {
+    "none": NO_TAIL,
+    "limited": LIMITED,
+    "low-ballast": LOW_BALLAST,
+    "bound": BOUND,
+    **{name: one.candidate() for name, one in SUITE.candidates.items()},
+}
+"""Name that asks for one -> candidate."""
+FOLDED = NAMED_CANDIDATES["folded"]
+FEEDBACK = NAMED_CANDIDATES["feedback"]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A car with a tail on a floor.
+
+    Attributes:
+        car: of an ensemble.
+        tail: of the suite.
+        floor: friction over that of the car.
+    """
+
+    car: Member
+    tail: str
+    floor: float
+
+    @property
+    def names(self) -> dict[str, str]:
+        """Columns of a table that name the case."""
+        return {"tail": self.tail, "floor": f"x {self.floor:g}", "car": self.car.name}
+
+    def settings(self, scenario: str = SWERVE) -> Settings:
+        """Returns the settings that make the car on a scenario, but for those of a candidate."""
+        own = self.car.settings_on(scenario)
+        friction = self.floor * load_scenario(scenario, own).car.tyre_friction
+        return (*own, *tail_settings(self.tail), f"car.tyre_friction={friction:.6g}")
+
+
+def tail_settings(tail: str) -> Settings:
+    """Returns the settings of a tail of the suite; SweepError for another one."""
+    if tail not in SUITE.tails:
+        raise SweepError(f"tail {tail!r}: {nearest(tail, list(SUITE.tails))}")
+    settings = list(SUITE.comparison)
+    source = SUITE.tails[tail]
+    if source:
+        for key, value in load_scenario(source).tail:
+            if key not in SUITE.mount_keys:
+                settings.append(f"tail.{key}={value}")
+    return tuple(settings)
+
+
+def select_candidates(names: Sequence[str], laws: Sequence[str] = ()) -> list[Candidate]:
+    """Returns candidates of `read_candidates` and `user_law`; the car without tail comes first."""
+    chosen = read_candidates(names, NAMED_CANDIDATES, SWERVE)
+    chosen += [user_law(path, SWERVE) for path in laws]
+    require_unique([one.name for one in chosen], "candidate")
+    return chosen
+
+
+def make_cases(cars: Sequence[Member], tail: str, floors: Sequence[float]) -> list[Case]:
+    """Pairs cars with floors.
+
+    Raises:
+        SweepError: a friction scale out of range, or one that is named twice; no such tail.
+    """
+    require_unique([f"{scale:g}" for scale in floors], "floor")
+    tail_settings(tail)
+    for scale in floors:
+        check_range("floor", scale, *FRICTION_SCALES, "of the car's friction", error=SweepError)
+    return [Case(car, tail, scale) for scale in floors for car in cars]
+
+
+def ensemble_cases(
+    ensemble: str,
+    part: Literal["training", "test"],
+    number: int,
+    tail: str,
+    floors: Sequence[float],
+    seed: int = 1,
+) -> list[Case]:
+    """Returns the first cars of a part of an ensemble on floors; SweepError for more than there
+    are.
+    """
+    cars = getattr(load_ensemble(ensemble).split(seed), part)
+    if not 1 <= number <= len(cars):
+        raise SweepError(
+            f"cars {number}: the {part} cars of {ensemble} are {len(cars)}: must be 1 to "
+            f"{len(cars)}"
+        )
+    return make_cases(cars[:number], tail, floors)

@@ -1,0 +1,159 @@
+"""Summary of a comparison over its cars: medians, gains over the car without tail, their intervals;
+as a table for the terminal and as a page.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from aerodima.optimisation.studies.runs import make_frame
+from aerodima.optimisation.swerve.candidate import LOW_BALLAST, NO_TAIL
+from aerodima.workbench.batch.row_store import Row
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.text_table import text_table
+from aerodima.workbench.view.figure_style import BLUE, SKY, new_figure, styled
+from aerodima.workbench.view.report_page import Page, Plot, Section, Table
+
+GROUP = ["plant", "tail", "floor", "aim", "speed_m_per_s"]
+"""Columns that name a comparison."""
+PLACE = [*GROUP, "car"]
+"""Columns that name a swerve; every candidate has one row in each."""
+RESAMPLES = 4000
+"""Draws of cars in a bootstrap."""
+_HEADER = ("candidate", "median", "cars", "over no tail", "95 %", "worst", "above low ballast")
+
+
+def gains_over(table: pd.DataFrame, candidate: str) -> pd.Series:
+    """Computes the gain of each row's value over that of a candidate in the same swerve; NaN where
+    either has none.
+    """
+    others = table[table["candidate"] == candidate].set_index(PLACE)["value"].rename("other")
+    return (table["value"] / table.join(others, on=PLACE)["other"] - 1.0).rename("gain")
+
+
+def summarise_swerves(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
+    """Makes a row per comparison and candidate: median value over the cars, how many have one, the
+    median gain over the car without tail with its 95 % interval from a bootstrap over cars, the
+    worst gain, and on how many cars the value is above that of low ballast.
+
+    Args:
+        table: of `compare_swerves`.
+        seed: of the bootstrap.
+    """
+    over_none = gains_over(table, NO_TAIL.name)
+    over_ballast = gains_over(table, LOW_BALLAST.name)
+    rows: list[Row] = []
+    for names, own in table.groupby([*GROUP, "candidate"], sort=False):
+        gains = over_none[own.index].dropna().to_numpy(dtype=np.float64)
+        low, high = median_interval(gains, seed)
+        places: dict[str, Any] = dict(zip([*GROUP, "candidate"], names, strict=True))
+        rows.append(
+            {
+                **places,
+                "median": float(own["value"].median()),
+                "cars": len(own),
+                "with_value": int(own["value"].notna().sum()),
+                "gain": float(np.median(gains)) if gains.size else math.nan,
+                "gain_low": low,
+                "gain_high": high,
+                "gain_worst": float(gains.min()) if gains.size else math.nan,
+                "above_low_ballast": int((over_ballast[own.index] > 0.0).sum()),
+            }
+        )
+    return make_frame(rows)
+
+
+def has_gain(summary: pd.DataFrame) -> bool:
+    """Returns whether a tail is above the car without one; True when none was compared."""
+    without = summary["candidate"].isin([NO_TAIL.name, LOW_BALLAST.name])
+    with_tail = summary[~without]
+    return with_tail.empty or bool((with_tail["gain"] > 0.0).any())
+
+
+def median_interval(values: FloatArray, seed: int) -> tuple[float, float]:
+    """Computes the 95 % interval of the median over cars, which are drawn again with replacement;
+    NaN without a car.
+
+    Args:
+        values: of each car (n,).
+        seed: of the draws.
+    """
+    if not values.size:
+        return math.nan, math.nan
+    generator = np.random.default_rng(seed)
+    drawn = generator.integers(values.size, size=(RESAMPLES, values.size))
+    low, high = np.quantile(np.median(values[drawn], axis=1), [0.025, 0.975])
+    return float(low), float(high)
+
+
+def swerve_lines(summary: pd.DataFrame) -> list[str]:
+    """Makes a table for the terminal: each comparison is a heading, every candidate a line."""
+    rows: list[tuple[str, ...]] = []
+    for names, own in summary.groupby(GROUP, sort=False):
+        rows += [(_title(names),), *_cells(own)]
+    return text_table(_HEADER, rows)
+
+
+def swerve_page(table: pd.DataFrame, summary: pd.DataFrame) -> Page:
+    """Makes a page: a table and a picture for every comparison."""
+    sections = []
+    for names, own in summary.groupby(GROUP, sort=False):
+        title = _title(names)
+        chosen = (table[GROUP] == list(names)).all(axis=1)
+        words = "A dot for every car, a bar at the median"
+        plot = Plot(swerve_figure(table[chosen], title), "", words)
+        sections.append(Section(title, [plot, Table(_HEADER, _cells(own))]))
+    cars = ", ".join(dict.fromkeys(table["car"]))
+    lead = (
+        f"Each candidate with its own best steering; cars {cars}. Values count where the car is "
+        "straight at the start, upright to the end, and straight again there."
+    )
+    return Page("Swerves", lead, sections)
+
+
+def _title(names: Any) -> str:
+    plant, tail, floor, aim, speed = names
+    return f"{aim} at {speed:g} m/s, {plant} cars, {tail} tail, friction {floor}"
+
+
+def _cells(summary: pd.DataFrame) -> list[tuple[str, ...]]:
+    cells: list[tuple[str, ...]] = []
+    for row in summary.to_dict("records"):
+        interval = f"{_percent(row['gain_low'])} to {_percent(row['gain_high'])}"
+        cells.append(
+            (
+                str(row["candidate"]),
+                "–" if math.isnan(row["median"]) else f"{row['median']:.3g}",
+                f"{row['with_value']:.0f} of {row['cars']:.0f}",
+                _percent(row["gain"]),
+                interval,
+                _percent(row["gain_worst"]),
+                f"{row['above_low_ballast']:.0f}",
+            )
+        )
+    return cells
+
+
+def _percent(share: float) -> str:
+    return "–" if math.isnan(share) else f"{100.0 * share:+.0f} %"
+
+
+@styled()
+def swerve_figure(table: pd.DataFrame, title: str) -> Figure:
+    """Plots the values of all cars in one comparison, a line per candidate."""
+    candidates = list(dict.fromkeys(table["candidate"]))[::-1]
+    figure, axes = new_figure(9.0, 0.9 + 0.34 * len(candidates), 1)
+    axis = axes[0, 0]
+    for index, candidate in enumerate(candidates):
+        values = table.loc[table["candidate"] == candidate, "value"].to_numpy(dtype=np.float64)
+        if np.isfinite(values).any():
+            axis.barh(index, np.nanmedian(values), height=0.6, color=SKY)
+        axis.plot(values, np.full(len(values), index), "o", color=BLUE, markersize=3)
+    axis.set_yticks(range(len(candidates)), candidates)
+    axis.set_title(title)
+    return figure

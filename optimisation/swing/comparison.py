@@ -1,0 +1,205 @@
+"""Comparison of candidates in swerves: each with its own best steering, found on reduced cars, then
+driven on the full car, its angles scaled to where the swerve just counts there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from aerodima.optimisation.studies.runs import (
+    FINE_STEP,
+    CachedRunner,
+    make_frame,
+    scenario_content,
+)
+from aerodima.optimisation.swerve.aims import FAILED, find_aim
+from aerodima.optimisation.swerve.candidate import NO_TAIL, SWERVE, Candidate, Settings
+from aerodima.optimisation.swerve.reduced_swerves import (
+    ReducedSwerve,
+    SteeringItem,
+    best_steering,
+    reduced_car_knows,
+)
+from aerodima.optimisation.swerve.steering import SearchEffort
+from aerodima.optimisation.swerve.suite import BOUND, FOLDED, Case
+from aerodima.optimisation.swing.bound import BoundEffort, find_bound
+from aerodima.optimisation.swing.full_runs import Descent, drive_shares
+from aerodima.optimisation.swing.full_search import search_full
+from aerodima.optimisation.swing.solution import solution_swing
+from aerodima.optimisation.swing.swerve_nlp import steering_of
+from aerodima.optimisation.swing.swerve_shooting import tail_at_knots
+from aerodima.workbench.batch.row_store import content_key
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.swing_file import swing_from_dict, write_swing
+
+
+@dataclass(frozen=True)
+class BoundItem:
+    """A search of a bound for one car.
+
+    Attributes:
+        settings: of the car.
+        aim: name.
+        effort: of the search.
+        starts: settings and steering of candidates with the same tail, whose motions it starts
+            from, too.
+        name: of the swing that is made.
+    """
+
+    settings: Settings
+    aim: str
+    effort: BoundEffort
+    starts: tuple[tuple[Settings, tuple[float, ...]], ...]
+    name: str
+
+
+def best_motion(item: BoundItem) -> dict[str, Any]:
+    """Returns score and steering of a bound, and its swing file as plain data."""
+    scenario = load_scenario(SWERVE, item.settings)
+    starts = []
+    for settings, numbers in item.starts:
+        steering = np.array(numbers)
+        swerve = ReducedSwerve(load_scenario(SWERVE, settings)).drive(steering[:, None])
+        starts.append((tail_at_knots(swerve), steering))
+    bound = find_bound([scenario], find_aim(item.aim), effort=item.effort, candidates=starts)
+    swing = solution_swing(item.name, item.settings, bound, item.aim)
+    return {
+        "score": float(bound.solution.aims[0]),
+        "steering": steering_of(bound.program, bound.solution.x).tolist(),
+        "variant": 0,
+        "swing": swing.model_dump(mode="json", by_alias=True, exclude_none=True),
+    }
+
+
+def compare_swerves(
+    candidates: Sequence[Candidate],
+    cases: Sequence[Case],
+    speeds: Sequence[float],
+    aims: Sequence[str],
+    runs: CachedRunner,
+    folder: Path,
+    *,
+    steering_effort: SearchEffort | None = None,
+    bound_effort: BoundEffort | None = None,
+    step: float | None = FINE_STEP,
+    further: int = 0,
+) -> pd.DataFrame:
+    """Compares candidates; the car without tail is always among them.
+
+    Args:
+        candidates: with their laws; `suite.BOUND` is the best motion of the tail.
+        cases: cars with their tail and floor.
+        speeds: m/s.
+        aims: names of `AIMS`, or functions of a file, `mine.py:my_aim`.
+        runs: where searches and runs are made, each once.
+        folder: in which the swings of bounds are written.
+        steering_effort, bound_effort: of the searches.
+        step: of the plant of the full car, s; None compares reduced cars alone.
+        further: so many full runs for each candidate search on from there, see `search_full`.
+
+    Returns:
+        A row per candidate, case, speed and aim: `plant`; `value`, on the full car NaN where it
+        counts at no share of the angles; `reduced_value`; number of full runs; the `share` and the
+        steering before that share; measures and all `settings` of the best full run. The share is
+        NaN where the search on the full car found better.
+    """
+    effort = steering_effort or SearchEffort()
+    chosen = [one for one in candidates if one is not BOUND]
+    if NO_TAIL not in chosen:
+        chosen.insert(0, NO_TAIL)
+    if FOLDED not in chosen:
+        chosen.append(FOLDED)
+    places = [(case, speed, aim) for case in cases for speed in speeds for aim in aims]
+    runs.stage = "steerings"
+    descents = _search_steerings(chosen, places, effort, runs)
+    if BOUND in candidates:
+        runs.stage = "bounds"
+        descents += _search_bounds(descents, bound_effort or BoundEffort(), runs, folder)
+    for descent in descents:
+        descent.step = step
+    drive_shares(descents, runs)
+    if further:
+        search_full(descents, further, runs, folder / "further", effort.seed)
+    return make_frame([one.as_row() for one in descents])
+
+
+def _search_steerings(
+    candidates: Sequence[Candidate],
+    places: Sequence[tuple[Case, float, str]],
+    effort: SearchEffort,
+    runs: CachedRunner,
+) -> list[Descent]:
+    """Searches the steering of each candidate in each case; a law that reduced cars cannot follow
+    has that of the folded tail.
+    """
+    items = []
+    variants = []
+    for case, speed, aim in places:
+        for candidate in candidates:
+            options = candidate_settings(candidate, case, speed)
+            known = not candidate.law and reduced_car_knows(load_scenario(SWERVE, options[0]))
+            searched = options if known else candidate_settings(FOLDED, case, speed)
+            variants.append(options)
+            items.append(SteeringItem(searched, aim, effort, candidate.limit))
+    results = runs.map(best_steering, items, [_key("steering", item) for item in items])
+    descents = []
+    index = 0
+    for case, speed, aim in places:
+        for candidate in candidates:
+            result = results[index]
+            options = variants[index]
+            settings = options[min(result["variant"], len(options) - 1)]
+            descents.append(Descent(candidate, case, speed, aim, settings, result))
+            index += 1
+    return descents
+
+
+def _search_bounds(
+    descents: Sequence[Descent], effort: BoundEffort, runs: CachedRunner, folder: Path
+) -> list[Descent]:
+    """Searches the bound in each case, from the motions of candidates with a tail, too."""
+    folder.mkdir(parents=True, exist_ok=True)
+    items = []
+    places: dict[str, list[Descent]] = {}
+    for one in descents:
+        places.setdefault(one.stem, []).append(one)
+    for stem, own in places.items():
+        starts = []
+        for one in own:
+            scenario = load_scenario(SWERVE, one.settings)
+            known = not one.candidate.law and reduced_car_knows(scenario)
+            if known and scenario.tail.mode != "none" and one.result["score"] > FAILED:
+                starts.append((one.settings, tuple(one.result["steering"])))
+        settings = (*own[0].case.settings(), *BOUND.settings, f"manoeuvre.speed={own[0].speed!r}")
+        items.append(BoundItem(settings, own[0].aim, effort, tuple(starts), stem))
+    results = runs.map(best_motion, items, [_key("bound", item) for item in items])
+    bounds = []
+    for own, item, result in zip(places.values(), items, results, strict=True):
+        path = folder.resolve() / f"{item.name}.yaml"
+        write_swing(swing_from_dict(result["swing"]), path, force=True)
+        settings = (*item.settings, f"controller.swing_file={path}")
+        first = own[0]
+        bound = Descent(BOUND, first.case, first.speed, first.aim, settings, result, motion=path)
+        bounds.append(bound)
+    return bounds
+
+
+def candidate_settings(candidate: Candidate, case: Case, speed: float) -> tuple[Settings, ...]:
+    """Returns the settings of a candidate's swerve, one for each place of its ballast."""
+    base = case.settings()
+    last = (*candidate.at(speed), f"manoeuvre.speed={speed!r}")
+    if not candidate.ballasts:
+        return ((*base, *last),)
+    car = load_scenario(SWERVE, base)
+    return tuple((*base, *last, *ballast(car)) for ballast in candidate.ballasts)
+
+
+def _key(what: str, item: Any) -> str:
+    """Returns the key of a cached search."""
+    return content_key(what, repr(item), *scenario_content(SWERVE))

@@ -1,0 +1,192 @@
+"""Runs of the full car in a comparison: its steering is scaled to where the swerve just counts."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from aerodima.optimisation.studies.limit_search import LimitSearch, run_rounds
+from aerodima.optimisation.studies.runs import (
+    FINE_STEP,
+    CachedRunner,
+    scenario_content,
+    step_settings,
+)
+from aerodima.optimisation.swerve.aims import FAILED, find_aim
+from aerodima.optimisation.swerve.candidate import SWERVE, Candidate, Settings
+from aerodima.optimisation.swerve.steering import STEERING_KEYS, steering_settings
+from aerodima.optimisation.swerve.suite import Case
+from aerodima.workbench.batch.row_store import Row, content_key
+from aerodima.workbench.batch.simulation import simulate
+from aerodima.workbench.car.swerve import swerve_of, swerve_row
+from aerodima.workbench.control.user_law import in_words, load_law
+from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.scenario.scenario import load_scenario
+
+SHARE_SEARCH = LimitSearch("share of the angles", 0.4, 1.6, 0.1, 0.025)
+"""Climb of the share of the angles with which the full car is driven: strides of a tenth from 1 on,
+to either side, until the swerve counts no more, or first counts."""
+
+
+class FullRun(NamedTuple):
+    """A run of the full car: small enough to send to a worker.
+
+    Attributes:
+        settings: of the scenario `swerve`.
+        aim: name, or function of a file.
+        law: `FILE:CLASS` of the law that drives the tail instead of the scenario's; empty for that.
+    """
+
+    settings: Settings
+    aim: str
+    law: str = ""
+
+
+def drive_full(run: FullRun) -> Row:
+    """Returns aim and measures of a full run; one that cannot be made does not count, and has an
+    error.
+    """
+    try:
+        scenario = load_scenario(SWERVE, run.settings)
+        law = load_law(run.law, scenario) if run.law else None
+        log = simulate(scenario, record="outcome", stop_when_certain=True, law=law)
+    except Exception as error:
+        known = isinstance(error, (UserError, ArithmeticError, RuntimeError, ValueError))
+        if not (known or run.law):
+            raise
+        return {"counts": False, "error": in_words(error)}
+    swerve = swerve_of(log)
+    return {**swerve_row(swerve), "value": float(find_aim(run.aim)(swerve)[0]), "error": ""}
+
+
+def run_key(run: FullRun) -> str:
+    """Returns the key of a cached full run; files of a law and an aim count by their content."""
+    files = []
+    for place in (run.law, run.aim):
+        if ".py:" in place:
+            path, _, name = place.rpartition(":")
+            files += [name, Path(path).read_text(encoding="utf-8")]
+    return content_key("full run", run.aim, *files, *scenario_content(SWERVE, run.settings))
+
+
+@dataclass
+class Descent:
+    """One candidate in one case, at one speed, for one aim, on its way down to the full car.
+
+    Attributes:
+        candidate, case: who, and where.
+        speed: m/s.
+        aim: name.
+        settings: of the car, but for the steering.
+        result: score, steering and variant of the search on the reduced car.
+        step: of the plant of the full car, s; None for the reduced car alone.
+        motion: file of the candidate's motion, which a search on the full car may vary.
+        rows: full runs by share of the angles.
+        further: full runs of such a search, and the best of them that counts, if it is above the
+            best of `rows`.
+    """
+
+    candidate: Candidate
+    case: Case
+    speed: float
+    aim: str
+    settings: Settings
+    result: Mapping[str, Any]
+    step: float | None = FINE_STEP
+    motion: Path | None = None
+    rows: dict[float, Row] = field(default_factory=dict)
+    further: int = 0
+    found: tuple[FullRun, Row] | None = None
+
+    @property
+    def stem(self) -> str:
+        """Name of files of its own."""
+        words = (*self.case.names.values(), f"{self.speed:g}", Path(self.aim).name)
+        return "_".join(words).replace(" ", "").replace(":", "_")
+
+    def next_shares(self) -> list[float]:
+        """Returns the next share of the angles; none at the end."""
+        if self.result["score"] <= FAILED or self.step is None:
+            return []
+        if self.candidate.limit is not None:
+            return [1.0] if not self.rows else []
+        return SHARE_SEARCH.next_values(1.0, {one: row["counts"] for one, row in self.rows.items()})
+
+    @property
+    def best(self) -> tuple[float, Row] | None:
+        """Share and run of the largest value among those that count, if any does."""
+        counting = [(share, row) for share, row in self.rows.items() if row["counts"]]
+        return max(counting, key=lambda run: run[1]["value"], default=None)
+
+    def run(self, share: float) -> FullRun:
+        """Returns the full run at a share of the angles."""
+        return self.run_with(
+            self.settings, steering_settings(np.array(self.result["steering"]), share)
+        )
+
+    def run_with(self, settings: Settings, steering: Settings) -> FullRun:
+        """Returns the full run with settings of the car and of the steering."""
+        step = step_settings(self.step or FINE_STEP)
+        return FullRun((*settings, *steering, *step), self.aim, self.candidate.law)
+
+    def improve(self, runs: Sequence[FullRun], rows: Sequence[Row]) -> int | None:
+        """Takes the best of further runs that counts, if its value is the largest so far; returns
+        its index.
+        """
+        self.further += len(runs)
+        _, best = self.found or self.best or (None, {"value": -np.inf})
+        counting = [index for index, row in enumerate(rows) if row["counts"]]
+        index = max(counting, key=lambda one: rows[one]["value"], default=None)
+        if index is None or rows[index]["value"] <= best["value"]:
+            return None
+        self.found = runs[index], rows[index]
+        return index
+
+    def as_row(self) -> Row:
+        """Returns the row of the table."""
+        score = self.result["score"]
+        reduced = score if score > FAILED else None
+        row: Row = {
+            "plant": "reduced" if self.step is None else "full",
+            "candidate": self.candidate.name,
+            **self.case.names,
+            "speed_m_per_s": self.speed,
+            "aim": self.aim,
+            "value": reduced if self.step is None else None,
+            "reduced_value": reduced,
+            "share": None,
+            "runs": len(self.rows) + self.further,
+            "variant": self.result["variant"],
+            **dict(zip(STEERING_KEYS, self.result["steering"], strict=True)),
+            "settings": "",
+        }
+        if self.best is None:
+            return row
+        share, result = self.best
+        if self.found is None:
+            run = self.run(share)
+            row["share"] = share
+        else:
+            run, result = self.found
+        return row | result | {"settings": json.dumps(run.settings)}
+
+
+def drive_shares(descents: Sequence[Descent], runs: CachedRunner) -> None:
+    """Drives full cars with smaller and larger angles, see `SHARE_SEARCH`."""
+    runs.stage = "full cars"
+
+    def drive(wanted: Sequence[tuple[Descent, float]]) -> list[Row]:
+        items = [descent.run(share) for descent, share in wanted]
+        return runs.map(drive_full, items, [run_key(item) for item in items])
+
+    run_rounds(
+        descents,
+        Descent.next_shares,
+        drive,
+        lambda descent, share, row: descent.rows.__setitem__(share, row),
+    )

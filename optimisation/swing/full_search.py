@@ -1,0 +1,150 @@
+"""Search of steering and motion on the full car itself, from where the reduced car's best holds.
+
+An evolution strategy with the same number of runs for every candidate: each round drives mutations
+of the best point, and the spread shrinks while nothing better is found. Points are the steering,
+and for a motion of the tail three numbers more: the share of its roll, the stretch of its times,
+and how far its pitch is moved, rad.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from aerodima.optimisation.studies.runs import CachedRunner
+from aerodima.optimisation.swerve.steering import possible_steering, steering_settings
+from aerodima.optimisation.swing.full_runs import Descent, FullRun, drive_full, run_key
+from aerodima.workbench.car.reduced.swerves import LEVELS, STEERING
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.swing_file import (
+    SwingFile,
+    read_swing,
+    swing_from_dict,
+    write_swing,
+)
+
+ROUND = 8
+"""Mutations of a round."""
+MUTATED_SHARE = 0.5
+"""Chance of a number to be mutated."""
+SHRINK = 0.85
+"""Factor of the spread after a round without anything better."""
+LEVEL_SPREAD = 0.2
+"""First spread of an angle, as a share of the largest of the three."""
+END_SPREAD = 0.05
+"""First spread of the end of a level, s."""
+TAIL_SPREADS = (0.15, 0.15, 0.1)
+"""First spreads of roll and times, as shares, and of the pitch, rad."""
+TAIL_RANGES = ((0.0, 0.5, -0.5), (1.5, 2.0, 0.5))
+"""Least and largest of these."""
+NO_CHANGE = (1.0, 1.0, 0.0)
+"""Of the motion: all of its roll, its own times, its own pitch."""
+
+
+@dataclass
+class FullSearch:
+    """Search of one candidate on its full car.
+
+    Attributes:
+        descent: that it starts from; its best run is replaced by better ones.
+        swing: motion that is varied; None for steering alone.
+        point: the best one so far: steering, then the numbers of the motion if there is one.
+        spread: of mutations of each number.
+    """
+
+    descent: Descent
+    swing: SwingFile | None
+    point: FloatArray
+    spread: FloatArray
+
+    @classmethod
+    def from_descent(cls, descent: Descent, share: float) -> FullSearch:
+        """Makes the search that starts at the steering of a descent, its angles times a share."""
+        steering = np.array(descent.result["steering"])
+        steering[:LEVELS] *= share
+        largest = np.max(np.abs(steering[:LEVELS]))
+        spread = np.array([LEVEL_SPREAD * largest] * LEVELS + [END_SPREAD] * (STEERING - LEVELS))
+        if descent.motion is None:
+            return cls(descent, None, steering, spread)
+        point = np.concatenate([steering, NO_CHANGE])
+        return cls(descent, read_swing(descent.motion), point, np.append(spread, TAIL_SPREADS))
+
+    def mutations(self, generator: np.random.Generator, limit: float) -> FloatArray:
+        """Draws possible points (`ROUND`, numbers); `limit` of the angles, rad."""
+        shape = (ROUND, self.point.size)
+        drawn = generator.standard_normal(shape) * (generator.random(shape) < MUTATED_SHARE)
+        points = possible_steering(self.point + self.spread * drawn, limit)
+        tail = points[:, STEERING:]
+        if self.swing is not None:
+            np.clip(tail, *TAIL_RANGES, out=tail)
+        return points
+
+    def run(self, point: FloatArray, path: Path) -> FullRun:
+        """Returns the full run of a point; a varied motion is written to a path."""
+        settings = self.descent.settings
+        if self.swing is not None:
+            write_swing(varied_swing(self.swing, point[STEERING:]), path, force=True)
+            settings = (*settings, f"controller.swing_file={path}")
+        return self.descent.run_with(settings, steering_settings(point[:STEERING]))
+
+
+def varied_swing(swing: SwingFile, change: FloatArray) -> SwingFile:
+    """Returns a swing with a share of its roll, its times stretched, and its pitch moved (3,)."""
+    share, stretch, pitch = (float(value) for value in change)
+    data = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
+    knots = data["knots"]
+    limits = data["limits"]
+    most = limits["roll_position_rad"]
+    rates = np.array(knots["roll_velocity_rad_per_s"]) * share / stretch
+    knots["time_s"] = [stretch * time for time in knots["time_s"]]
+    knots["roll_position_rad"] = [
+        float(np.clip(share * roll, -most, most)) for roll in knots["roll_position_rad"]
+    ]
+    knots["roll_velocity_rad_per_s"] = rates.tolist()
+    knots["pitch_position_rad"] = [pitch + angle for angle in knots["pitch_position_rad"]]
+    limits["velocity_rad_per_s"] = max(limits["velocity_rad_per_s"], float(np.max(np.abs(rates))))
+    return swing_from_dict(data, swing.name)
+
+
+def search_full(
+    descents: Sequence[Descent], number: int, runs: CachedRunner, folder: Path, seed: int
+) -> None:
+    """Searches on, with so many full runs for each candidate; the best run is that of its descent
+    from then on. A steering limit is left as it was tuned.
+
+    Args:
+        descents: with their full runs; one without a run that counts is left.
+        number: of runs for each.
+        runs: where they are made.
+        folder: of the varied motions.
+        seed: of the mutations, which are drawn anew for each candidate.
+    """
+    runs.stage = "search on full cars"
+    folder.mkdir(parents=True, exist_ok=True)
+    searches = []
+    for descent in descents:
+        best = descent.best
+        if best is not None and descent.candidate.limit is None:
+            searches.append(FullSearch.from_descent(descent, best[0]))
+    for index in range(number // ROUND):
+        items = []
+        points = []
+        for place, search in enumerate(searches):
+            generator = np.random.default_rng([seed, index, place])
+            limit = load_scenario("swerve", search.descent.settings).servo.limit
+            points.append(search.mutations(generator, limit))
+            for member, point in enumerate(points[-1]):
+                path = folder.resolve() / f"{search.descent.stem}_{index}_{member}.yaml"
+                items.append(search.run(point, path))
+        rows = runs.map(drive_full, items, [run_key(item) for item in items])
+        for place, search in enumerate(searches):
+            of_round = slice(ROUND * place, ROUND * (place + 1))
+            better = search.descent.improve(items[of_round], rows[of_round])
+            if better is None:
+                search.spread = SHRINK * search.spread
+            else:
+                search.point = points[place][better]

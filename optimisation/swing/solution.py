@@ -1,0 +1,145 @@
+"""Swing files of solutions: motion of the tail, steering, car, floor, aim and claimed value."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from aerodima.optimisation.swerve.steering import steering_settings
+from aerodima.optimisation.swing.bound import Bound
+from aerodima.optimisation.swing.swerve_nlp import steering_of
+from aerodima.optimisation.swing.swerve_shooting import FOLLOW_GAINS, KNOTS, knot_rates
+from aerodima.workbench.car.laws import torque_speed_limits
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.file_reading import Json
+from aerodima.workbench.logs.schema import software_versions
+from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.swing_file import SCHEMA, SwingFile, swing_from_dict
+
+RELEASE_STEERING = 0.01
+"""Steering command that releases the swing, rad: less than any first level."""
+AIM = "aim"
+"""Name of the aim under `found` of a solution."""
+AIM_VALUE = "aim_value"
+"""Name of its value on the full car there."""
+KNOT_ROUNDING = 1e-2
+"""How far the curve between two knots on a stop may bulge beyond it, rad: the tail then lies on
+the stop."""
+CAR_KEYS = (
+    "car.mass",
+    "car.com_height",
+    "car.com_x",
+    "car.gyration_roll",
+    "car.wheelbase",
+    "car.track",
+    "tail.length",
+    "tail.mass",
+    "tail.sail_length",
+    "tail.sail_width",
+    "tail.mount_x",
+    "tail.mount_height",
+    "tail.normal_force_coefficient",
+    "tail.roll_limit",
+    "tail.pitch_limit",
+)
+"""Parameters that make it another car for a swing."""
+
+
+def solution_swing(
+    name: str,
+    settings: Sequence[str],
+    bound: Bound,
+    aim: str,
+    facts: Mapping[str, float] | None = None,
+    share: float = 1.0,
+) -> SwingFile:
+    """Returns a solution as a swing file: steering of the first car among its settings, what it
+    claims under `found`.
+
+    Args:
+        name: of the swing.
+        settings: of the first car on `swerve`, on its floor, at its speed, without its steering.
+        bound: the solution.
+        aim: its name.
+        facts: more of what it claims.
+        share: of the angles of the steering that the full car is driven with.
+    """
+    solution = bound.solution
+    variables = bound.program.shooting.variables
+    pitch, *rolls = (solution.x * variables.units)[: variables.tail]
+    found: Json = {
+        AIM: aim,
+        "aim_reduced": float(np.mean(solution.aims)),
+        "cars": variables.members,
+        "evaluations": solution.evaluations,
+        **(facts or {}),
+    }
+    steering = steering_settings(steering_of(bound.program, solution.x), share)
+    provenance = {
+        "source": "aerodima swing search",
+        "scenario": "swerve",
+        "settings": (*settings, *steering),
+        "found": found,
+    }
+    roll = np.array([0.0, *rolls])
+    rate = knot_rates() @ roll
+    return steered_swing(name, bound.scenarios[0], KNOTS, roll, rate, pitch, provenance)
+
+
+def steered_swing(
+    name: str,
+    scenario: Scenario,
+    time: Sequence[float],
+    roll: FloatArray,
+    rate: FloatArray,
+    pitch: float,
+    provenance: Json,
+) -> SwingFile:
+    """Makes a swing to the left that the steering releases; no torques are fed forward.
+
+    Args:
+        name: of the swing.
+        scenario: its car.
+        time, roll, rate: of the tail at the knots, s since the release, rad and rad/s.
+        pitch: at which the tail stays, rad.
+        provenance: fields of `Provenance`.
+    """
+    stall, no_load = torque_speed_limits(scenario.tail_motor)
+    torque = scenario.tail_motor.torque_limit
+    angle = scenario.tail.roll_limit
+    still = np.zeros(len(roll))
+    resolved = scenario.resolved()
+    fastest = max(no_load * (1.0 - torque / stall), float(np.max(np.abs(rate))))
+
+    def row(values: FloatArray) -> tuple[float, ...]:
+        return tuple(float(value) for value in np.round(values, 9) + 0.0)
+
+    return swing_from_dict(
+        {
+            "schema": SCHEMA,
+            "name": name,
+            "direction": "left",
+            "trigger": {"kind": "steering", "threshold_rad": RELEASE_STEERING},
+            "knots": {
+                "time_s": tuple(map(float, time)),
+                "roll_position_rad": row(np.clip(roll, -angle, angle)),
+                "roll_velocity_rad_per_s": row(rate),
+                "pitch_position_rad": row(still + pitch),
+                "pitch_velocity_rad_per_s": row(still),
+            },
+            "gains": {
+                "hold": FOLLOW_GAINS,
+                "phases": [{"start_s": 0.0, "roll": FOLLOW_GAINS, "pitch": FOLLOW_GAINS}],
+            },
+            "limits": {
+                "roll_position_rad": angle + KNOT_ROUNDING,
+                "pitch_position_rad": scenario.tail.pitch_limit + KNOT_ROUNDING,
+                "velocity_rad_per_s": fastest,
+                "torque_n_m": torque,
+            },
+            "provenance": {**provenance, "versions": software_versions()},
+            "car": {key: float(resolved[key.split(".")[0]][key.split(".")[1]]) for key in CAR_KEYS},
+        },
+        name,
+    )

@@ -1,0 +1,266 @@
+"""Steering and tail of a swerve as a nonlinear program (`MathematicalProgram`), which the user may
+add to before it is solved.
+
+    maximise    mean aim of the cars
+    subject to  every limit of `SwerveShooting` for every car, bounds,
+                the tail's range between its knots, levels in their order (linear)
+
+Aims, limits and all slopes at a point come from one batch of swerves (`SwerveShooting.at`), which
+cost and constraints share. SNOPT or IPOPT solves; of the points that it visits the best one that
+keeps all constraints is taken. Levels end at whole ticks of the driver: their ends are rounded and
+fixed once, and the rest is solved again.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue
+from pydrake.solvers import IpoptSolver, MathematicalProgram, SnoptSolver, SolverOptions
+
+from aerodima.optimisation.swerve.steering import TICK
+from aerodima.optimisation.swing.swerve_shooting import (
+    TIME_SCALE,
+    Evaluation,
+    SwerveShooting,
+    midway,
+)
+from aerodima.workbench.car.reduced.swerves import LEVELS, STEERING
+from aerodima.workbench.core.array_types import FloatArray
+
+FEASIBILITY_TOL = 1e-3
+"""Largest scaled violation of a solution."""
+OPTIMALITY_TOL = 1e-2
+"""Tolerance of the solver for scaled slopes; lifting wheels and saturated joints are kinks, where
+it creeps."""
+LINE_SEARCH_TOL = 0.99
+"""Line search of SNOPT: an inexact one, since each of its points costs a batch of swerves."""
+ROWS_DESCRIPTION = "limits of the swerves"
+"""Description of the constraint on the limits of all cars."""
+Solver = Literal["snopt", "ipopt"]
+
+
+@dataclass(frozen=True)
+class SwerveSolution:
+    """Solution from one start.
+
+    Attributes:
+        x: scaled variables.
+        aims: of every car (members,).
+        cost: of the program, all costs that were added included.
+        violation: largest of any constraint of the program, scaled, and `worst` whose it is.
+        converged: the solver says so, and nothing is violated by more than `FEASIBILITY_TOL`.
+        evaluations: batches of swerves; `wall_time` s.
+    """
+
+    x: FloatArray
+    aims: FloatArray
+    cost: float
+    violation: float
+    worst: str
+    converged: bool
+    evaluations: int
+    wall_time: float
+
+
+class SwerveNlp:
+    """The nonlinear program over some cars.
+
+    Attributes:
+        prog: Drake's program; costs and constraints that are added to it are kept by `solve`.
+        x: its scaled variables (size,), in the order of `SwerveVariables`.
+        shooting: of the cars.
+        evaluations: batches of swerves so far.
+
+    Args:
+        shooting: of the cars.
+        size: of a usual aim.
+    """
+
+    def __init__(self, shooting: SwerveShooting, size: float) -> None:
+        self.shooting = shooting
+        self.evaluations = 0
+        self._size = size
+        self._last: tuple[bytes, Evaluation] | None = None
+        self._best: tuple[float, FloatArray] | None = None
+        variables = shooting.variables
+        rows = shooting.row_limits
+        low = np.tile([row.lower / row.size for row in rows], variables.members)
+        high = np.tile([row.upper / row.size for row in rows], variables.members)
+        prog: Any = MathematicalProgram()
+        x = prog.NewContinuousVariables(variables.size, "x")
+        self.prog = prog
+        self.x = x
+        prog.AddVisualizationCallback(self._keep, x)
+        prog.AddBoundingBoxConstraint(*variables.bounds, x)
+        prog.AddCost(self._aim_cost, x)
+        prog.AddConstraint(self._rows, low, high, x, description=ROWS_DESCRIPTION)
+        rolls = midway()[:, 1:]
+        ends = variables.max_roll * np.ones(len(rolls))
+        travel = prog.AddLinearConstraint(rolls, -ends, ends, x[1 : variables.tail])
+        travel.evaluator().set_description("range of the tail")
+        for first in self._first_ends():
+            order = prog.AddLinearConstraint(
+                np.array([[-1.0, 1.0]]), [0.0], [np.inf], x[first : first + 2]
+            )
+            order.evaluator().set_description("order of the levels")
+
+    def solve(
+        self, start: FloatArray, iterations: int = 30, solver: Solver = "snopt"
+    ) -> SwerveSolution:
+        """Solves for the best swerve near a start.
+
+        Args:
+            start: scaled variables (size,).
+            iterations: largest number of major iterations of the solver, before and after the ends
+                of levels are on ticks.
+            solver: SNOPT or IPOPT.
+        """
+        begun = time.perf_counter()
+        before = self.evaluations
+        low, high = self.shooting.variables.bounds
+        x, _ = self._solve(np.clip(start, low, high), iterations, solver)
+        ends = np.concatenate([[first, first + 1] for first in self._first_ends()])
+        x = np.clip(x, low, high)
+        x[ends] = TICK * np.rint(TIME_SCALE * x[ends] / TICK) / TIME_SCALE
+        binding = self.prog.AddBoundingBoxConstraint(x[ends], x[ends], self.x[ends])
+        try:
+            x, converged = self._solve(x, iterations, solver)
+        finally:
+            self.prog.RemoveConstraint(binding)
+        violation, worst = self._violation(x)
+        spent = self.evaluations - before
+        good = converged and violation <= FEASIBILITY_TOL
+        wall_time = time.perf_counter() - begun
+        aims = self.at(x).aims
+        return SwerveSolution(x, aims, self._cost(x), violation, worst, good, spent, wall_time)
+
+    def at(self, x: FloatArray) -> Evaluation:
+        """Evaluates aims, limits and slopes at scaled variables (size,); the last point is
+        remembered.
+        """
+        key = np.ascontiguousarray(x, dtype=np.float64).tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = (key, self.shooting.at(np.asarray(x, dtype=np.float64)))
+            self.evaluations += 1
+        return self._last[1]
+
+    def _first_ends(self) -> range:
+        """Returns the index of the end of the first level of each car."""
+        variables = self.shooting.variables
+        return range(variables.tail + LEVELS, variables.size, STEERING)
+
+    def _solve(self, start: FloatArray, iterations: int, solver: Solver) -> tuple[FloatArray, bool]:
+        """Returns the best point that was visited and keeps all constraints, else where the solver
+        ended; whether it converged.
+        """
+        options = SolverOptions()
+        self._best = None
+        self._keep(start)
+        if solver == "snopt":
+            name = SnoptSolver.id()
+            options.SetOption(name, "Major iterations limit", iterations)
+            options.SetOption(name, "Major optimality tolerance", OPTIMALITY_TOL)
+            options.SetOption(name, "Major feasibility tolerance", 0.1 * FEASIBILITY_TOL)
+            options.SetOption(name, "Linesearch tolerance", LINE_SEARCH_TOL)
+            result = SnoptSolver().Solve(self.prog, start, options)
+        else:
+            name = IpoptSolver.id()
+            options.SetOption(name, "max_iter", iterations)
+            options.SetOption(name, "tol", OPTIMALITY_TOL)
+            options.SetOption(name, "constr_viol_tol", 0.1 * FEASIBILITY_TOL)
+            result = IpoptSolver().Solve(self.prog, start, options)
+        x = result.GetSolution(self.x)
+        self._keep(x)
+        return x if self._best is None else self._best[1], bool(result.is_success())
+
+    def _keep(self, x: FloatArray) -> None:
+        """Remembers a point if it keeps all constraints and costs less than those before; called by
+        the solver.
+        """
+        if not self.prog.CheckSatisfied(self.prog.GetAllConstraints(), x, FEASIBILITY_TOL):
+            return
+        cost = self._cost(x)
+        if self._best is None or cost < self._best[0]:
+            self._best = (cost, x.copy())
+
+    def _cost(self, x: FloatArray) -> float:
+        """Returns the sum of all costs of the program."""
+        costs = [self.prog.EvalBinding(binding, x)[0] for binding in self.prog.GetAllCosts()]
+        return float(sum(costs))
+
+    def _aim_cost(self, x: np.ndarray) -> Any:
+        value, gradient = _split(x)
+        evaluation = self.at(value)
+        cost = np.array([-np.mean(evaluation.aims) / self._size])
+        slopes = -np.mean(evaluation.aim_slopes, axis=0)[None] / self._size
+        return _joined(cost, slopes, gradient)[0]
+
+    def _rows(self, x: np.ndarray) -> np.ndarray:
+        value, gradient = _split(x)
+        evaluation = self.at(value)
+        slopes = evaluation.row_slopes.reshape(-1, len(value))
+        return _joined(evaluation.rows.ravel(), slopes, gradient)
+
+    def _violation(self, x: FloatArray) -> tuple[float, str]:
+        """Returns the largest violation of any constraint at scaled variables, those that were
+        added included, and whose it is.
+        """
+        largest = 0.0
+        name = "nothing"
+        for binding in self.prog.GetAllConstraints():
+            constraint: Any = binding.evaluator()
+            value = np.asarray(self.prog.EvalBinding(binding, x), dtype=float)
+            below = constraint.lower_bound() - value
+            beyond = np.maximum(below, value - constraint.upper_bound())
+            index = int(np.argmax(beyond))
+            violation = float(beyond[index])
+            if violation <= largest:
+                continue
+            largest = violation
+            description = constraint.get_description()
+            name = f"{description or 'a constraint'}, entry {index}, by {violation:.3g}"
+            if description == ROWS_DESCRIPTION:
+                limits = self.shooting.row_limits
+                limit = limits[index % len(limits)]
+                name = f"{limit.name} by {violation * limit.size:.3g} {limit.unit}"
+        return largest, name
+
+
+def steering_of(program: SwerveNlp, x: FloatArray, member: int = 0) -> FloatArray:
+    """Returns the steering (`STEERING`,) of one car of a solution, rad and s."""
+    variables = program.shooting.variables
+    return (x * variables.units)[variables.own(member)][variables.tail :]
+
+
+def best_of(solutions: list[SwerveSolution]) -> SwerveSolution:
+    """Returns the solution of the least cost among those that keep all constraints; without one,
+    that of the smallest violation.
+    """
+    kept = [one for one in solutions if one.violation <= FEASIBILITY_TOL]
+    if kept:
+        return min(kept, key=lambda one: one.cost)
+    return min(solutions, key=lambda one: one.violation)
+
+
+def _split(x: np.ndarray) -> tuple[FloatArray, FloatArray | None]:
+    """Returns values (size,) and, of AutoDiff scalars, slopes (size, n) of what the solver
+    evaluates.
+    """
+    if x.dtype != object:
+        return x, None
+    return ExtractValue(x).ravel(), ExtractGradient(x)
+
+
+def _joined(values: FloatArray, slopes: FloatArray, gradient: FloatArray | None) -> FloatArray:
+    """Returns values (n,) as AutoDiff scalars by the chain rule; plain if no slopes are
+    asked for.
+    """
+    if gradient is None or not gradient.size:
+        return values
+    return np.array(
+        [AutoDiffXd(value, own) for value, own in zip(values, slopes @ gradient, strict=True)]
+    )

@@ -1,0 +1,316 @@
+"""Swerves of all cars and of all central differences in one batch, with slopes, for the nonlinear
+program.
+
+Variables, all scaled, are one tail for all cars and the steering of each car:
+
+    tail:       its pitch (rad), its roll at the knots after the first (rad), which is the middle
+    each car:   three angles (rad), the ends of the first two (s)
+
+Between knots the roll is the cubic that a swing file plays, at rest at the first and the last; the
+rate at a knot is that of the line between its neighbours. The knots begin one tick after the
+steering, when the controller sees it.
+
+Aim and limits are functions of `Swerve`. A peak is taken by windows of `WINDOW`, each a row of its
+own: a peak of one window is smooth in the variables where it stands alone, and two peaks that
+compete stand in two rows. A wheel that lifts and a joint at its torque limit remain kinks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from aerodima.optimisation.swerve.steering import (
+    FIRST_ENDS,
+    MIN_FIRST_LEVEL,
+    SECOND_ENDS,
+    TICK,
+)
+from aerodima.workbench.car.reduced.parameters import VehicleParams
+from aerodima.workbench.car.reduced.swerves import LEVELS, STEERING, PlayedSwerve, drive_swerves
+from aerodima.workbench.car.swerve import Swerve, end_yaw_rate, energy
+from aerodima.workbench.car.turn_signals import STEERED
+from aerodima.workbench.car.verdict import EXIT_YAW_RATE, TWO_WHEELS, side_lift
+from aerodima.workbench.control.swing_player import RollTrajectory
+from aerodima.workbench.core.array_types import FloatArray, IntArray
+from aerodima.workbench.core.errors import SwingError
+from aerodima.workbench.scenario.scenario import Scenario
+
+KNOTS = (0.0, 0.07, 0.14, 0.22, 0.31, 0.42, 0.56, 0.75, 1.0, 1.35)
+"""Times of the knots since the release, s: closer where a swerve is decided."""
+PITCHES = (-1.15, 0.3)
+"""Range of the pitch of the tail, rad; further back it meets the car."""
+WINDOW = 0.2
+"""Windows in which peaks are limited one by one, s."""
+LIFT_MARGIN = 2e-5
+"""Below the height of two wheels that counts, m: the tolerance of the solver."""
+YAW_RATE_MARGIN = 0.02
+"""Below the yaw rate at the end that counts, for the reduced car's error, rad/s."""
+CLEARANCE = 0.02
+"""Least height of the tail over the ground, m."""
+BOARD_CLEARANCE = 5e-4
+"""Least height of the anti-ramp board over the ground while the car is steered, m."""
+MAX_LAG = 0.8
+"""Largest distance of the tail from its knots, rad: the player of a swing gives up at 1 rad."""
+FOLLOW_GAINS = {"kp": 60.0, "kd": 3.0}
+"""Gains of both joints of the tail, N m/rad and N m s/rad."""
+DIFFERENCE_STEP = 1e-7
+"""Step of the scaled variables to either side for slopes."""
+ANGLE_SCALE = 0.1
+"""One unit of a steering angle, rad."""
+TIME_SCALE = 0.2
+"""One unit of the end of a level, s."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Numbers of each car that must lie within limits.
+
+    Attributes:
+        name: in messages.
+        function: values (rows, n) of a `Swerve`.
+        unit: of the values; `size` of one unit for the solver.
+        lower, upper: of the values.
+    """
+
+    name: str
+    function: Callable[[Swerve], FloatArray]
+    unit: str
+    size: float
+    lower: float = -np.inf
+    upper: float = np.inf
+
+
+def peaks(swerve: Swerve, values: FloatArray) -> FloatArray:
+    """Returns the largest values (steps, n) in each window from the start of the steering on
+    (windows, n).
+    """
+    inside = values[swerve.steered]
+    step = swerve.time[-1] - swerve.time[-2]
+    size = round(WINDOW / step)
+    starts = range(0, len(inside), size)
+    return np.stack([np.max(inside[first : first + size], axis=0) for first in starts])
+
+
+def _side_lift(swerve: Swerve) -> FloatArray:
+    return peaks(swerve, side_lift(np.moveaxis(swerve.lifts, 1, 0)))
+
+
+def _board(swerve: Swerve) -> FloatArray:
+    steered = swerve.steered & (np.abs(swerve.steering) > STEERED).any(axis=1)
+    return np.min(swerve.heights[steered, 1], axis=0)[None]
+
+
+STANDARD_LIMITS = (
+    Limit("side lift", _side_lift, "m", 0.01, upper=TWO_WHEELS - LIFT_MARGIN),
+    Limit("tail", lambda s: peaks(s, -s.heights[:, 0]), "m", 0.1, upper=-CLEARANCE),
+    Limit("board", _board, "m", 0.1, lower=BOARD_CLEARANCE),
+    Limit("lag", lambda s: peaks(s, np.abs(s.lag)), "rad", 1.0, upper=MAX_LAG),
+    Limit(
+        "yaw rate at the end",
+        lambda s: end_yaw_rate(s)[None],
+        "rad/s",
+        1.0,
+        -EXIT_YAW_RATE + YAW_RATE_MARGIN,
+        EXIT_YAW_RATE - YAW_RATE_MARGIN,
+    ),
+)
+"""Limits of every swerve: it counts, and its tail can be played."""
+LIMITS: Mapping[str, Callable[[float], Limit]] = {
+    "roll": lambda most: Limit("roll", lambda s: peaks(s, np.abs(s.roll)), "rad", 0.1, upper=most),
+    "energy": lambda most: Limit("energy", lambda s: energy(s)[None], "J", 1.0, upper=most),
+    "torque": lambda most: Limit(
+        "torque", lambda s: peaks(s, np.max(np.abs(s.torques), axis=1)), "N m", 10.0, upper=most
+    ),
+    "speed": lambda least: Limit("speed", lambda s: s.speed[-1:], "m/s", 1.0, lower=least),
+}
+"""Name of a further limit -> its maker, of the largest (roll of the body, rad; energy of the
+motors, J; torque, N m) or least (speed at the end, m/s) value."""
+
+
+class SwerveVariables(NamedTuple):
+    """Index, unit and bounds of each variable.
+
+    Attributes:
+        members: number of cars.
+        max_roll: of the tail, to either side, rad.
+        pitches: least and largest pitch of the tail, rad.
+        max_angle: of the steering, rad.
+    """
+
+    members: int
+    max_roll: float
+    pitches: tuple[float, float]
+    max_angle: float
+
+    @property
+    def tail(self) -> int:
+        """Number of the tail's variables, which come first."""
+        return len(KNOTS)
+
+    @property
+    def size(self) -> int:
+        """Number of all."""
+        return self.tail + STEERING * self.members
+
+    def own(self, member: int) -> IntArray:
+        """Returns the indices of the variables of one car: the tail's, then its steering's."""
+        first = self.tail + STEERING * member
+        return np.concatenate([np.arange(self.tail), np.arange(first, first + STEERING)])
+
+    @property
+    def units(self) -> FloatArray:
+        """One unit of every variable (size,)."""
+        steering = [ANGLE_SCALE] * LEVELS + [TIME_SCALE] * (LEVELS - 1)
+        return np.array([1.0] * self.tail + steering * self.members)
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Least and largest scaled values (size,)."""
+        rolls = [self.max_roll] * (self.tail - 1)
+        angle = self.max_angle
+        starts = [MIN_FIRST_LEVEL, -angle, -angle, FIRST_ENDS[0], SECOND_ENDS[0]]
+        ends = [angle, angle, angle, FIRST_ENDS[1], SECOND_ENDS[1]]
+        low = [self.pitches[0], *(-roll for roll in rolls), *starts * self.members]
+        high = [self.pitches[1], *rolls, *ends * self.members]
+        return np.array(low) / self.units, np.array(high) / self.units
+
+
+def knot_rates() -> FloatArray:
+    """Returns the matrix (knots, knots) of the rates at knots from the rolls there."""
+    times = np.array(KNOTS)
+    rates = np.zeros((len(times), len(times)))
+    for knot in range(1, len(times) - 1):
+        between = times[knot + 1] - times[knot - 1]
+        rates[knot, [knot - 1, knot + 1]] = [-1.0 / between, 1.0 / between]
+    return rates
+
+
+def midway() -> FloatArray:
+    """Returns the matrix (knots - 1, knots) of the rolls midway between knots from those there."""
+    unit = np.eye(len(KNOTS))
+    rates = knot_rates()
+    spans = np.diff(KNOTS)[:, None]
+    middles: FloatArray = 0.5 * (unit[:-1] + unit[1:]) + spans / 8.0 * (rates[:-1] - rates[1:])
+    return middles
+
+
+def tail_at_knots(swerve: Swerve) -> FloatArray:
+    """Returns the pitch of a tail when the steering starts, and its roll at the knots after the
+    first (`KNOTS`,), rad, of a swerve of one car.
+    """
+    pitch, roll = swerve.tail[:, 0, 0], swerve.tail[:, 1, 0]
+    rolls = [swerve.at(roll, TICK + knot) for knot in KNOTS[1:]]
+    return np.array([swerve.at(pitch, 0.0), *rolls], dtype=np.float64)
+
+
+class Evaluation(NamedTuple):
+    """Evaluation at some variables.
+
+    Attributes:
+        aims: of every car (members,), and `aim_slopes` with the scaled variables (members, size).
+        rows: scaled limits (members, rows), and `row_slopes` (members, rows, size).
+    """
+
+    aims: FloatArray
+    aim_slopes: FloatArray
+    rows: FloatArray
+    row_slopes: FloatArray
+
+
+@dataclass(frozen=True)
+class SwerveShooting:
+    """Cars with a tail at their speeds on their floors.
+
+    Attributes:
+        scenario: of servo, controller, IMU and manoeuvre of all.
+        cars: one of each member.
+        variables: of the search.
+        aim: to be large: a function of `Swerve`, (n,).
+        limits: of every car.
+    """
+
+    scenario: Scenario
+    cars: VehicleParams
+    variables: SwerveVariables
+    aim: Callable[[Swerve], FloatArray]
+    limits: tuple[Limit, ...]
+
+    @classmethod
+    def from_scenarios(
+        cls,
+        scenarios: Sequence[Scenario],
+        aim: Callable[[Swerve], FloatArray],
+        limits: Sequence[Limit] = (),
+    ) -> SwerveShooting:
+        """Makes the shooting of scenarios of kind `levels`; their steering and law do not matter.
+
+        Raises:
+            UserError: a car without tail; what the reduced car does not know.
+        """
+        first = scenarios[0]
+        if any(one.tail.mode == "none" for one in scenarios):
+            raise SwingError("tail.mode: none; must be a tail that can swing")
+        far = min(one.tail.pitch_limit for one in scenarios)
+        variables = SwerveVariables(
+            len(scenarios),
+            max_roll=min(one.tail.roll_limit for one in scenarios),
+            pitches=(max(PITCHES[0], -far), min(PITCHES[1], far)),
+            max_angle=min(one.servo.limit for one in scenarios),
+        )
+        cars = VehicleParams.from_scenarios(scenarios)
+        return cls(first, cars, variables, aim, (*STANDARD_LIMITS, *limits))
+
+    def drive(self, own: FloatArray, members: IntArray) -> Swerve:
+        """Drives swerves of members (n), each with its own scaled variables (own, n)."""
+        variables = self.variables
+        count = len(members)
+        values = own * variables.units[variables.own(0)][:, None]
+        pitch, rolls, steering = np.split(values, [1, variables.tail])
+        rolls = np.concatenate([np.zeros((1, count)), rolls])
+        one = np.ones(count)
+        gains = [gain * one for gain in (*FOLLOW_GAINS.values(), *FOLLOW_GAINS.values())]
+        knots = RollTrajectory(np.outer(KNOTS, one), rolls, knot_rates() @ rolls, *gains)
+        cars = self.cars.take(members)
+        rollout = PlayedSwerve(cars, self.scenario, steering, pitch[0], knots)
+        return drive_swerves(rollout, self.scenario)
+
+    def at(self, x: FloatArray) -> Evaluation:
+        """Evaluates aims and limits of all cars with their slopes at scaled variables (size,)."""
+        variables = self.variables
+        count = variables.members
+        own = [variables.own(member) for member in range(count)]
+        width = len(own[0])
+        steps = DIFFERENCE_STEP * np.eye(width)
+        tried = np.hstack([steps, -steps, np.zeros((width, 1))])
+        columns = np.concatenate([x[places][:, None] + tried for places in own], axis=1)
+        members = np.repeat(np.arange(count), tried.shape[1])
+        swerve = self.drive(columns, members)
+        values = np.concatenate([self.aim(swerve)[None], self.rows(swerve)])
+        values = values.reshape(len(values), count, tried.shape[1])
+        slopes = np.zeros((count, len(values), variables.size))
+        for member, places in enumerate(own):
+            ahead = values[:, member, :width]
+            behind = values[:, member, width:-1]
+            slopes[member][:, places] = (ahead - behind) / (2.0 * DIFFERENCE_STEP)
+        here = values[:, :, -1].T
+        return Evaluation(here[:, 0], slopes[:, 0], here[:, 1:], slopes[:, 1:])
+
+    def rows(self, swerve: Swerve) -> FloatArray:
+        """Returns the scaled limits of swerves (rows, n)."""
+        return np.concatenate([one.function(swerve) / one.size for one in self.limits])
+
+    @cached_property
+    def row_limits(self) -> list[Limit]:
+        """Limit of each row."""
+        swerve = self.drive(
+            np.mean(self.variables.bounds, axis=0)[self.variables.own(0)][:, None], np.zeros(1, int)
+        )
+        rows: list[Limit] = []
+        for limit in self.limits:
+            rows += [limit] * len(limit.function(swerve))
+        return rows

@@ -1,0 +1,154 @@
+"""`judge` and `train_law`: comparisons and searches of laws by names; results are data frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+
+from aerodima.optimisation.studies.runs import (
+    FINE_STEP,
+    CachedRunner,
+    cached_runs,
+    open_run_engine,
+)
+from aerodima.optimisation.swerve.candidate import LIMITED, Candidate, write_candidates
+from aerodima.optimisation.swerve.steering import SearchEffort
+from aerodima.optimisation.swerve.steering_limit import tune_limit
+from aerodima.optimisation.swerve.suite import SUITE, ensemble_cases, select_candidates
+from aerodima.optimisation.swing.bound import BoundEffort
+from aerodima.optimisation.swing.comparison import compare_swerves
+from aerodima.optimisation.swing.feedback_training import LawSearch, train_feedback
+
+DEFAULT_AIMS = ("aside-0.5",)
+"""Aims of a comparison unless others are asked for."""
+DEFAULT_FOLDER = Path("out/judge")
+"""Folder of a comparison."""
+TUNING_CARS = 6
+"""Training cars on which the limit of the steering is tuned."""
+TRAINED = "candidates.yaml"
+"""File of a trained law."""
+
+
+def judge(
+    candidates: Sequence[str] = SUITE.default,
+    *,
+    laws: Sequence[str] = (),
+    ensemble: str = "physical",
+    cars: int = 4,
+    tail: str = "built",
+    floors: Sequence[float] = (1.0,),
+    speeds: Sequence[float] = SUITE.speeds,
+    aims: Sequence[str] = DEFAULT_AIMS,
+    seed: int = 1,
+    folder: Path = DEFAULT_FOLDER,
+    runs: CachedRunner | None = None,
+    steering_effort: SearchEffort | None = None,
+    bound_effort: BoundEffort | None = None,
+    step: float | None = FINE_STEP,
+    further: int = 0,
+) -> pd.DataFrame:
+    """Compares candidates in swerves on test cars, each with its own best steering.
+
+    Args:
+        candidates: names of the suite, swings, or files of candidates.
+        laws: of the user, `mine.py:MyLaw`.
+        ensemble: name or path; `cars` so many of its test cars, split by `seed`.
+        tail: of the suite.
+        floors: friction over that of the car.
+        speeds: m/s.
+        aims: names, see `compare_swerves`.
+        folder: of runs and swings; the same call goes on in it.
+        runs: where searches and runs are made; by default two workers that keep them in the folder.
+        steering_effort, bound_effort: of the searches.
+        step: of the plant of the full car, s; a claim needs the fine one. None compares reduced
+            cars alone.
+        further: so many full runs with which each candidate is searched on.
+
+    Returns:
+        The table of `compare_swerves`; `summarise_swerves` makes medians and intervals of it.
+    """
+    cases = ensemble_cases(ensemble, "test", cars, tail, floors, seed)
+    chosen = tuned_candidates(candidates, laws, ensemble, tail, floors, speeds, seed)
+    with _runs_in(folder, runs) as runner:
+        return compare_swerves(
+            chosen,
+            cases,
+            speeds,
+            aims,
+            runner,
+            folder / "swings",
+            steering_effort=steering_effort,
+            bound_effort=bound_effort,
+            step=step,
+            further=further,
+        )
+
+
+def tuned_candidates(
+    names: Sequence[str],
+    laws: Sequence[str],
+    ensemble: str,
+    tail: str,
+    floors: Sequence[float],
+    speeds: Sequence[float],
+    seed: int,
+) -> list[Candidate]:
+    """Returns candidates by name, the limit of a limited one tuned on training cars; arguments as
+    of `judge`.
+    """
+    chosen = select_candidates(names, laws)
+    if LIMITED in chosen:
+        training = ensemble_cases(ensemble, "training", TUNING_CARS, tail, floors, seed)
+        limit = tune_limit(training, speeds)
+        chosen[chosen.index(LIMITED)] = replace(LIMITED, limit=limit)
+    return chosen
+
+
+def train_law(
+    folder: Path,
+    search: LawSearch | None = None,
+    *,
+    ensemble: str = "physical",
+    cars: int = 6,
+    tail: str = "built",
+    floors: Sequence[float] = (1.0,),
+    speeds: Sequence[float] = SUITE.speeds,
+    runs: CachedRunner | None = None,
+    force: bool = False,
+) -> pd.DataFrame:
+    """Trains the feedback law on training cars; it is written as a file of candidates.
+
+    Args:
+        folder: of that file and of the runs.
+        search: how much.
+        ensemble: name or path; `cars` so many of its training cars, split by the search's seed.
+        tail, floors, speeds, runs: as of `judge`.
+        force: replaces the file.
+
+    Returns:
+        A row per number: key and value.
+    """
+    search = search or LawSearch()
+    cases = ensemble_cases(ensemble, "training", cars, tail, floors, search.seed)
+    with _runs_in(folder, runs) as runner:
+        trained = train_feedback(cases, speeds, search, runner)
+    chosen = (
+        f"aerodima swing train: {search}, {cars} training cars of {ensemble}, {tail} tail, floors "
+        f"{list(floors)}, speeds {list(speeds)}"
+    )
+    write_candidates(folder / TRAINED, [trained], chosen, force=force)
+    return pd.DataFrame([one.split("=") for one in trained.settings], columns=["key", "value"])
+
+
+@contextmanager
+def _runs_in(folder: Path, runs: CachedRunner | None) -> Iterator[CachedRunner]:
+    """Runs in a folder, unless some are given."""
+    if runs is not None:
+        yield runs
+        return
+    with open_run_engine() as engine, cached_runs(folder, engine) as own:
+        yield own

@@ -1,0 +1,80 @@
+"""Summary of a comparison over its cars."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from aerodima.optimisation import summarise_swerves
+from aerodima.optimisation.swerve.swerve_table import (
+    has_gain,
+    median_interval,
+    swerve_lines,
+    swerve_page,
+)
+from aerodima.workbench import stored_swerves
+from tests.swerve_page import BEGIN, END, PAGE, page_tables
+
+NONE = [0.40, 0.30, 0.50, 0.20]
+VALUES = {
+    "no tail": NONE,
+    "low ballast": [0.44, 0.33, 0.50, None],
+    "bound": [0.60, 0.36, 0.45, 0.30],
+}
+
+
+def table(values=VALUES):
+    rows = []
+    for candidate, own in values.items():
+        for number, value in enumerate(own):
+            place = {"plant": "full", "tail": "built", "floor": "x 1", "aim": "aside-0.5"}
+            place["speed_m_per_s"] = 6.0
+            rows.append(place | {"candidate": candidate, "car": f"car{number}", "value": value})
+    return pd.DataFrame(rows).astype({"value": float})
+
+
+def test_the_page_has_the_tables_of_the_stored_comparison():
+    _, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
+    assert rest.split(END)[0].strip() == page_tables(stored_swerves()).strip()
+
+
+def test_gains_are_over_the_same_car_without_tail():
+    summary = summarise_swerves(table()).set_index("candidate")
+    bound = summary.loc["bound"]
+    assert bound["gain"] == pytest.approx(np.median([0.5, 0.2, -0.1, 0.5]))
+    assert bound["gain_worst"] == pytest.approx(-0.1)
+    assert bound["gain_low"] <= bound["gain"] <= bound["gain_high"]
+    assert bound["above_low_ballast"] == 2
+    ballast = summary.loc["low ballast"]
+    assert (ballast["cars"], ballast["with_value"]) == (4, 3)
+    assert ballast["gain"] == pytest.approx(0.1)
+    assert summary.loc["no tail", "gain"] == 0.0
+
+
+def test_the_interval_is_that_of_the_median_of_cars_drawn_again():
+    values = np.arange(12.0)
+    generator = np.random.default_rng(7)
+    medians = np.median(generator.choice(values, (20000, 12)), axis=1)
+    expected = np.quantile(medians, [0.025, 0.975])
+    assert median_interval(values, 1) == pytest.approx(expected, abs=1e-9)
+    assert all(map(math.isnan, median_interval(np.array([]), 1)))
+
+
+def test_terminal_and_page_have_every_candidate():
+    everything = table()
+    summary = summarise_swerves(everything)
+    lines = "\n".join(swerve_lines(summary))
+    page = swerve_page(everything, summary).html()
+    for candidate in VALUES:
+        assert candidate in lines
+        assert candidate in page
+    assert "3 of 4" in lines
+
+
+@pytest.mark.parametrize(("bound", "gain"), [(0.9, False), (1.1, True)])
+def test_a_gain_is_that_of_a_tail(bound, gain):
+    values = {"no tail": NONE, "low ballast": [2.0 * one for one in NONE]}
+    assert has_gain(summarise_swerves(table(values)))
+    values["bound"] = [bound * one for one in NONE]
+    assert has_gain(summarise_swerves(table(values))) == gain

@@ -1,0 +1,179 @@
+"""Comparison of candidates: the climb of the steering on the full car, and the whole way from names
+to a verified motion.
+"""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from aerodima.optimisation import BoundEffort, SearchEffort, judge
+from aerodima.optimisation.studies.runs import CachedRunner
+from aerodima.optimisation.swerve.suite import FOLDED, ensemble_cases
+from aerodima.optimisation.swing.full_runs import Descent, FullRun, drive_full
+from aerodima.workbench.cli.program import build_app
+from aerodima.workbench.scenario.swing_file import read_swing
+from tests.code_measure import ROOT
+from tests.page_blocks import blocks
+
+GUIDE = ROOT / "docs" / "howto" / "optimise.md"
+LAW = '''"""A law that fails."""
+
+
+class Broken:
+    rate, memory_size = 100.0, 0
+
+    def start(self):
+        raise ZeroDivisionError("no law")
+
+    def step(self, memory, observation):
+        raise ZeroDivisionError("no law")
+'''
+
+
+def descent():
+    (case,) = ensemble_cases("physical", "test", 1, "built", [1.2])
+    result = {"score": 0.4, "steering": [0.1, 0.05, 0.02, 0.2, 0.4], "variant": 0}
+    return Descent(FOLDED, case, 6.0, "aside-0.5", case.settings(), result)
+
+
+@pytest.mark.parametrize(("limit", "expected"), [(1.26, 1.25), (0.78, 0.775), (0.2, None)])
+def test_angles_are_scaled_to_where_the_swerve_just_counts(limit, expected):
+    """The value grows with the share, up to a share at which the car tips."""
+    one = descent()
+    driven = 0
+    while shares := one.next_shares():
+        (share,) = shares
+        driven += 1
+        one.rows[share] = {"counts": share <= limit, "value": share}
+    row = one.as_row()
+    assert row["share"] == row["value"] == expected
+    assert row["runs"] == driven <= 8
+    settings = one.run(0.5).settings
+    assert "manoeuvre.level_1=0.05" in settings
+    assert "manoeuvre.level_1_end=0.2" in settings
+
+
+def test_the_best_share_is_that_of_the_largest_value_and_not_the_largest_share():
+    one = descent()
+    for share, value in ((1.0, 0.5), (1.1, 0.4)):
+        one.rows[share] = {"counts": True, "value": value}
+    assert one.as_row()["share"] == 1.0
+
+
+def test_further_runs_are_taken_where_they_count_and_are_better():
+    one = descent()
+    one.rows[1.0] = {"counts": True, "value": 0.4}
+    runs = [one.run(share) for share in (0.9, 1.1, 1.2)]
+    worse = [{"counts": True, "value": 0.3}] * 2 + [{"counts": False, "value": 0.9}]
+    assert one.improve(runs, worse) is None
+    assert one.as_row()["share"] == 1.0
+    better = [{"counts": True, "value": value} for value in (0.5, 0.6, 0.2)]
+    assert one.improve(runs, better) == 1
+    row = one.as_row()
+    assert (row["value"], row["runs"], row["share"]) == (0.6, 7, None)
+    assert json.loads(row["settings"]) == list(runs[1].settings)
+
+
+def test_reduced_cars_alone_are_compared_without_a_full_run(tmp_path):
+    efforts = {"steering_effort": SearchEffort(16, 1, 1)}
+    table = judge(
+        ["none", "held"], cars=1, speeds=[6.0], folder=tmp_path, step=None, runs=CachedRunner(),
+        **efforts,
+    )  # fmt: skip
+    assert list(table["candidate"])[:2] == ["no tail", "tail to the inside, held"]
+    assert set(table["plant"]) == {"reduced"}
+    assert table["value"].equals(table["reduced_value"])
+    assert (table["runs"] == 0).all()
+
+
+def test_a_candidate_without_a_steering_is_not_driven():
+    one = descent()
+    one.result = one.result | {"score": -1e3}
+    assert one.next_shares() == []
+    assert one.as_row()["reduced_value"] is None
+
+
+def test_a_run_that_cannot_be_made_does_not_count(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(LAW)
+    law = drive_full(FullRun(("tail.mode=swing",), "aside-0.5", f"{path}:Broken"))
+    assert not law["counts"]
+    assert "no law" in law["error"]
+    angle = drive_full(FullRun(("manoeuvre.level_1=1.0",), "aside-0.5"))
+    assert not angle["counts"]
+    assert "manoeuvre.level_1" in angle["error"]
+
+
+@pytest.mark.slow
+def test_a_comparison_has_every_candidate_and_goes_on_with_its_runs(tmp_path):
+    efforts = {
+        "steering_effort": SearchEffort(24, 3),
+        "bound_effort": BoundEffort(members=24, generations=1, starts=1, iterations=3),
+        "further": 8,
+    }
+    runs = CachedRunner()
+    arguments = {"cars": 1, "floors": [1.2], "speeds": [6.0], "folder": tmp_path, "runs": runs}
+    arguments["step"] = 0.002
+    table = judge(["none", "folded", "bound"], **arguments, **efforts)
+    assert list(table["candidate"]) == ["no tail", "tail folded back, locked", "bound"]
+    assert (table["reduced_value"] > 0.3).all()
+    assert table["value"].to_numpy() == pytest.approx(table["reduced_value"].to_numpy(), rel=0.25)
+    assert table["reduced_value"][2] >= table["reduced_value"][1]
+    assert (table["runs"] >= 9).all()
+    for value, settings in zip(table["value"], table["settings"], strict=True):
+        again = drive_full(FullRun(tuple(json.loads(settings)), "aside-0.5"))
+        assert again["counts"]
+        assert again["value"] == value
+    made = runs.ran
+    again = judge(["none", "folded", "bound"], **arguments, **efforts)
+    assert runs.ran == made
+    assert np.array_equal(again["value"], table["value"])
+
+
+@pytest.mark.slow
+def test_an_aim_of_ones_own_becomes_a_verified_motion_and_a_replay(tmp_path):
+    """The example of the page, step by step."""
+    (block,) = [block for block in blocks(GUIDE) if block["title"] == "aims.py"]
+    aim = tmp_path / "aims.py"
+    aim.write_text(block["text"])
+    out = tmp_path / "motion"
+    words = ["--aim", f"{aim}:thrifty", "--limit", "roll=0.3", "--floor", "1.2", "--speed", "6"]
+    words += ["--members", "60", "--generations", "3", "--starts", "1", "--iterations", "8"]
+    words += ["--step", "0.002"]
+    found = CliRunner().invoke(build_app(), ["swing", "search", *words, "--out", str(out)])
+    assert found.exit_code in (0, 1), found.output
+    swing = read_swing(out / "swing.yaml")
+    assert str(swing.provenance.found["aim"]).endswith("aims.py:thrifty")
+    verdict = CliRunner().invoke(
+        build_app(),
+        ["swing", "verify", str(out / "swing.yaml"), "--out", f"{tmp_path}/v", "--step", "0.002"],
+    )
+    checks = yaml.safe_load((tmp_path / "v" / "verification.yaml").read_text())["checks"]
+    values = {check["name"]: check["value"] for check in checks}
+    assert values["the swerve counts"] == 1.0, verdict.output
+    claimed = swing.provenance.found["aim_value"]
+    words = ["run", "--swing", str(out / "swing.yaml"), "--set", "simulation.step=0.002"]
+    files = [tmp_path / name for name in ("thrifty.parquet", "thrifty.html")]
+    run = CliRunner().invoke(build_app(), [*words, "--out", str(files[0]), "--html", str(files[1])])
+    assert run.exit_code == 0, run.output
+    assert all(file.is_file() for file in files)
+    assert values[f"aim {aim}:thrifty"] == pytest.approx(claimed, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_the_command_leaves_table_summary_and_page_and_goes_on_in_its_folder(tmp_path):
+    words = ["swing", "judge", "--reduced", "--cars", "1", "--speed", "6", "--candidate", "none"]
+    words += ["--workers", "1", "--out", str(tmp_path)]
+    first = CliRunner().invoke(build_app(), words)
+    assert first.exit_code in (0, 1), first.output
+    table = pd.read_csv(tmp_path / "swerves.csv")
+    assert set(table["plant"]) == {"reduced"}
+    assert "no tail" in first.output
+    assert "no tail" in (tmp_path / "report.html").read_text()
+    again = CliRunner().invoke(build_app(), words)
+    assert again.exit_code == first.exit_code
+    assert pd.read_csv(tmp_path / "swerves.csv").equals(table)

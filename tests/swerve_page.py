@@ -1,0 +1,85 @@
+"""Stores a comparison of swerves and writes its tables into the page of results:
+`python -m tests.swerve_page FOLDER...`, folders of `aerodima swing judge`.
+
+The motions of the case that the demo shows are copied to `models/swings`, and its settings name
+them there; those of other full runs are left out.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pandas as pd
+
+from aerodima.optimisation import summarise_swerves
+from aerodima.workbench.view.swerve_chapter import PLACE, SWERVES, load_shown_swerve
+from tests.code_measure import ROOT
+
+PAGE = ROOT / "docs" / "swerves.md"
+BEGIN = "<!-- tables of models/swerve/swerves.csv -->\n"
+END = "<!-- end of the tables -->\n"
+SWING = "controller.swing_file="
+
+
+def page_rows(own: pd.DataFrame) -> Iterator[str]:
+    """Rows of a table: the median without tail in m, of all others the gain over it with its
+    interval, and how many cars complete the swerve where one does not.
+    """
+    summary = summarise_swerves(own)
+    for candidate, rows in summary.groupby("candidate", sort=False):
+        cells = [str(candidate)]
+        for row in rows.sort_values("speed_m_per_s").to_dict("records"):
+            gain, low, high = (100.0 * row[key] for key in ("gain", "gain_low", "gain_high"))
+            cell = f"{gain:+.0f} %"
+            if row["cars"] > 1:
+                cell += f" ({low:+.0f} to {high:+.0f})"
+            if candidate == "no tail":
+                cell = f"{row['median']:.3f} m"
+            if row["with_value"] < row["cars"]:
+                cell += f", {row['with_value']} of {row['cars']}"
+            cells.append(cell if row["with_value"] else "none")
+        yield f"| {' | '.join(cells)} |"
+
+
+def page_tables(table: pd.DataFrame) -> str:
+    """The tables of the page, one for each kind of car, floor and aim."""
+    parts = []
+    for (plant, floor, aim), own in table.groupby(["plant", "floor", "aim"], sort=False):
+        speeds = [f"{speed:g} m/s" for speed in sorted(own["speed_m_per_s"].unique())]
+        cars = own["car"].nunique()
+        words = f"{aim}, friction {floor}, {cars} {plant} car{'s' * (cars > 1)}"
+        head = f"| {' | '.join([words, *speeds])} |"
+        parts.append("\n".join([head, "|---" * (1 + len(speeds)) + "|", *page_rows(own)]) + "\n")
+    return "\n".join(parts)
+
+
+def store(folders: list[Path]) -> None:
+    """Writes table, swings and page."""
+    parts = [pd.read_csv(folder / "swerves.csv") for folder in folders]
+    table = pd.concat(parts, ignore_index=True)
+    shown = load_shown_swerve()
+    is_shown = (table["plant"] == "full") & table["value"].notna()
+    for column in PLACE:
+        is_shown &= table[column] == getattr(shown, column)
+    table["settings"] = table["settings"].where(is_shown, "")
+    for index in table.index[is_shown]:
+        settings = json.loads(table.loc[index, "settings"])
+        for number, setting in enumerate(settings):
+            path = Path(setting.removeprefix(SWING))
+            if setting.startswith(SWING) and path.is_file():
+                name = f"swerve_{shown.speed_m_per_s:g}_m_per_s"
+                shutil.copyfile(path, ROOT / "models" / "swings" / f"{name}.yaml")
+                settings[number] = SWING + name
+        table.loc[index, "settings"] = json.dumps(settings)
+    table.to_csv(ROOT / "models" / SWERVES, index=False)
+    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
+    _, after = rest.split(END)
+    PAGE.write_text(f"{before}{BEGIN}\n{page_tables(table)}\n{END}{after}", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    store([Path(folder) for folder in sys.argv[1:]])

@@ -1,0 +1,196 @@
+"""Swerves of many reduced cars that begin rolling: levels of steering, each car with its own, and
+the tail by knots or by the feedback law.
+
+Wheels turn at the exact times of the levels and not at ticks, so that what comes of a swerve
+changes smoothly with these times; the controller sees the steering one tick late, as on the full
+car. The law sees the IMU late, but without noise and bias, and the speed without delay.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from aerodima.workbench.car.laws import pd_torque, torque_bounds
+from aerodima.workbench.car.reduced.compiled.steps import run
+from aerodima.workbench.car.reduced.ground_terms import wheel_lifts
+from aerodima.workbench.car.reduced.parameters import VehicleParams
+from aerodima.workbench.car.reduced.rollout import (
+    STEP,
+    Rollout,
+    delay_ticks,
+    heights,
+    over_ground,
+    tick_flags,
+)
+from aerodima.workbench.car.reduced.states import RATES, SPIN, STATES, TAIL_RATE, V, W
+from aerodima.workbench.car.swerve import Swerve
+from aerodima.workbench.control.feedback_law import FeedbackSignals, respond
+from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE, level_angle, slewed_angle
+from aerodima.workbench.control.swing_player import RollTrajectory
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.scenario.scenario import Scenario
+
+LEAD = 0.1
+"""Straight that is driven before the steering, s."""
+WITHIN = (np.arange(4.0)[:, None] + 0.5) / 4.0
+"""Instants of a step, in its length, over which the angle of the wheels is averaged."""
+LEVELS = 3
+"""Number of the levels; their ends but the last follow them in an array of steering."""
+STEERING = 2 * LEVELS - 1
+"""Length of an array of steering: angles, rad, then the ends of all but the last, s."""
+
+
+class SwerveRollout(Rollout):
+    """Cars that begin rolling and swerve to the left; a step is given its time since the start of
+    the steering, s.
+
+    Args:
+        cars: n of them, at their speeds.
+        scenario: of servo, controller, IMU and the end of the last level; wheelbase of all.
+        steering: of each car (`STEERING`, n).
+        pitch, roll: at which the tails wait (n), rad.
+    """
+
+    def __init__(
+        self,
+        cars: VehicleParams,
+        scenario: Scenario,
+        steering: FloatArray,
+        pitch: FloatArray,
+        roll: FloatArray,
+    ) -> None:
+        n = cars.count
+        state = np.zeros((len(STATES), n))
+        state[6] = pitch
+        state[7] = roll
+        rates = state[RATES]
+        rates[V][0] = cars.speed
+        rates[SPIN] = cars.speed / cars.rolling_radius
+        super().__init__(cars, state, delay_ticks(scenario), STEP)
+        self._levels = steering[:LEVELS]
+        last = np.full((1, n), scenario.manoeuvre.turn_hold)
+        self._ends = np.concatenate([steering[LEVELS:], last])
+        self._servo_rate = scenario.servo.rate * np.ones(n)
+        self._rate = scenario.controller.rate
+
+    def _seen_steering(self, time: Any) -> Any:
+        """Returns the steering that a controller sees at a tick (n), rad: that of the last one."""
+        since = time - 1.0 / self._rate + TICK_TOLERANCE
+        return level_angle([*self._levels], [*self._ends], since)
+
+    def step(self, time: Any) -> tuple[FloatArray, ...]:
+        """Drives one step and returns what `Swerve` holds of it."""
+        cars = self._cars
+        levels = [*self._levels]
+        ends = [*self._ends]
+        within = time + STEP * WITHIN
+        angles = slewed_angle(levels, ends, self._servo_rate, within)
+        steering = np.sum(angles, axis=0) / len(WITHIN)
+        self._drive(steering, cars.speed / cars.rolling_radius)
+        state = self.state
+        course, speed = over_ground(state, cars.com_x)
+        joints = state[6:8]
+        rates = state[RATES][TAIL_RATE]
+        target, target_rate, kp, kd = np.swapaxes(self._tail, 0, 1)
+        scale = cars.torque_scale
+        asked = pd_torque(joints, rates, target, target_rate, scale * kp, scale * kd)
+        low, high = torque_bounds(rates, cars.torque_limit, cars.stall_torque, cars.no_load_speed)
+        torques = np.clip(asked, low, high)
+        commanded = level_angle(levels, ends, time + STEP) + 0.0 * speed
+        body = [state[0], state[1], state[3], course, speed, state[RATES][W][2], state[5]]
+        lag = cars.has_tail * (state[7] - self._tail[1, 0])
+        body += [commanded, lag, np.sum(torques * rates, axis=0)]
+        lifts = wheel_lifts(state, cars, steering)
+        return np.stack(body), lifts, np.stack(heights(state, cars)), joints, torques
+
+
+class PlayedSwerve(SwerveRollout):
+    """Cars whose tails follow knots from the tick on at which the controller sees the steering.
+
+    Args:
+        cars, scenario, steering: as of `SwerveRollout`.
+        pitch: of the tails (n), rad.
+        knots: of their roll.
+    """
+
+    def __init__(
+        self,
+        cars: VehicleParams,
+        scenario: Scenario,
+        steering: FloatArray,
+        pitch: FloatArray,
+        knots: RollTrajectory,
+    ) -> None:
+        super().__init__(cars, scenario, steering, pitch, knots.roll[0])
+        self._knots = knots
+        self._pitch = np.stack([pitch, 0.0 * pitch, knots.pitch_kp, knots.pitch_kd])
+
+    def tick(self, time: Any) -> None:
+        """Commands the tail until the next tick."""
+        released = time - 1.0 / self._rate
+        self._command(self._pitch, np.stack(self._knots.command(released, self._rate)))
+
+
+class FeedbackSwerve(SwerveRollout):
+    """Cars with the feedback law.
+
+    Args:
+        cars, scenario, steering: as of `SwerveRollout`; the scenario has the hold of the pitch.
+        gains: fields of `FeedbackParameters` as arrays (n).
+    """
+
+    def __init__(
+        self, cars: VehicleParams, scenario: Scenario, steering: FloatArray, gains: Any
+    ) -> None:
+        n = cars.count
+        super().__init__(cars, scenario, steering, gains.pitch_angle, np.zeros(n))
+        hold = scenario.controller.hold_kp, scenario.controller.hold_kd
+        kp, kd = np.outer(hold, np.ones(n))
+        self._gains = gains
+        self._wheelbase = scenario.car.wheelbase * np.ones(n)
+        self._pitch = np.stack([gains.pitch_angle, 0.0 * kp, kp, kd])
+        self._reference = np.zeros(n)
+
+    def tick(self, time: Any) -> None:
+        """Asks the law once."""
+        gains = self._gains
+        speed = self.state[RATES][V][0]
+        roll, roll_rate, yaw_rate = self._measure()
+        seen = FeedbackSignals(roll, roll_rate, yaw_rate, speed, self._seen_steering(time), True)
+        response = respond(gains, self._wheelbase, self._rate, self._reference, seen)
+        self._reference = response.reference
+        still = 0.0 * self._reference
+        self._command(self._pitch, np.stack([self._reference, still, gains.kp, gains.kd]))
+
+
+def drive_swerves(rollout: SwerveRollout, scenario: Scenario) -> Swerve:
+    """Drives the cars of a rollout to the end of the run of a scenario."""
+    cars = rollout._cars
+    plan = scenario.manoeuvre
+    index = np.arange(round((LEAD + plan.duration - plan.turn_start) / STEP))
+    time = np.asarray(index * STEP - LEAD, dtype=np.float64)
+    ticked = tick_flags(index, scenario.controller.rate, STEP)
+    body, lifts, above, joints, torques = run(rollout, ticked, time, keep=True)
+    x, y, heading, course, speed, yaw_rate, roll, steering, lag, power = np.moveaxis(body, 1, 0)
+    return Swerve(
+        time=np.asarray(time + STEP, dtype=np.float64),
+        x=x,
+        y=y,
+        heading=heading,
+        course=course,
+        speed=speed,
+        yaw_rate=yaw_rate,
+        roll=roll,
+        steering=steering,
+        lifts=lifts,
+        heights=above,
+        tail=joints,
+        lag=lag,
+        torques=torques,
+        power=power,
+        flipped=rollout.gone,
+        com_x=cars.com_x,
+        outline=cars.outline,
+    )

@@ -1,0 +1,130 @@
+"""Swerves (`models/swerve`): stored table of `aerodima swing judge`, one of its cases in step."""
+
+import json
+from collections.abc import Mapping
+
+import pandas as pd
+from pydantic import Field
+
+from aerodima.workbench.core.resources import model_path
+from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.scenario.scenario import Scenario, load_scenario
+from aerodima.workbench.view.replay_page import replays_in_step
+from aerodima.workbench.view.report_page import Section, Table
+
+SCHEMA = "aerodima/shown_swerve/1"
+SHOWN = "swerve/shown.yaml"
+SWERVES = "swerve/swerves.csv"
+PLACE = ("tail", "floor", "car", "aim", "speed_m_per_s")
+"""Columns that name a case and its swerve."""
+AIM = "aside-0.5"
+"""Aim of the medians."""
+NO_TAIL = "no tail"
+"""Candidate that all others are compared with."""
+
+
+class ShownSwerve(StrictModel):
+    """The shown case of the table; every candidate that completes it there is shown.
+
+    Attributes:
+        tail, floor, car, aim, speed_m_per_s: of the table.
+        words: on the page, for the name of a candidate that does not say enough.
+    """
+
+    schema_: str = Field(alias="schema")
+    tail: str
+    floor: str
+    car: str
+    aim: str
+    speed_m_per_s: float
+    words: dict[str, str]
+
+    def rows(self) -> pd.DataFrame:
+        """Returns the rows of the candidates whose full car completes the swerve."""
+        table = stored_swerves()
+        table = table[(table["plant"] == "full") & table["value"].notna()]
+        for column in PLACE:
+            table = table[table[column] == getattr(self, column)]
+        return table.set_index("candidate")
+
+    def runs(self) -> dict[str, Scenario]:
+        """Makes the run of each of these candidates."""
+        rows = self.rows()["settings"]
+        return {str(name): load_scenario("swerve", json.loads(one)) for name, one in rows.items()}
+
+
+def load_shown_swerve() -> ShownSwerve:
+    """Loads the shipped choice; ScenarioError where a key is missing, unknown or wrong."""
+    path = model_path(SHOWN)
+    return checked(ShownSwerve, read_yaml(path), str(path), schema=SCHEMA)
+
+
+def stored_swerves() -> pd.DataFrame:
+    """Reads the shipped table of `aerodima swing judge`: a row per candidate and swerve, NaN where
+    none counts.
+    """
+    return pd.read_csv(model_path(SWERVES))
+
+
+def swerve_medians(plant: str = "reduced") -> pd.DataFrame:
+    """Lists median metres aside of the shipped table as texts: a row per candidate, a column per
+    floor and speed. Beside them: the median gain over the same cars without tail, and in brackets
+    how many cars complete the swerve.
+
+    Args:
+        plant: `reduced` or `full` cars.
+    """
+    table = stored_swerves()
+    table = table[(table["plant"] == plant) & (table["aim"] == AIM)]
+    columns = {}
+    for (floor, speed), own in table.groupby(["floor", "speed_m_per_s"], sort=False):
+        values = own.pivot(index="candidate", columns="car", values="value")
+        gains = (values / values.loc[NO_TAIL] - 1.0).median(axis=1)
+        cells = {}
+        for candidate, row in values.iterrows():
+            name = str(candidate)
+            cells[name] = "–"
+            if row.notna().any():
+                cars = f"({row.notna().sum()} of {row.size})"
+                cells[name] = f"{row.median():.3f}, {gains[name]:+.0%} {cars}"
+        columns[f"friction {floor}, {speed:g} m/s"] = cells
+    return pd.DataFrame(columns).reindex(table["candidate"].unique())
+
+
+def swerve_chapter(shown: ShownSwerve, run_logs: Mapping[str, RunLog]) -> list[Section]:
+    """Shows the replays in step, and the medians of all cars.
+
+    Args:
+        shown: what is shown.
+        run_logs: name of a candidate -> its run.
+    """
+    values = shown.rows()["value"]
+    captions = []
+    names = []
+    for name in run_logs:
+        words = shown.words.get(name, name)
+        names.append(words)
+        captions.append(f"{words}: {values[name]:.2f} m aside after 0.5 s")
+    case = f"{shown.speed_m_per_s:g} m/s, {shown.car}, friction {shown.floor}, {shown.tail} tail"
+    sections = [
+        Section(
+            f"In step: a swerve at {case}", [replays_in_step([*run_logs.values()], names, captions)]
+        )
+    ]
+    explanation = (
+        "Metres that the last point of the car's outline has moved aside 0.5 s after the start of "
+        "the steering, each candidate with its own best steering: medians over test cars, the "
+        "median gain over the same cars without tail, and how many complete the swerve. A swerve "
+        "counts when the car is straight at its start, stays upright to the end and goes straight "
+        "again there."
+    )
+    for plant in ("reduced", "full"):
+        medians = swerve_medians(plant)
+        rows = [
+            [shown.words.get(str(row[0]), str(row[0])), *row[1:]]
+            for row in medians.itertuples(name=None)
+        ]
+        table = Table(["candidate", *medians], rows)
+        sections.append(Section(f"How far they swerve: {plant} cars", [table, explanation]))
+    return sections
