@@ -313,11 +313,12 @@ def _parts(parameters: pd.DataFrame) -> list[Any]:
     """Compares the parts of the car with the calibrated cars, in a sentence and a table."""
     parts = pd.read_csv(model_path("calibration/parts.csv"))
     cars = parameters.set_index("parameter")
-    weights = parts.mass_kg / parts.mass_kg.sum()
+    masses, x, z = parts[["mass_kg", "x_m", "z_m"]].to_numpy(float).T
+    mass = masses.sum()
     pairs = (
-        ("car.mass", "mass", parts.mass_kg.sum(), "kg"),
-        ("car.com_x", "x of the centre of mass", weights @ parts.x_m, "m"),
-        ("car.com_height", "height of the centre of mass", weights @ parts.z_m, "m"),
+        ("car.mass", "mass", mass, "kg"),
+        ("car.com_x", "x of the centre of mass", masses @ x / mass, "m"),
+        ("car.com_height", "height of the centre of mass", masses @ z / mass, "m"),
     )
     words = []
     for key, name, value, unit in pairs:
