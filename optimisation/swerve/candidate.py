@@ -5,6 +5,7 @@ A list (schema `aerodima/candidates/1`) names settings as `aerodima run --set` t
 and controller alone: a candidate may not bring another car, floor or driver.
 """
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -46,8 +47,7 @@ class Candidate:
         by_speed: further settings by speed of the turn, m/s; those of the nearest speed are taken.
         ballasts: further settings of a car, from its scenario, of which the best are taken; none
             changes nothing.
-        limit: lateral acceleration of the kinematic car to which a driver at full lock is limited,
-            m/s2; None lets the driver steer at will.
+        limit: lateral acceleration of the kinematic car at which the wheels turn no further, m/s2.
         law: `FILE:CLASS` of the law that drives the tail instead of the scenario's; empty for that.
     """
 
@@ -55,7 +55,7 @@ class Candidate:
     settings: Settings
     by_speed: Mapping[float, Settings] = field(default_factory=dict, hash=False)
     ballasts: tuple[Callable[[Scenario], Settings], ...] = ()
-    limit: float | None = None
+    limit: float = math.inf
     law: str = ""
 
     def at(self, speed: float) -> Settings:

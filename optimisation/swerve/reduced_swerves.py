@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -9,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.swerve.aims import find_aim, score
+from aerodima.optimisation.swerve.aims import find_aim
 from aerodima.optimisation.swerve.candidate import SWERVE, Settings
-from aerodima.optimisation.swerve.steering import SearchEffort, limited_steering, search_steering
+from aerodima.optimisation.swerve.steering import SearchEffort, limited_angle, search_steering
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.swerves import (
     FeedbackSwerve,
@@ -91,13 +92,13 @@ class SteeringItem:
         variants: settings of the car, of which the best is taken.
         aim: name.
         effort: of the search.
-        limit: of a driver at full lock, see `Candidate`; nothing is searched then.
+        limit: of the wheels, see `Candidate`.
     """
 
     variants: tuple[Settings, ...]
     aim: str
     effort: SearchEffort
-    limit: float | None = None
+    limit: float = math.inf
 
 
 def best_steering(item: SteeringItem) -> dict[str, Any]:
@@ -106,13 +107,8 @@ def best_steering(item: SteeringItem) -> dict[str, Any]:
     results = []
     for settings in item.variants:
         car = ReducedSwerve(load_scenario(SWERVE, settings))
-        if item.limit is None:
-            limit = car.scenario.servo.limit
-            results.append(search_steering(car.drive, aim, limit, item.effort))
-        else:
-            steering = limited_steering(car.scenario, item.limit)
-            value = float(score(car.drive(steering[:, None]), aim)[0])
-            results.append((value, steering))
+        angle = float(limited_angle(car.scenario, item.limit))
+        results.append(search_steering(car.drive, aim, angle, item.effort))
     index = int(np.argmax([value for value, _ in results]))
     value, steering = results[index]
     return {"score": value, "steering": steering.tolist(), "variant": index}

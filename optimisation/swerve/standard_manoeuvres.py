@@ -91,10 +91,8 @@ def compare_standard(
                 ballast = candidate.ballasts[0](car) if candidate.ballasts else ()
                 for speed in SPEEDS:
                     settings = (*base, *candidate.at(speed), *ballast, f"manoeuvre.speed={speed!r}")
-                    steered = angle
-                    if candidate.limit is not None:
-                        there = load_scenario(manoeuvre.scenario, settings)
-                        steered = min(angle, float(limited_angle(there, candidate.limit)))
+                    there = load_scenario(manoeuvre.scenario, settings)
+                    steered = min(angle, float(limited_angle(there, candidate.limit)))
                     settings += (f"manoeuvre.steer_angle={steered!r}", *step_settings(FINE_STEP))
                     words = " ".join((name, candidate.name, *case.names.values(), f"{speed:g}"))
                     tasks.append(RunTask(words, manoeuvre.scenario, settings, law=candidate.law))

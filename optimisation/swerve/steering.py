@@ -123,10 +123,15 @@ def possible_steering(points: FloatArray, limit: float) -> FloatArray:
     return result
 
 
-def steering_settings(steering: FloatArray, share: float = 1.0) -> tuple[str, ...]:
-    """Returns the settings of a steering (`STEERING`,), its angles times a share."""
-    scaled = np.concatenate([share * steering[:LEVELS], steering[LEVELS:]])
-    numbers = zip(STEERING_KEYS, scaled, strict=True)
+def scaled_steering(steering: FloatArray, share: float, limit: float = math.inf) -> FloatArray:
+    """Returns a steering (`STEERING`,), its angles times a share and up to a limit, rad."""
+    angles = np.clip(share * steering[:LEVELS], -limit, limit)
+    return np.concatenate([angles, steering[LEVELS:]])
+
+
+def steering_settings(steering: FloatArray) -> tuple[str, ...]:
+    """Returns the settings of a steering (`STEERING`,)."""
+    numbers = zip(STEERING_KEYS, steering, strict=True)
     return tuple(f"manoeuvre.{key}={float(f'{value:.9g}')!r}" for key, value in numbers)
 
 

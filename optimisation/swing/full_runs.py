@@ -19,7 +19,12 @@ from aerodima.optimisation.studies.runs import (
 )
 from aerodima.optimisation.swerve.aims import FAILED, find_aim
 from aerodima.optimisation.swerve.candidate import SWERVE, Candidate, Settings
-from aerodima.optimisation.swerve.steering import STEERING_KEYS, steering_settings
+from aerodima.optimisation.swerve.steering import (
+    STEERING_KEYS,
+    limited_angle,
+    scaled_steering,
+    steering_settings,
+)
 from aerodima.optimisation.swerve.suite import Case
 from aerodima.workbench.batch.row_store import Row, content_key
 from aerodima.workbench.batch.simulation import simulate
@@ -109,12 +114,15 @@ class Descent:
         words = (*self.case.names.values(), f"{self.speed:g}", Path(self.aim).name)
         return "_".join(words).replace(" ", "").replace(":", "_")
 
+    @property
+    def max_angle(self) -> float:
+        """Largest angle of the wheels, rad."""
+        return float(limited_angle(load_scenario(SWERVE, self.settings), self.candidate.limit))
+
     def next_shares(self) -> list[float]:
         """Returns the next share of the angles; none at the end."""
         if self.result["score"] <= FAILED or self.step is None:
             return []
-        if self.candidate.limit is not None:
-            return [1.0] if not self.rows else []
         return SHARE_SEARCH.next_values(1.0, {one: row["counts"] for one, row in self.rows.items()})
 
     @property
@@ -124,10 +132,9 @@ class Descent:
         return max(counting, key=lambda run: run[1]["value"], default=None)
 
     def run(self, share: float) -> FullRun:
-        """Returns the full run at a share of the angles."""
-        return self.run_with(
-            self.settings, steering_settings(np.array(self.result["steering"]), share)
-        )
+        """Returns the full run at a share of the angles, which keep the limit of the wheels."""
+        steering = scaled_steering(np.array(self.result["steering"]), share, self.max_angle)
+        return self.run_with(self.settings, steering_settings(steering))
 
     def run_with(self, settings: Settings, steering: Settings) -> FullRun:
         """Returns the full run with settings of the car and of the steering."""

@@ -19,7 +19,6 @@ from aerodima.optimisation.swerve.steering import possible_steering, steering_se
 from aerodima.optimisation.swing.full_runs import Descent, FullRun, drive_full, run_key
 from aerodima.workbench.car.reduced.swerves import LEVELS, STEERING
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.swing_file import (
     SwingFile,
     read_swing,
@@ -114,7 +113,7 @@ def search_full(
     descents: Sequence[Descent], number: int, runs: CachedRunner, folder: Path, seed: int
 ) -> None:
     """Searches on, with so many full runs for each candidate; the best run is that of its descent
-    from then on. A steering limit is left as it was tuned.
+    from then on.
 
     Args:
         descents: with their full runs; one without a run that counts is left.
@@ -128,15 +127,14 @@ def search_full(
     searches = []
     for descent in descents:
         best = descent.best
-        if best is not None and descent.candidate.limit is None:
+        if best is not None:
             searches.append(FullSearch.from_descent(descent, best[0]))
     for index in range(number // ROUND):
         items = []
         points = []
         for place, search in enumerate(searches):
             generator = np.random.default_rng([seed, index, place])
-            limit = load_scenario("swerve", search.descent.settings).servo.limit
-            points.append(search.mutations(generator, limit))
+            points.append(search.mutations(generator, search.descent.max_angle))
             for member, point in enumerate(points[-1]):
                 path = folder.resolve() / f"{search.descent.stem}_{index}_{member}.yaml"
                 items.append(search.run(point, path))

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from aerodima.optimisation.swerve.steering import steering_settings
+from aerodima.optimisation.swerve.steering import scaled_steering, steering_settings
 from aerodima.optimisation.swing.bound import Bound
 from aerodima.optimisation.swing.swerve_nlp import steering_of
 from aerodima.optimisation.swing.swerve_shooting import FOLLOW_GAINS, KNOTS, knot_rates
@@ -75,11 +75,11 @@ def solution_swing(
         "evaluations": solution.evaluations,
         **(facts or {}),
     }
-    steering = steering_settings(steering_of(bound.program, solution.x), share)
+    steering = scaled_steering(steering_of(bound.program, solution.x), share)
     provenance = {
         "source": "aerodima swing search",
         "scenario": "swerve",
-        "settings": (*settings, *steering),
+        "settings": (*settings, *steering_settings(steering)),
         "found": found,
     }
     roll = np.array([0.0, *rolls])

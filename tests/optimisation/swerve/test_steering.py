@@ -18,6 +18,7 @@ from aerodima.optimisation.swerve.steering import (
     draw_steering,
     limited_steering,
     possible_steering,
+    scaled_steering,
     search_steering,
     steering_settings,
 )
@@ -56,7 +57,8 @@ def test_steerings_begin_with_a_level_into_the_turn_and_end_at_ticks_in_order():
     ends = steering[:, 3:] / 0.01
     assert ends == pytest.approx(np.rint(ends), abs=1e-9)
     assert (ends[:, 1] >= ends[:, 0]).all()
-    scenario = load_scenario("swerve", steering_settings(np.array([0.2, -0.1, 0.1, 0.1, 0.3]), 0.5))
+    half = scaled_steering(np.array([0.2, -0.1, 0.1, 0.1, 0.3]), 0.5)
+    scenario = load_scenario("swerve", steering_settings(half))
     manoeuvre = scenario.manoeuvre
     assert (manoeuvre.level_1, manoeuvre.level_2, manoeuvre.level_2_end) == (0.1, -0.05, 0.3)
 

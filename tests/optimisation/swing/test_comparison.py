@@ -3,6 +3,8 @@ to a verified motion.
 """
 
 import json
+import math
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -12,9 +14,11 @@ from typer.testing import CliRunner
 
 from aerodima.optimisation import BoundEffort, SearchEffort, judge
 from aerodima.optimisation.studies.runs import CachedRunner
+from aerodima.optimisation.swerve.candidate import LIMITED
 from aerodima.optimisation.swerve.suite import FOLDED, ensemble_cases
 from aerodima.optimisation.swing.full_runs import Descent, FullRun, drive_full
 from aerodima.workbench.cli.program import build_app
+from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.swing_file import read_swing
 from tests.code_measure import ROOT
 from tests.page_blocks import blocks
@@ -55,6 +59,15 @@ def test_angles_are_scaled_to_where_the_swerve_just_counts(limit, expected):
     settings = one.run(0.5).settings
     assert "manoeuvre.level_1=0.05" in settings
     assert "manoeuvre.level_1_end=0.2" in settings
+
+
+def test_no_share_turns_wheels_beyond_a_limit_of_the_steering():
+    one = descent()
+    one.candidate = replace(LIMITED, limit=6.0)
+    scenario = load_scenario("swerve", one.run(1.6).settings)
+    angle = math.atan(6.0 * scenario.car.wheelbase / 36.0)
+    assert scenario.manoeuvre.level_1 == pytest.approx(angle)
+    assert scenario.manoeuvre.level_3 == pytest.approx(0.02 * 1.6)
 
 
 def test_the_best_share_is_that_of_the_largest_value_and_not_the_largest_share():

@@ -219,7 +219,7 @@ def energy(car):
 def test_energy_never_grows_with_the_drive_off_in_still_air(tail):
     # Dropped from 3 cm at 2 m/s onto still wheels, the tail free to fall from 30 degrees left of
     # upright. The default car would touch the road in the middle of a step of 2 ms: its wheels dip
-    # 0.9 mm before the first push, and store 7 mJ for which nothing did work; at 0.5 ms they do not.
+    # 0.9 mm before the first push and store 7 mJ that nothing worked for; at 0.5 ms they do not.
     car = CarStand(load_scenario(f"turn_{tail}", HIGH_CAR))
     car.place(RigidTransform([0.0, 0.0, 0.03]), (2.0, 0.0, 0.0))
     if tail == "swing":
