@@ -29,7 +29,7 @@ from aerodima.optimisation.swerve.reduced_swerves import (
 from aerodima.optimisation.swerve.steering import SearchEffort
 from aerodima.optimisation.swerve.suite import BOUND, FOLDED, Case
 from aerodima.optimisation.swing.bound import BoundEffort, find_bound
-from aerodima.optimisation.swing.full_runs import Descent, drive_shares
+from aerodima.optimisation.swing.full_runs import Descent, confirm_best, drive_shares
 from aerodima.optimisation.swing.full_search import search_full
 from aerodima.optimisation.swing.solution import solution_swing
 from aerodima.optimisation.swing.swerve_nlp import steering_of
@@ -126,6 +126,7 @@ def compare_swerves(
     drive_shares(descents, runs)
     if further:
         search_full(descents, further, runs, folder / "further", effort.seed)
+    confirm_best(descents, runs)
     return make_frame([one.as_row() for one in descents])
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from aerodima.optimisation.studies.limit_search import LimitSearch, run_rounds
+from aerodima.optimisation.studies.limit_search import LimitSearch, rounded, run_rounds
 from aerodima.optimisation.studies.runs import (
     FINE_STEP,
     CachedRunner,
@@ -36,6 +36,12 @@ from aerodima.workbench.scenario.scenario import load_scenario
 SHARE_SEARCH = LimitSearch("share of the angles", 0.4, 1.6, 0.1, 0.025)
 """Climb of the share of the angles with which the full car is driven: strides of a tenth from 1 on,
 to either side, until the swerve counts no more, or first counts."""
+
+CLIMB_STEP = 0.002
+"""Step of the plant, s, at which steerings are scaled and searched; at a finer one the best run of
+each candidate is driven alone, its angles smaller until it counts there, too."""
+MIN_CONFIRMED_SHARE = 0.7
+"""Least share of the angles of the best run at the finer step."""
 
 
 class FullRun(NamedTuple):
@@ -89,11 +95,12 @@ class Descent:
         aim: name.
         settings: of the car, but for the steering.
         result: score, steering and variant of the search on the reduced car.
-        step: of the plant of the full car, s; None for the reduced car alone.
+        step: of the plant of the full car in the table, s; None for the reduced car alone.
         motion: file of the candidate's motion, which a search on the full car may vary.
         rows: full runs by share of the angles.
         further: full runs of such a search, and the best of them that counts, if it is above the
             best of `rows`.
+        confirmed: runs at a step finer than `CLIMB_STEP`, by share of the angles of the best run.
     """
 
     candidate: Candidate
@@ -107,6 +114,7 @@ class Descent:
     rows: dict[float, Row] = field(default_factory=dict)
     further: int = 0
     found: tuple[FullRun, Row] | None = None
+    confirmed: dict[float, Row] = field(default_factory=dict)
 
     @property
     def stem(self) -> str:
@@ -138,8 +146,45 @@ class Descent:
 
     def run_with(self, settings: Settings, steering: Settings) -> FullRun:
         """Returns the full run with settings of the car and of the steering."""
-        step = step_settings(self.step or FINE_STEP)
+        step = step_settings(max(self.step or FINE_STEP, CLIMB_STEP))
         return FullRun((*settings, *steering, *step), self.aim, self.candidate.law)
+
+    @property
+    def best_run(self) -> tuple[FullRun, Row, float | None] | None:
+        """The best run of all, its row, and its share of the angles; None for one of a search."""
+        if self.found is not None:
+            return *self.found, None
+        if self.best is None:
+            return None
+        share, row = self.best
+        return self.run(share), row, share
+
+    def next_confirmations(self) -> list[float]:
+        """Returns the next share of the best run's angles at the finer step; none at the end."""
+        known = any(row["counts"] for row in self.confirmed.values())
+        if known or self.best is None or self.step is None or self.step >= CLIMB_STEP:
+            return []
+        tolerance = SHARE_SEARCH.tolerance
+        share = rounded(min(self.confirmed, default=1.0 + tolerance) - tolerance)
+        return [share] if share >= MIN_CONFIRMED_SHARE else []
+
+    def confirming_run(self, run: FullRun, share: float) -> FullRun:
+        """Returns a run at the finer step, with a share of its angles."""
+        manoeuvre = load_scenario(SWERVE, run.settings).manoeuvre
+        steering = np.array([getattr(manoeuvre, key) for key in STEERING_KEYS])
+        angles = steering_settings(scaled_steering(steering, share))
+        settings = (*run.settings, *angles, *step_settings(self.step or FINE_STEP))
+        return run._replace(settings=settings)
+
+    def final_run(self) -> tuple[FullRun, Row, float | None] | None:
+        """Returns what the table has, as `best_run` does; None where nothing counts."""
+        if self.best_run is None or self.step is None or self.step >= CLIMB_STEP:
+            return self.best_run
+        run, _, share = self.best_run
+        for factor, row in self.confirmed.items():
+            if row["counts"]:
+                return self.confirming_run(run, factor), row, share and share * factor
+        return None
 
     def improve(self, runs: Sequence[FullRun], rows: Sequence[Row]) -> int | None:
         """Takes the best of further runs that counts, if its value is the largest so far; returns
@@ -167,20 +212,16 @@ class Descent:
             "value": reduced if self.step is None else None,
             "reduced_value": reduced,
             "share": None,
-            "runs": len(self.rows) + self.further,
+            "runs": len(self.rows) + self.further + len(self.confirmed),
             "variant": self.result["variant"],
             **dict(zip(STEERING_KEYS, self.result["steering"], strict=True)),
             "settings": "",
         }
-        if self.best is None:
+        final = self.final_run()
+        if final is None:
             return row
-        share, result = self.best
-        if self.found is None:
-            run = self.run(share)
-            row["share"] = share
-        else:
-            run, result = self.found
-        return row | result | {"settings": json.dumps(run.settings)}
+        run, result, share = final
+        return row | result | {"share": share, "settings": json.dumps(run.settings)}
 
 
 def drive_shares(descents: Sequence[Descent], runs: CachedRunner) -> None:
@@ -188,8 +229,7 @@ def drive_shares(descents: Sequence[Descent], runs: CachedRunner) -> None:
     runs.stage = "full cars"
 
     def drive(wanted: Sequence[tuple[Descent, float]]) -> list[Row]:
-        items = [descent.run(share) for descent, share in wanted]
-        return runs.map(drive_full, items, [run_key(item) for item in items])
+        return drive_items([descent.run(share) for descent, share in wanted], runs)
 
     run_rounds(
         descents,
@@ -197,3 +237,27 @@ def drive_shares(descents: Sequence[Descent], runs: CachedRunner) -> None:
         drive,
         lambda descent, share, row: descent.rows.__setitem__(share, row),
     )
+
+
+def confirm_best(descents: Sequence[Descent], runs: CachedRunner) -> None:
+    """Drives the best run of each at the step that the table has."""
+    runs.stage = "full cars at the finer step"
+
+    def drive(wanted: Sequence[tuple[Descent, float]]) -> list[Row]:
+        items = []
+        for descent, share in wanted:
+            assert descent.best_run is not None
+            items.append(descent.confirming_run(descent.best_run[0], share))
+        return drive_items(items, runs)
+
+    run_rounds(
+        descents,
+        Descent.next_confirmations,
+        drive,
+        lambda descent, share, row: descent.confirmed.__setitem__(share, row),
+    )
+
+
+def drive_items(items: Sequence[FullRun], runs: CachedRunner) -> list[Row]:
+    """Makes full runs, each once."""
+    return runs.map(drive_full, items, [run_key(item) for item in items])

@@ -16,7 +16,7 @@ import numpy as np
 
 from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.optimisation.swerve.steering import possible_steering, steering_settings
-from aerodima.optimisation.swing.full_runs import Descent, FullRun, drive_full, run_key
+from aerodima.optimisation.swing.full_runs import Descent, FullRun, drive_items
 from aerodima.workbench.car.reduced.swerves import LEVELS, STEERING
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.scenario.swing_file import (
@@ -138,7 +138,7 @@ def search_full(
             for member, point in enumerate(points[-1]):
                 path = folder.resolve() / f"{search.descent.stem}_{index}_{member}.yaml"
                 items.append(search.run(point, path))
-        rows = runs.map(drive_full, items, [run_key(item) for item in items])
+        rows = drive_items(items, runs)
         for place, search in enumerate(searches):
             of_round = slice(ROUND * place, ROUND * (place + 1))
             better = search.descent.improve(items[of_round], rows[of_round])

@@ -15,7 +15,7 @@ from aerodima.optimisation.swerve.aims import find_aim
 from aerodima.optimisation.swerve.suite import BOUND, SUITE, ensemble_cases, select_candidates
 from aerodima.optimisation.swing.bound import BoundEffort, find_bound
 from aerodima.optimisation.swing.comparison import compare_swerves
-from aerodima.optimisation.swing.full_runs import Descent, drive_shares
+from aerodima.optimisation.swing.full_runs import Descent, confirm_best, drive_shares
 from aerodima.optimisation.swing.solution import AIM_VALUE, solution_swing
 from aerodima.optimisation.swing.swerve_nlp import steering_of
 from aerodima.optimisation.swing.swerve_shooting import LIMITS, Limit
@@ -90,17 +90,18 @@ def search_motion(
     result = {"score": float(bound.solution.aims[0]), "steering": steering, "variant": 0}
     descent = Descent(BOUND, *places[0], aim, player, result, step)
     drive_shares([descent], runs)
-    if descent.best is None:
+    confirm_best([descent], runs)
+    row = descent.as_row()
+    value = row["value"]
+    if value is None:
         raise SwingError(f"{path}: the full car stays upright with no share of the steering")
-    share, run = descent.best
-    value = run["value"]
-    swing = solution_swing(path.stem, settings[0], bound, aim, {AIM_VALUE: value}, share)
+    swing = solution_swing(path.stem, settings[0], bound, aim, {AIM_VALUE: value}, row["share"])
     write_swing(swing, path, force=True)
     others = select_candidates([name for name in SUITE.default if name not in NOT_COMPARED])
     (case, speed) = places[0]
     table = compare_swerves(others, [case], [speed], [aim], runs, path.parent, step=step)
     best_other = table["value"].max()
-    table = pd.concat([pd.DataFrame([descent.as_row()]), table], ignore_index=True)
+    table = pd.concat([pd.DataFrame([row]), table], ignore_index=True)
     return MotionResult(table, not best_other >= value)
 
 

@@ -16,7 +16,7 @@ from aerodima.optimisation import BoundEffort, SearchEffort, judge
 from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.optimisation.swerve.candidate import LIMITED
 from aerodima.optimisation.swerve.suite import FOLDED, ensemble_cases
-from aerodima.optimisation.swing.full_runs import Descent, FullRun, drive_full
+from aerodima.optimisation.swing.full_runs import CLIMB_STEP, Descent, FullRun, drive_full
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.swing_file import read_swing
@@ -41,7 +41,7 @@ class Broken:
 def descent():
     (case,) = ensemble_cases("physical", "test", 1, "built", [1.2])
     result = {"score": 0.4, "steering": [0.1, 0.05, 0.02, 0.2, 0.4], "variant": 0}
-    return Descent(FOLDED, case, 6.0, "aside-0.5", case.settings(), result)
+    return Descent(FOLDED, case, 6.0, "aside-0.5", case.settings(), result, step=CLIMB_STEP)
 
 
 @pytest.mark.parametrize(("limit", "expected"), [(1.26, 1.25), (0.78, 0.775), (0.2, None)])
@@ -75,6 +75,24 @@ def test_the_best_share_is_that_of_the_largest_value_and_not_the_largest_share()
     for share, value in ((1.0, 0.5), (1.1, 0.4)):
         one.rows[share] = {"counts": True, "value": value}
     assert one.as_row()["share"] == 1.0
+
+
+def test_the_best_run_is_driven_at_the_finer_step_with_angles_that_count_there():
+    one = descent()
+    one.step = 0.0005
+    one.rows |= {0.9: {"counts": True, "value": 0.4}, 1.0: {"counts": True, "value": 0.5}}
+    while shares := one.next_confirmations():
+        (share,) = shares
+        one.confirmed[share] = {"counts": share < 0.96, "value": 0.3}
+    row = one.as_row()
+    assert list(one.confirmed) == [1.0, 0.975, 0.95]
+    assert (row["value"], row["share"], row["runs"]) == (0.3, 0.95, 5)
+    fine = load_scenario("swerve", json.loads(row["settings"]))
+    assert fine.simulation.step == 0.0005
+    assert fine.manoeuvre.level_1 == pytest.approx(0.095)
+    one.confirmed = {0.7: {"counts": False}}
+    assert one.next_confirmations() == []
+    assert one.as_row()["value"] is None
 
 
 def test_further_runs_are_taken_where_they_count_and_are_better():
