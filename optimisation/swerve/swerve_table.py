@@ -105,7 +105,7 @@ def swerve_page(table: pd.DataFrame, summary: pd.DataFrame) -> Page:
     for names, own in summary.groupby(GROUP, sort=False):
         title = _title(names)
         chosen = (table[GROUP] == list(names)).all(axis=1)
-        words = "A dot for every car, a bar at the median"
+        words = "A dot for every car, a bar over the 95 % interval of their median"
         plot = Plot(swerve_figure(table[chosen], title), "", words)
         sections.append(Section(title, [plot, Table(_HEADER, _cells(own))]))
     cars = ", ".join(dict.fromkeys(table["car"]))
@@ -145,15 +145,20 @@ def _percent(share: float) -> str:
 
 @styled()
 def swerve_figure(table: pd.DataFrame, title: str) -> Figure:
-    """Plots the values of all cars in one comparison, a line per candidate."""
-    candidates = list(dict.fromkeys(table["candidate"]))[::-1]
-    figure, axes = new_figure(9.0, 0.9 + 0.34 * len(candidates), 1)
+    """Plots the gains over the car without tail in one comparison, a line per candidate: a dot for
+    every car, a bar over the 95 % interval of their median.
+    """
+    gains = 100.0 * gains_over(table, NO_TAIL.name)
+    candidates = [name for name in dict.fromkeys(table["candidate"]) if name != NO_TAIL.name][::-1]
+    figure, axes = new_figure(9.0, 1.1 + 0.34 * len(candidates), 1)
     axis = axes[0, 0]
     for index, candidate in enumerate(candidates):
-        values = table.loc[table["candidate"] == candidate, "value"].to_numpy(dtype=np.float64)
-        if np.isfinite(values).any():
-            axis.barh(index, np.nanmedian(values), height=0.6, color=SKY)
+        values = gains[table["candidate"] == candidate].dropna().to_numpy(dtype=np.float64)
+        low, high = median_interval(values, seed=1)
+        axis.barh(index, high - low, left=low, height=0.6, color=SKY)
         axis.plot(values, np.full(len(values), index), "o", color=BLUE, markersize=3)
+    axis.axvline(0.0, color=BLUE, linewidth=0.8)
     axis.set_yticks(range(len(candidates)), candidates)
+    axis.set_xlabel("gain over the same car without tail, %")
     axis.set_title(title)
     return figure

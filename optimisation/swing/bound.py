@@ -30,7 +30,7 @@ from aerodima.optimisation.swing.swerve_nlp import (
     best_of,
     steering_of,
 )
-from aerodima.optimisation.swing.swerve_shooting import KNOTS, Limit, SwerveShooting, midway
+from aerodima.optimisation.swing.swerve_shooting import KNOTS, Limit, SwerveShooting, within_reach
 from aerodima.workbench.car.reduced.swerves import STEERING
 from aerodima.workbench.car.swerve import Swerve
 from aerodima.workbench.core.array_types import FloatArray
@@ -141,7 +141,8 @@ def find_bound(
 def _start_of(shooting: SwerveShooting, tail: FloatArray, steering: FloatArray) -> FloatArray:
     """Returns the scaled variables of a motion of the tail, and one steering of all cars."""
     variables = shooting.variables
-    return np.concatenate([tail, *[steering] * variables.members]) / variables.units
+    pitch, rolls = tail[:1], within_reach(tail[None, 1:], variables.max_roll)[0]
+    return np.concatenate([pitch, rolls, *[steering] * variables.members]) / variables.units
 
 
 def _first_search(shooting: SwerveShooting, effort: BoundEffort) -> list[FloatArray]:
@@ -158,9 +159,7 @@ def _first_search(shooting: SwerveShooting, effort: BoundEffort) -> list[FloatAr
         result = possible_steering(points, variables.max_angle)
         tail = result[:, STEERING:]
         tail[:, 0] = np.clip(tail[:, 0], *variables.pitches)
-        rolls = np.concatenate([np.zeros((len(tail), 1)), tail[:, 1:]], axis=1)
-        reach = np.max(np.abs(np.concatenate([rolls, rolls @ midway().T], axis=1)), axis=1)
-        tail[:, 1:] *= np.minimum(1.0, variables.max_roll / np.maximum(reach, 1e-9))[:, None]
+        tail[:, 1:] = within_reach(tail[:, 1:], variables.max_roll)
         return result
 
     def scaled(points: FloatArray) -> FloatArray:

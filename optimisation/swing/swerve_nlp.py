@@ -26,7 +26,7 @@ from aerodima.optimisation.swing.swerve_shooting import (
     TIME_SCALE,
     Evaluation,
     SwerveShooting,
-    midway,
+    between_knots,
 )
 from aerodima.workbench.car.reduced.swerves import LEVELS, STEERING
 from aerodima.workbench.core.array_types import FloatArray
@@ -98,7 +98,7 @@ class SwerveNlp:
         prog.AddBoundingBoxConstraint(*variables.bounds, x)
         prog.AddCost(self._aim_cost, x)
         prog.AddConstraint(self._rows, low, high, x, description=ROWS_DESCRIPTION)
-        rolls = midway()[:, 1:]
+        rolls = between_knots()[:, 1:]
         ends = variables.max_roll * np.ones(len(rolls))
         travel = prog.AddLinearConstraint(rolls, -ends, ends, x[1 : variables.tail])
         travel.evaluator().set_description("range of the tail")

@@ -39,6 +39,7 @@ from aerodima.workbench.control.swing_player import RollTrajectory
 from aerodima.workbench.core.array_types import FloatArray, IntArray
 from aerodima.workbench.core.errors import SwingError
 from aerodima.workbench.scenario.scenario import Scenario
+from aerodima.workbench.scenario.swing_file import cubic
 
 KNOTS = (0.0, 0.07, 0.14, 0.22, 0.31, 0.42, 0.56, 0.75, 1.0, 1.35)
 """Times of the knots since the release, s: closer where a swerve is decided."""
@@ -56,6 +57,10 @@ BOARD_CLEARANCE = 5e-4
 """Least height of the anti-ramp board over the ground while the car is steered, m."""
 MAX_LAG = 0.8
 """Largest distance of the tail from its knots, rad: the player of a swing gives up at 1 rad."""
+PLACES = np.arange(1, 8) / 8.0
+"""Places between two knots, as shares, at which the roll of the tail keeps its range."""
+ROLL_MARGIN = 0.01
+"""Distance of these rolls from the limit of the tail, rad: the curve goes further between them."""
 FOLLOW_GAINS = {"kp": 60.0, "kd": 3.0}
 """Gains of both joints of the tail, N m/rad and N m s/rad."""
 DIFFERENCE_STEP = 1e-7
@@ -190,13 +195,25 @@ def knot_rates() -> FloatArray:
     return rates
 
 
-def midway() -> FloatArray:
-    """Returns the matrix (knots - 1, knots) of the rolls midway between knots from those there."""
+def between_knots() -> FloatArray:
+    """Returns the matrix (places, knots) of the rolls at `PLACES` of all intervals from those at
+    the knots, by the cubic of a swing file.
+    """
     unit = np.eye(len(KNOTS))
     rates = knot_rates()
     spans = np.diff(KNOTS)[:, None]
-    middles: FloatArray = 0.5 * (unit[:-1] + unit[1:]) + spans / 8.0 * (rates[:-1] - rates[1:])
-    return middles
+    ends = (unit[:-1], unit[1:])
+    rolls, _ = cubic(PLACES[:, None, None], spans, ends, (rates[:-1], rates[1:]))
+    return np.asarray(rolls).reshape(-1, len(KNOTS))
+
+
+def within_reach(rolls: FloatArray, max_roll: float) -> FloatArray:
+    """Returns rolls at the knots after the first (members, knots - 1), those of a member smaller in
+    proportion where its curve goes beyond `max_roll`, rad.
+    """
+    curves = np.concatenate([rolls, rolls @ between_knots()[:, 1:].T], axis=1)
+    reach = np.max(np.abs(curves), axis=1, keepdims=True)
+    return rolls * np.minimum(1.0, max_roll / np.maximum(reach, max_roll))
 
 
 def tail_at_knots(swerve: Swerve) -> FloatArray:
@@ -258,7 +275,7 @@ class SwerveShooting:
         far = min(one.tail.pitch_limit for one in scenarios)
         variables = SwerveVariables(
             len(scenarios),
-            max_roll=min(one.tail.roll_limit for one in scenarios),
+            max_roll=min(one.tail.roll_limit for one in scenarios) - ROLL_MARGIN,
             pitches=(max(PITCHES[0], -far), min(PITCHES[1], far)),
             max_angle=min(one.servo.limit for one in scenarios),
         )

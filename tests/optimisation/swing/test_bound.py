@@ -13,8 +13,8 @@ from aerodima.optimisation.swing.swerve_shooting import (
     KNOTS,
     SwerveShooting,
     knot_rates,
-    midway,
     tail_at_knots,
+    within_reach,
 )
 from aerodima.workbench.car.swerve import aside, energy
 from aerodima.workbench.core.errors import SwingError
@@ -38,12 +38,16 @@ def scenario(settings):
     return load_scenario("swerve", settings)
 
 
-def test_knots_and_midway_are_those_of_the_cubic_of_a_swing_file():
-    rolls = np.random.default_rng(3).normal(size=len(KNOTS))
-    rolls[0] = 0.0
+def test_a_curve_that_goes_beyond_its_range_between_knots_is_made_smaller():
     times = np.array(KNOTS)
-    between, _ = hermite(0.5 * (times[1:] + times[:-1]), times, rolls, knot_rates() @ rolls)
-    assert midway() @ rolls == pytest.approx(between, abs=1e-12)
+    rolls = np.random.default_rng(3).normal(size=(2, len(KNOTS) - 1))
+    rolls[1] *= 1e-3
+    kept = within_reach(rolls, 0.5)
+    assert kept[1] == pytest.approx(rolls[1])
+    whole = np.append(0.0, kept[0])
+    curve, _ = hermite(np.linspace(0.0, times[-1], 2000), times, whole, knot_rates() @ whole)
+    assert np.max(np.abs(curve)) == pytest.approx(0.5, abs=0.005)
+    assert np.corrcoef(kept[0], rolls[0])[0, 1] == pytest.approx(1.0)
 
 
 def test_slopes_are_those_of_differences(scenario):
