@@ -125,6 +125,36 @@ def car_outline(car: CarParameters) -> FloatArray:
     return np.concatenate([left, left * [[1.0], [-1.0]]], axis=1)
 
 
+def place_outline(
+    outline: FloatArray, x: float | FloatArray, y: float | FloatArray, heading: float | FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Returns x and y in W of corners in B (2, corners, ...), m, of a car whose origin of B is at x
+    and y, m, with a heading, rad.
+    """
+    ahead, left = outline
+    cosine = np.cos(heading)
+    sine = np.sin(heading)
+    return x + cosine * ahead - sine * left, y + sine * ahead + cosine * left
+
+
+def outline_from_above(run_log: RunLog, after: float) -> FloatArray:
+    """Returns how far the corners of a car (2, corners) are ahead and to the left of place and
+    course at the start of the steering, m, `after` s; other columns than the motion are not needed.
+    """
+    start, then = np.searchsorted(
+        run_log.time, run_log.number("manoeuvre", "turn_start") + np.array([0.0, after])
+    )
+    side = turn_sign(run_log)
+    _, course = ground_velocity(run_log)
+    x = run_log.signal("position_x_truth_m")
+    y = run_log.signal("position_y_truth_m")
+    yaw = run_log.signal("yaw_truth_rad")
+    outline = car_outline(CarParameters(**run_log.scenario["car"]))
+    placed = place_outline(outline, x[then] - x[start], y[then] - y[start], yaw[then])
+    turned = place_outline(np.array(placed), 0.0, 0.0, -course[start])
+    return np.array([turned[0], side * turned[1]])
+
+
 def swerve_of(run_log: RunLog) -> Swerve:
     """Reads the swerve of a run of the car with ground truth; LogError for a missing column."""
     table = run_log.table
@@ -178,10 +208,8 @@ def aside(swerve: Swerve, after: float = SOON) -> FloatArray:
 
 def _last_point(swerve: Swerve, instant: float) -> FloatArray:
     """Returns how far the outline's point furthest to the right lies to the left (n,), m."""
-    heading = swerve.at(swerve.heading, instant)
-    ahead, left = swerve.outline
-    x = swerve.at(swerve.x, instant) + np.cos(heading) * ahead - np.sin(heading) * left
-    y = swerve.at(swerve.y, instant) + np.sin(heading) * ahead + np.cos(heading) * left
+    origin = swerve.at(swerve.x, instant), swerve.at(swerve.y, instant)
+    x, y = place_outline(swerve.outline, *origin, swerve.at(swerve.heading, instant))
     last: FloatArray = np.min(swerve.to_the_left(x, y), axis=0)
     return last
 

@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 from aerodima.workbench.batch.simulation import simulate
+from aerodima.workbench.car.swerve import aside, outline_from_above, swerve_of
 from aerodima.workbench.core.errors import ScenarioError
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.scenario import load_scenario
@@ -79,8 +80,13 @@ def test_medians_say_how_many_cars_and_the_gain_over_the_same_cars(tmp_path, mon
 def test_the_chapter_says_how_far_a_run_swerves_and_whether_it_counts():
     levels = ("manoeuvre.level_1=0.03", "manoeuvre.level_2=0.0", "manoeuvre.level_3=0.0")
     settings = ("manoeuvre.speed=4", "simulation.step=0.002", *levels)
-    log = simulate(load_scenario("swerve", settings))
-    replays, *tables = chapter.swerve_chapter(CHOSEN, {"no tail": log})
+    swerve = load_scenario("swerve", settings)
+    log = simulate(swerve)
+    lefts = [outline_from_above(log, after)[1].min() for after in (0.0, 0.5)]
+    outcome = swerve_of(simulate(swerve, record="outcome"))
+    assert lefts[1] - lefts[0] == pytest.approx(aside(outcome)[0], abs=1e-3)
+    assert lefts[1] - lefts[0] > 0.04
+    replays, _, *tables = chapter.swerve_chapter(CHOSEN, {"no tail": log})
     assert [section.title for section in tables] == [
         "How far they swerve: reduced cars",
         "How far they swerve: full cars",
