@@ -40,8 +40,9 @@ to either side, until the swerve counts no more, or first counts."""
 CLIMB_STEP = 0.002
 """Step of the plant, s, at which steerings are scaled and searched; at a finer one the best run of
 each candidate is driven alone, its angles smaller until it counts there, too."""
-MIN_CONFIRMED_SHARE = 0.7
-"""Least share of the angles of the best run at the finer step."""
+MIN_CONFIRMED_SHARE = 0.4
+"""Least share of the angles of the best run at the finer step; the first one is 1, the next is less
+by the tolerance of `SHARE_SEARCH`, and every further stride is twice as long."""
 
 
 class FullRun(NamedTuple):
@@ -164,8 +165,7 @@ class Descent:
         known = any(row["counts"] for row in self.confirmed.values())
         if known or self.best is None or self.step is None or self.step >= CLIMB_STEP:
             return []
-        tolerance = SHARE_SEARCH.tolerance
-        share = rounded(min(self.confirmed, default=1.0 + tolerance) - tolerance)
+        share = rounded(1.0 - SHARE_SEARCH.tolerance * (2 ** len(self.confirmed) - 1))
         return [share] if share >= MIN_CONFIRMED_SHARE else []
 
     def confirming_run(self, run: FullRun, share: float) -> FullRun:

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from aerodima.optimisation.studies.runs import CachedRunner
+from aerodima.optimisation.swerve.aims import FAILED
 from aerodima.optimisation.swerve.steering import possible_steering, steering_settings
 from aerodima.optimisation.swing.full_runs import Descent, FullRun, drive_items
 from aerodima.workbench.car.reduced.swerves import LEVELS, STEERING
@@ -116,7 +117,7 @@ def search_full(
     from then on.
 
     Args:
-        descents: with their full runs; one without a run that counts is left.
+        descents: with their full runs; one whose reduced car completes no swerve is left.
         number: of runs for each.
         runs: where they are made.
         folder: of the varied motions.
@@ -126,9 +127,9 @@ def search_full(
     folder.mkdir(parents=True, exist_ok=True)
     searches = []
     for descent in descents:
-        best = descent.best
-        if best is not None:
-            searches.append(FullSearch.from_descent(descent, best[0]))
+        if descent.result["score"] > FAILED:
+            share, _ = descent.best or (1.0, None)
+            searches.append(FullSearch.from_descent(descent, share))
     for index in range(number // ROUND):
         items = []
         points = []

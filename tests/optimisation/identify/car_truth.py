@@ -10,6 +10,7 @@ from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.car.car_sensors import STEPS
 from aerodima.workbench.control.manoeuvre import make_schedule
 from aerodima.workbench.scenario.scenario import load_scenario
+from tests.certain_cars import HIGH_BODY
 
 RANGES = {
     "tyre_friction": (0.35, 0.9),
@@ -38,7 +39,7 @@ def drawn(number):
     """Of a number; the same at every call."""
     rng = np.random.default_rng([31, number])
     values = {name: float(rng.uniform(*limits)) for name, limits in RANGES.items()}
-    half_track = 0.5 * load_scenario("turn_none").car.track
+    half_track = 0.5 * load_scenario("turn_none", HIGH_BODY).car.track
     values["com_height"] = min(values["com_height"], STABLE * half_track / values["tyre_friction"])
     values["delay"] = round(values["delay"] / STEP) * STEP
     return Truth(values, int(rng.integers(1 << 30)))
@@ -49,6 +50,7 @@ def emulated(truth):
     to be.
     """
     settings = [
+        *HIGH_BODY,
         f"manoeuvre.speed={truth.values['speed']}",
         "manoeuvre.duration=3.05",
         "imu.gyro_bias=0",

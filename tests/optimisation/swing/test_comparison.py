@@ -85,12 +85,12 @@ def test_the_best_run_is_driven_at_the_finer_step_with_angles_that_count_there()
         (share,) = shares
         one.confirmed[share] = {"counts": share < 0.96, "value": 0.3}
     row = one.as_row()
-    assert list(one.confirmed) == [1.0, 0.975, 0.95]
-    assert (row["value"], row["share"], row["runs"]) == (0.3, 0.95, 5)
+    assert list(one.confirmed) == [1.0, 0.975, 0.925]
+    assert (row["value"], row["share"], row["runs"]) == (0.3, 0.925, 5)
     fine = load_scenario("swerve", json.loads(row["settings"]))
     assert fine.simulation.step == 0.0005
-    assert fine.manoeuvre.level_1 == pytest.approx(0.095)
-    one.confirmed = {0.7: {"counts": False}}
+    assert fine.manoeuvre.level_1 == pytest.approx(0.0925)
+    one.confirmed = {share: {"counts": False} for share in (1.0, 0.975, 0.925, 0.825, 0.625)}
     assert one.next_confirmations() == []
     assert one.as_row()["value"] is None
 
