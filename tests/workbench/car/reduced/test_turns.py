@@ -152,9 +152,9 @@ def test_two_levels_take_the_car_where_the_full_car_goes():
     scenario = load_scenario("turn_designed", (*levels, "tail.mode=none", "car.tyre_friction=0.6"))
     plans = TurnPlans.from_scenarios([scenario])
     cars = VehicleParams.from_scenarios([scenario])
-    reduced = drive_turns(cars, plans, duration=1.2, history=True)
+    reduced = drive_turns(cars, plans, duration=0.9, history=True)
     run = simulate(scenario, record="outcome")
-    (full, _), (course, _) = courses(run, reduced, 1.2)
+    (full, _), (course, _) = courses(run, reduced, 0.9)
     assert course == pytest.approx(full, rel=0.04)  # runs differ by 2 %
     peak_roll = np.max(reduced.history[:, STATES.index("roll")])
     assert peak_roll == pytest.approx(metrics_of(run).peak_roll_rad, abs=0.02)
