@@ -114,17 +114,6 @@ def rolling_resistance(rate: Any, torque: Any) -> Any:
     return -torque * tanh(rate / ROLLING_RATE)
 
 
-def servo_step(angle: Any, command: Any, travel: Any) -> Any:
-    """Returns the servo's angle (rad) after it has moved towards the command by at most `travel`.
-
-    Args:
-        angle: where the servo stands, rad.
-        command: where it moves to, rad.
-        travel: rate of the servo times the time that passes, rad.
-    """
-    return clip(command, angle - travel, angle + travel)
-
-
 def steady_speed(throttle: float, drive: DriveParameters) -> float:
     """Returns the speed (m/s) for a throttle in -1..1: the fitted line, mirrored for reverse, zero
     inside its dead band.
@@ -200,7 +189,8 @@ def steering_motion(frame: Sequence[float], time: float, rate: float) -> tuple[f
         rate: of the servo, rad/s.
     """
     begin, start, target = frame
-    angle = servo_step(start, target, rate * (time - begin))
+    travel = rate * (time - begin)
+    angle = clip(target, start - travel, start + travel)
     if angle == target:
         return angle, 0.0
     return angle, math.copysign(rate, target - start)

@@ -17,6 +17,7 @@ from pydrake.systems.primitives import VectorLogSink
 from aerodima.workbench.car.car_sensors import ChassisMotion, felt_at, in_body
 from aerodima.workbench.car.car_station import simulated_car
 from aerodima.workbench.car.ground_loads import GroundLoads
+from aerodima.workbench.car.ground_truth import BODY_TRUTH
 from aerodima.workbench.car.termination import STOPPED, quaternion_flipped
 from aerodima.workbench.car.tip_up import LIFT_COLUMNS
 from aerodima.workbench.car.turn_signals import settled_row
@@ -182,21 +183,18 @@ class OutcomeRecord:
         motion = ChassisMotion(R_WB, velocity[:3], change[:3], change[3:])
         gyro, acceleration = felt_at(motion, (self._scenario.imu.x, 0.0, self._scenario.imu.z))
         up = R_WB[2]
-        named = {
-            "roll_truth_rad": np.arctan2(up[1], up[2]),
-            "pitch_truth_rad": np.arcsin(np.clip(-up[0], -1.0, 1.0)),
-            "yaw_truth_rad": np.unwrap(np.arctan2(R_WB[1][0], R_WB[0][0])),
-            "tilt_truth_rad": np.arccos(np.clip(up[2], -1.0, 1.0)),
-        }
-        vectors: dict[str, Any] = {
-            "position_{}_truth_m": state[self._position],
-            "velocity_{}_truth_m_per_s": in_body(R_WB, velocity[3:]),
-            "gyro_{}_truth_rad_per_s": gyro,
-            "acceleration_{}_truth_m_per_s2": acceleration,
-        }
-        for stem, values in vectors.items():
-            named |= {stem.format(axis): values[index] for index, axis in enumerate("xyz")}
-        return named
+        columns = [
+            *state[self._position],
+            np.arctan2(up[1], up[2]),
+            np.arcsin(np.clip(-up[0], -1.0, 1.0)),
+            np.unwrap(np.arctan2(R_WB[1][0], R_WB[0][0])),
+            np.arccos(np.clip(up[2], -1.0, 1.0)),
+            *in_body(R_WB, velocity[3:]),
+            *gyro,
+            *acceleration,
+        ]
+        # The last fields are the centre of mass, which no metric needs.
+        return dict(zip(BODY_TRUTH.fields, columns, strict=False))
 
     def _tail(self, states: FloatArray, steps: IntArray, context: Context) -> dict[str, FloatArray]:
         """Torques of the tail motors in the step that begins, N m, and their power, W."""

@@ -137,10 +137,7 @@ def turn_signals(run_log: RunLog, source: Literal["truth", "sensors"] | None = N
     sign = turn_sign(run_log)
     window = turn_window(run_log)
     source = source or ("truth" if run_log.has_truth else "sensors")
-    if source == "truth":
-        named = _from_truth(run_log)
-    else:
-        named = _from_sensors(run_log, window)
+    named = _read(run_log, source, window[0])
     check_signals(time, {f"{name} ({source})": values for name, values in named.items()})
     if time[0] > window[0] + _TIME_MARGIN or time[-1] < window[1] - _TIME_MARGIN:
         raise LogError(
@@ -271,23 +268,20 @@ def windows_of_steering(time: FloatArray, angle: FloatArray) -> list[SteeredWind
     ]
 
 
-def _from_truth(run_log: RunLog) -> dict[str, FloatArray]:
-    values = {name: run_log.signal(column) for name, column in _TRUTH.items()}
-    velocity = [run_log.signal(f"velocity_{axis}_truth_m_per_s") for axis in "xy"]
-    return _unwrapped(values) | {"speed": np.hypot(*velocity)}
-
-
-def _from_sensors(run_log: RunLog, window: tuple[float, float]) -> dict[str, FloatArray]:
-    values = {name: run_log.signal(column) for name, column in _SENSORS.items()}
-    level = np.cos(values["roll"]) * np.cos(run_log.signal("imu_pitch_rad"))
-    return _unwrapped(values) | {
-        "roll_rate": _without_bias(run_log, "imu_gyro_x_rad_per_s", window[0]),
-        "tilt": np.arccos(np.clip(level, -1.0, 1.0)),
-    }
-
-
-def _unwrapped(values: dict[str, FloatArray]) -> dict[str, FloatArray]:
-    return values | {name: np.unwrap(values[name]) for name in ("roll", "yaw")}
+def _read(run_log: RunLog, source: str, turn_start: float) -> dict[str, FloatArray]:
+    """Reads the signals of a source by field of `TurnSignals`; the turn starts at a time, s."""
+    columns = _TRUTH if source == "truth" else _SENSORS
+    values = {name: run_log.signal(column) for name, column in columns.items()}
+    values["roll"] = np.unwrap(values["roll"])
+    values["yaw"] = np.unwrap(values["yaw"])
+    if source == "truth":
+        velocity = [run_log.signal(f"velocity_{axis}_truth_m_per_s") for axis in "xy"]
+        values["speed"] = np.hypot(*velocity)
+    else:
+        level = np.cos(values["roll"]) * np.cos(run_log.signal("imu_pitch_rad"))
+        values["tilt"] = np.arccos(np.clip(level, -1.0, 1.0))
+        values["roll_rate"] = _without_bias(run_log, "imu_gyro_x_rad_per_s", turn_start)
+    return values
 
 
 def _without_bias(run_log: RunLog, column: str, turn_start: float) -> FloatArray:

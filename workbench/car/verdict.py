@@ -102,21 +102,6 @@ def has_left_turn(wheels_straight: Any, yaw_rate: Any) -> Any:
     return wheels_straight & (np.abs(yaw_rate) < EXIT_YAW_RATE)
 
 
-def exit_share(yaw_rate: Any, next_yaw_rate: Any, straight: Any) -> Any:
-    """Returns the share of a step after which a car has left its turn.
-
-    Args:
-        yaw_rate, next_yaw_rate: at the ends of the step, rad/s; linear between them.
-        straight: share after which the wheels are straight.
-    """
-    side = np.where(next_yaw_rate < 0.0, -1.0, 1.0)
-    fall = side * (yaw_rate - next_yaw_rate)
-    beyond = side * yaw_rate - EXIT_YAW_RATE
-    falls = fall > 0.0
-    calm = np.where(falls, beyond / np.where(falls, fall, 1.0), 0.0)
-    return np.clip(np.maximum(calm, straight), 0.0, 1.0)
-
-
 def goes_straight(steered: Any, yaw_rate: Any) -> Any:
     """Returns whether a car goes straight at the end, by its mean yaw rate over `LAST`, rad/s; a
     car that is `steered` then need not.

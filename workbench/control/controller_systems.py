@@ -7,7 +7,6 @@ next tick. The law of the driver is a schedule in most manoeuvres.
 import math
 from typing import Any
 
-import numpy as np
 from pydrake.systems.framework import (
     Context,
     Diagram,
@@ -52,8 +51,6 @@ POSE = PortFields("DriverPose", ("qw", "qx", "qy", "qz", "x", "y", "vx", "vy"))
 """What a driver of a path sees: rotation of the car in W, place and velocity of Bo in W; m, m/s."""
 STANDING = 0.1
 """m/s; a slower car has no course of its own."""
-NO_MEMORY = np.zeros(0)
-"""Memory of a driver that has none."""
 
 
 class TailController(LeafSystem):
@@ -226,14 +223,12 @@ class TurnDriver(LeafSystem):
         self._sources = {
             name: self.DeclareVectorInputPort(name, sizes[name]) for name in self._law.sources
         }
-        memory, inputs = self._law.step(self._law.start(), DriverView(0.0))
+        _, inputs = self._law.step(self._law.start(), DriverView(0.0))
         self._outputs = [
             DiscreteVector(self, [value], output=name)
             for name, value in zip(DriverInput._fields, inputs, strict=True)
         ]
-        self._memory = None
-        if memory.size:
-            self._memory = DiscreteVector(self, self._law.start())
+        self._memory = DiscreteVector(self, self._law.start())
         declare_ticks(self, rate, stage, self._tick)
 
     @classmethod
@@ -290,12 +285,8 @@ class TurnDriver(LeafSystem):
         return view
 
     def _tick(self, context: Context, discrete_state: DiscreteValues) -> None:
-        before = NO_MEMORY
-        if self._memory is not None:
-            before = self._memory.read(context)
-        memory, inputs = self._law.step(before, self.view(context))
-        if self._memory is not None:
-            self._memory.write(discrete_state, memory)
+        memory, inputs = self._law.step(self._memory.read(context), self.view(context))
+        self._memory.write(discrete_state, memory)
         for output, value in zip(self._outputs, inputs, strict=True):
             output.write(discrete_state, [value])
 

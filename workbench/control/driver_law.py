@@ -182,33 +182,30 @@ class PathDriver:
 
     def step(self, memory: FloatArray, view: DriverView) -> tuple[FloatArray, DriverInput]:
         """See `DriverLaw`."""
+        missing = memory[0]
+        wanted = 0.0
+        station = -math.inf
         if math.isfinite(view.position[0]):
-            memory, angle = self.steer(memory, view)
+            missing, wanted = self._aim(missing, view)
             station = float(self.path.station(*view.position))
-        else:
-            memory, angle = self._give(memory[0], 0.0 * memory[0], memory)
-            station = -math.inf
-        return memory, DriverInput(
-            float(angle), self.ramp.throttle(view.time), self.path.next_side(station)
-        )
+        now, *later = [*memory[2:], wanted]
+        max_change = self.steering_rate / self.rate
+        angle = np.clip(now, memory[1] - max_change, memory[1] + max_change)
+        throttle = self.ramp.throttle(view.time)
+        given = DriverInput(float(angle), throttle, self.path.next_side(station))
+        return np.array([missing, angle, *later]), given
 
-    def steer(self, memory: FloatArray, view: DriverView) -> tuple[FloatArray, FloatArray]:
-        """Returns the new memory and angle, rad, with a pose."""
-        moves = (view.speed > SLOW) & ~np.isnan(view.yaw_rate)
-        bent = np.where(moves, view.yaw_rate, 0.0) / np.maximum(view.speed, SLOW)
+    def _aim(self, missing: float, view: DriverView) -> tuple[float, float]:
+        """Returns the missing curvature, 1/m, and the angle that is wanted, rad, with a pose."""
+        bent = 0.0
+        if view.speed > SLOW and not math.isnan(view.yaw_rate):
+            bent = view.yaw_rate / view.speed
         curvature = self.wanted_curvature(view, bent)
-        missing = memory[0] + (curvature - bent - memory[0]) / (1.0 + self.lag * self.rate)
+        missing = missing + (curvature - bent - missing) / (1.0 + self.lag * self.rate)
         wanted = np.arctan(self.wheelbase * (curvature + self.correction * missing))
-        return self._give(missing, np.clip(wanted, -self.limit, self.limit), memory)
+        return missing, np.clip(wanted, -self.limit, self.limit)
 
-    def _give(self, missing: Any, wanted: Any, memory: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns the memory and angle, rad, once an angle is wanted."""
-        queue = np.concatenate([memory[2:], np.stack([wanted])])
-        most = self.steering_rate / self.rate
-        angle = np.clip(queue[0], memory[1] - most, memory[1] + most)
-        return np.concatenate([np.stack([missing, angle]), queue[1:]]), angle
-
-    def wanted_curvature(self, view: DriverView, bent: Any) -> Any:
+    def wanted_curvature(self, view: DriverView, bent: float) -> float:
         """Returns the curvature (1/m) of the circle to the preview point, for a car with a pose
         that goes along `bent`, 1/m.
         """

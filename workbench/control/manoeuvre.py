@@ -130,8 +130,8 @@ def pulse_angle(pulse: Any, since: Any) -> Any:
             `TurnSchedule`, numbers or arrays of cars.
         since: time since the step of the steering began, s.
     """
-    level = where(since < pulse.first_hold, pulse.first_angle, pulse.steer_angle)
-    return where((since >= 0.0) & (since < pulse.hold), level, 0.0)
+    levels = (pulse.first_angle, pulse.steer_angle)
+    return level_angle(levels, (pulse.first_hold, pulse.hold), since)
 
 
 def level_angle(levels: Sequence[Any], ends: Sequence[Any], since: Any) -> Any:
@@ -250,28 +250,19 @@ class TurnSchedule:
     def at(self, time: float) -> DriverInput:
         """Returns inputs at `time` s since the start."""
         tick = time + TICK_TOLERANCE
-        start = self._step_start(tick)
+        starts = [self.start + step * (self.hold + self.gap) for step in range(self.repeats)]
+        start = max((begin for begin in starts if begin <= tick), default=self.start)
         steering_angle = pulse_angle(self, tick - start)
         if steering_angle:
             steering_angle *= self.side
-        if tick >= self.throttle_off:
-            throttle = 0.0
-        else:
+        throttle = 0.0
+        if tick < self.throttle_off:
             throttle = self.ramp.throttle(time)
         since = tick - (start + self.hold)
-        last = self._step_start(math.inf)
-        more = start + self.gap + self.hold < last + 1e-9
         announced = self.side
-        if more and WITHDRAWN[0] <= since < WITHDRAWN[1]:
+        if start < starts[-1] and WITHDRAWN[0] <= since < WITHDRAWN[1]:
             announced = 0.0
         return DriverInput(steering_angle, throttle, announced)
-
-    def _step_start(self, time: float) -> float:
-        """Returns the start of the last step that has begun, s, or of the first one."""
-        done = 0
-        while done + 1 < self.repeats and time >= self.start + (done + 1) * (self.hold + self.gap):
-            done += 1
-        return self.start + done * (self.hold + self.gap)
 
 
 @dataclass(frozen=True)
@@ -393,10 +384,16 @@ def make_schedule(scenario: Any) -> Schedule:
     ramp = speed_ramp(scenario)
     angle = manoeuvre.steer_angle
     if manoeuvre.kind == "turn":
-        first = {"first_angle": manoeuvre.first_angle, "first_hold": manoeuvre.first_hold}
-        several = {"repeats": manoeuvre.turns, "gap": manoeuvre.turn_gap}
         return TurnSchedule(
-            ramp, side, angle, manoeuvre.turn_start, manoeuvre.turn_hold, **first, **several
+            ramp,
+            side,
+            angle,
+            manoeuvre.turn_start,
+            manoeuvre.turn_hold,
+            first_angle=manoeuvre.first_angle,
+            first_hold=manoeuvre.first_hold,
+            repeats=manoeuvre.turns,
+            gap=manoeuvre.turn_gap,
         )
     if manoeuvre.kind == "auto_turn":
         start = turn_start(scenario)

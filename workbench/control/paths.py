@@ -3,13 +3,14 @@
 No Drake.
 
 Plane geometry in the world frame W, lengths in m, headings in rad, positive to the left. A path
-begins along x at y = 0, where the car begins. Every function takes numbers or arrays of one shape.
+begins along x at y = 0, where the car begins. Stations are lengths along it. Every function takes
+numbers or arrays of one shape.
 """
 
 import itertools
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -44,30 +45,6 @@ class Lane(NamedTuple):
     def centre(self) -> float:
         """Returns its y, m."""
         return 0.5 * (self.right + self.left)
-
-
-class Path(Protocol):
-    """A lane to follow. Stations are lengths along it, m."""
-
-    @property
-    def end(self) -> float:
-        """Returns the station at which the last lane ends; the centre line goes straight on."""
-
-    def station(self, x: Any, y: Any) -> Any:
-        """Returns the station of the centre line beside a point."""
-
-    def centre(self, station: Any) -> tuple[Any, Any]:
-        """Returns the place (x, y) of the centre line."""
-
-    def outside(self, x: Any, y: Any) -> Any:
-        """Returns how far a point is beyond the nearer edge of the lane, negative inside, -inf
-        where there are no cones.
-        """
-
-    def next_side(self, station: float) -> float:
-        """Returns the side of the next lateral shift or corner, or of the present one, or of the
-        last: +1 left, -1 right.
-        """
 
 
 @dataclass(frozen=True)
@@ -106,16 +83,16 @@ class LaneChange:
 
     @property
     def end(self) -> float:
-        """See `Path`."""
+        """Returns the station at which the last lane ends; the centre line goes straight on."""
         return self.lanes[-1].end
 
     def station(self, x: Any, y: Any) -> Any:
-        """See `Path`."""
+        """Returns the station of the centre line beside a point."""
         del y
         return x
 
     def centre(self, station: Any) -> tuple[Any, Any]:
-        """See `Path`."""
+        """Returns the place (x, y) of the centre line."""
         y = 0.0
         lanes = self.lanes
         for before, after in itertools.pairwise(lanes):
@@ -124,7 +101,9 @@ class LaneChange:
         return station, self.side * y
 
     def outside(self, x: Any, y: Any) -> Any:
-        """See `Path`."""
+        """Returns how far a point is beyond the nearer edge of the lane, negative inside, -inf
+        where there are no cones.
+        """
         y = self.side * y
         beyond: Any = -np.inf
         for lane in self.lanes:
@@ -133,7 +112,9 @@ class LaneChange:
         return beyond
 
     def next_side(self, station: float) -> float:
-        """See `Path`; the second change is the next one from the middle lane on."""
+        """Returns the side of the next change, +1 left, -1 right; from the middle lane on that is
+        the second one.
+        """
         return self.side if station < self.lanes[1].start else -self.side
 
 
@@ -168,11 +149,11 @@ class Corner:
 
     @property
     def end(self) -> float:
-        """See `Path`."""
+        """Returns the station at which the last lane ends; the centre line goes straight on."""
         return self.bend + 0.5 * math.pi * self.radius + ENTRY
 
     def station(self, x: Any, y: Any) -> Any:
-        """See `Path`."""
+        """Returns the station of the centre line beside a point."""
         along = x - self.bend
         left = self.radius - self.side * y
         angle = np.arctan(np.maximum(along, 0.0) / np.maximum(left, 1e-9))
@@ -180,7 +161,7 @@ class Corner:
         return self.bend + self.radius * angle + straight
 
     def centre(self, station: Any) -> tuple[Any, Any]:
-        """See `Path`."""
+        """Returns the place (x, y) of the centre line."""
         length = 0.5 * math.pi * self.radius
         bent = np.clip(station - self.bend, 0.0, length)
         angle = bent / self.radius
@@ -189,16 +170,22 @@ class Corner:
         return x, self.side * (self.radius * (1.0 - np.cos(angle)) + after)
 
     def outside(self, x: Any, y: Any) -> Any:
-        """See `Path`; before the first and beyond the last cones there are none."""
+        """Returns how far a point is beyond the nearer edge of the lane, negative inside, -inf
+        before the first and beyond the last cones.
+        """
         station = self.station(x, y)
         x_centre, y_centre = self.centre(station)
         beyond = np.sqrt((x - x_centre) ** 2 + (y - y_centre) ** 2) - 0.5 * self.width
         return np.where((station >= self.begin) & (station <= self.end), beyond, -np.inf)
 
     def next_side(self, station: float) -> float:
-        """See `Path`."""
+        """Returns the side of the corner: +1 left, -1 right."""
         del station
         return self.side
+
+
+Path = LaneChange | Corner
+"""A lane to follow."""
 
 
 def path_of(scenario: Any) -> Path:
@@ -216,7 +203,12 @@ def path_of(scenario: Any) -> Path:
 
 
 def off_path(
-    path: Path, x: Any, y: Any, heading: Any, half_width: float, wheelbase: float
+    path: Path,
+    x: FloatArray,
+    y: FloatArray,
+    heading: FloatArray,
+    half_width: float,
+    wheelbase: float,
 ) -> FloatArray:
     """Returns how far the car is outside of its lane, m; negative inside, -inf where no part of it
     is beside cones.
@@ -238,23 +230,14 @@ def off_path(
     Raises:
         UserError: a place or heading is not finite, or their shapes differ.
     """
-    given = {"x": x, "y": y, "heading": heading}
-    x, y, heading = (np.asarray(values, dtype=float) for values in given.values())
-    for name, values in zip(given, (x, y, heading), strict=True):
+    for name, values in {"x": x, "y": y, "heading": heading}.items():
         if values.shape != x.shape or not np.isfinite(values).all():
             raise UserError(
-                f"off_path: {name}: shape {values.shape}; allowed: finite numbers, shape "
-                f"{x.shape} as x"
+                f"off_path: {name}: shape {values.shape}; must be finite numbers of the shape "
+                f"{x.shape} of x"
             )
-    return beyond_lane(path, x, y, heading, half_width, wheelbase, OUTLINE)
-
-
-def beyond_lane(
-    path: Path, x: Any, y: Any, heading: Any, half_width: Any, wheelbase: float, points: int
-) -> FloatArray:
-    """Returns what `off_path` does, unchecked, with so many points along each edge."""
-    share = np.linspace(0.0, 1.0, points)
-    one = np.ones(points)
+    share = np.linspace(0.0, 1.0, OUTLINE)
+    one = np.ones(OUTLINE)
     ahead = wheelbase * np.concatenate([share, share, 0.0 * one, one])[:, None]
     across = half_width * np.concatenate([one, -one, 2.0 * share - 1.0, 2.0 * share - 1.0])[:, None]
     cosine = np.cos(heading)

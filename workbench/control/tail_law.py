@@ -5,9 +5,8 @@ No Drake.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -23,15 +22,6 @@ EPSILON = 1e-9
 """s; a tick that falls on a limit up to rounding counts as having reached it."""
 AGE_LIMIT = 0.1
 """s; beyond this a signal counts as silent."""
-GYRO_Z = IMU.index("gyro_z")
-ROLL_ANGLE = TAIL_STATE.index("roll_angle")
-PITCH_ANGLE = TAIL_STATE.index("pitch_angle")
-ROLL_RATE = TAIL_STATE.index("roll_rate")
-PITCH_RATE = TAIL_STATE.index("pitch_rate")
-SPEED_FAULT = STATUS.index("speed_fault")
-ROLL_AGE = STATUS.index("tail_roll_age")
-PITCH_AGE = STATUS.index("tail_pitch_age")
-IMU_AGE = STATUS.index("imu_age")
 
 
 @dataclass(frozen=True)
@@ -115,32 +105,30 @@ def observe(
     A GPS is late by nature: its speed counts until its fault code is set. `speed` is None where
     there is none. `steering_angle` is the driver's command, rad.
     """
-    # Floats are quicker to read.
-    tail = tail_state.tolist()
-    motion = tuple(imu.tolist())
-    health = status.tolist()
-    roll_known = _fresh(health, ROLL_AGE, age_limit)
-    pitch_known = _fresh(health, PITCH_AGE, age_limit)
-    imu_valid = _fresh(health, IMU_AGE, age_limit)
-    speed_known = speed is not None and health[SPEED_FAULT] == 0.0
-    known: Any = speed
+    tail = TAIL_STATE.read(tail_state)
+    motion = IMU.read(imu)
+    health = STATUS.read(status)
+    roll_known = _fresh(health.tail_roll_age, health.tail_roll_fault, age_limit)
+    pitch_known = _fresh(health.tail_pitch_age, health.tail_pitch_fault, age_limit)
+    imu_valid = _fresh(health.imu_age, health.imu_fault, age_limit)
+    known_speed = math.nan
+    if speed is not None and health.speed_fault == 0.0:
+        known_speed = float(speed[0])
     return Observation(
         time=time,
-        yaw_rate=motion[GYRO_Z],
-        roll_angle=tail[ROLL_ANGLE] if roll_known else math.nan,
-        pitch_angle=tail[PITCH_ANGLE] if pitch_known else math.nan,
+        yaw_rate=motion.gyro_z,
+        roll_angle=tail.roll_angle if roll_known else math.nan,
+        pitch_angle=tail.pitch_angle if pitch_known else math.nan,
         planned_turn=planned_turn,
         imu_valid=imu_valid,
-        roll_rate=tail[ROLL_RATE] if roll_known else math.nan,
-        pitch_rate=tail[PITCH_RATE] if pitch_known else math.nan,
+        roll_rate=tail.roll_rate if roll_known else math.nan,
+        pitch_rate=tail.pitch_rate if pitch_known else math.nan,
         imu=motion if imu_valid else UNKNOWN_IMU,
-        speed=float(known[0]) if speed_known else math.nan,
+        speed=known_speed,
         steering_angle=steering_angle,
     )
 
 
-def _fresh(status: Sequence[float], age_index: int, age_limit: float) -> bool:
-    """Returns whether a signal is fresh, False for NaN too; the fault code stands right behind the
-    age.
-    """
-    return status[age_index] <= age_limit and status[age_index + 1] == 0.0
+def _fresh(age: float, fault: float, age_limit: float) -> bool:
+    """Returns whether a signal of an age (s) and a fault code is fresh, False for NaN too."""
+    return age <= age_limit and fault == 0.0

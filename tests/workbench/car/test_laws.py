@@ -15,7 +15,6 @@ ROWS = np.linspace(-2.0, 2.0, 9)
         (laws.joint_friction, (0.1, 0.02, 10.0)),
         (laws.governor_torque, (0.5, 3.0, 0.1, 0.4)),
         (laws.rolling_resistance, (0.05,)),
-        (laws.servo_step, (0.4, 0.3)),
         (lambda *x: laws.torque_bounds(*x)[0], (5.0, 10.0, 1.5)),
         (lambda *x: laws.torque_bounds(*x)[1], (5.0, 10.0, 1.5)),
     ],

@@ -21,11 +21,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from aerodima.workbench.aero.section_laws import dot
 from aerodima.workbench.car.reduced.ground_terms import add_board, add_tyres
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.states import (
     ANGLES,
     DEGREES,
+    JOINTS,
     RATES,
     TAIL_RATE,
     Commands,
@@ -35,9 +37,11 @@ from aerodima.workbench.car.reduced.states import (
     apply,
     cross,
     skew,
+    up,
     up_in_body,
 )
 from aerodima.workbench.car.reduced.tail_terms import add_tail
+from aerodima.workbench.car.verdict import velocity_over_ground
 from aerodima.workbench.core.array_types import FloatArray
 
 
@@ -79,10 +83,8 @@ def step(state: FloatArray, system: Equations, length: float) -> FloatArray:
     # Tyres turn with the car: what slips less is the velocity in B, whose rate is A - w x v.
     turned = np.sum(system.damping[:, V] * cross(rates[W], rates[V]), axis=1)
     force = system.force + length * turned
-    for joint, row in enumerate(range(DEGREES)[TAIL_RATE]):
-        stiffness = system.stiffness[joint]
-        matrix[row, row] += length**2 * stiffness
-        force[row] -= length * stiffness * rates[row]
+    matrix[JOINTS, JOINTS] += length**2 * system.stiffness
+    force[TAIL_RATE] -= length * system.stiffness * rates[TAIL_RATE]
     new = rates + length * solve(matrix, force)
     moved = state[: RATES.start] + length * configuration_rate(state, new, system.travel_rate)
     turn = length * new[W]
@@ -94,8 +96,7 @@ def step(state: FloatArray, system: Equations, length: float) -> FloatArray:
 def configuration_rate(state: FloatArray, rates: FloatArray, travel_rate: FloatArray) -> FloatArray:
     """Returns the rates of the first twelve states (12, n)."""
     yaw, pitch, roll = state[ANGLES]
-    (p, q, r) = rates[W]
-    (u, v, w) = rates[V]
+    p, q, r = rates[W]
     sy = np.sin(yaw)
     cy = np.cos(yaw)
     sp = np.sin(pitch)
@@ -103,12 +104,10 @@ def configuration_rate(state: FloatArray, rates: FloatArray, travel_rate: FloatA
     sr = np.sin(roll)
     cr = np.cos(roll)
     turning = q * sr + r * cr
-    lifting = sr * v + cr * w
-    ahead = cp * u + sp * lifting
-    left = cr * v - sr * w
+    ahead, left = velocity_over_ground(rates[V], rates[W], roll, pitch, 0.0)
     x_rate = ahead * cy - left * sy
     y_rate = ahead * sy + left * cy
-    z_rate = cp * lifting - sp * u
+    z_rate = dot(up(pitch, roll), rates[V])
     pitch_rate = q * cr - r * sr
     roll_rate = p + turning * sp / cp
     body = np.stack([x_rate, y_rate, z_rate, turning / cp, pitch_rate, roll_rate])

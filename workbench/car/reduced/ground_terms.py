@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from aerodima.workbench.aero.section_laws import dot
 from aerodima.workbench.car.car_model import CAGE_STIFFNESS
 from aerodima.workbench.car.laws import (
     ROLLING_RATE,
@@ -14,13 +15,13 @@ from aerodima.workbench.car.reduced.parameters import MIN_REGULARISATION_SPEED, 
 from aerodima.workbench.car.reduced.states import (
     RATES,
     SPIN,
+    SPINS,
     TRAVEL,
     Commands,
     Terms,
     V,
     W,
     cross,
-    dot,
     outer,
     up_in_body,
 )
@@ -191,13 +192,11 @@ def _add_wheels(
     slope = cars.rolling * (1.0 - rounded * rounded) / ROLLING_RATE
     force[SPIN] += resistance
     inertia = cars.wheel_inertia
-    for wheel in range(4):
-        row = 6 + wheel
-        coupling = inertia * axle[:, wheel]
-        mass[row, row] = inertia
-        mass[W, row] = coupling
-        mass[row, W] = coupling
-        damping[row, row] += spin_damping[wheel] + slope[wheel]
+    coupling = inertia * axle
+    mass[SPINS, SPINS] = inertia
+    mass[W, SPIN] = coupling
+    mass[SPIN, W] = np.swapaxes(coupling, 0, 1)
+    damping[SPINS, SPINS] += spin_damping + slope
     force[W] -= cross(rates[W], inertia * np.sum(axle * spin, axis=1))
 
     limit = cars.shaft_limit

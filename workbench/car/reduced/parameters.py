@@ -4,7 +4,6 @@ fitted, nothing typed.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +18,7 @@ from aerodima.workbench.car.car_model import (
     EDGE_HALF_WIDTH,
     axle_statics,
     rolling_torques,
+    stiction_tolerance,
     unsprung_mass,
     wheel_rates,
 )
@@ -27,7 +27,6 @@ from aerodima.workbench.car.laws import shaft_gain, torque_speed_limits
 from aerodima.workbench.car.swerve import car_outline
 from aerodima.workbench.car.tail_plant import SAIL_TIP_MARGIN
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.elementwise import maximum
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import AXLES
@@ -48,8 +47,8 @@ class VehicleParams:
 
     Attributes:
         speed: m/s, of the straight before the turn.
-        friction: of the tyres; `slip_speed` over which it is spread, m/s: see `regularised_slip`,
-            for which `slip_angle_scale` is.
+        friction: of the tyres; `slip_speed` over which it is spread, m/s: see
+            `stiction_tolerance`.
         gravity: m/s2; `air_density` kg/m3.
         mass: of all that does not move with the tail, kg.
         centre: its centre of mass in B (3, n), m; `inertia` about the origin of B (3, 3, n), kg m2.
@@ -84,7 +83,6 @@ class VehicleParams:
     speed: FloatArray
     friction: FloatArray
     slip_speed: FloatArray
-    slip_angle_scale: FloatArray
     gravity: FloatArray
     air_density: FloatArray
     mass: FloatArray
@@ -170,16 +168,6 @@ def take(batch: Any, places: Any) -> Any:
     return type(batch)(**{name: take(value, places) for name, value in vars(batch).items()})
 
 
-def regularised_slip(slip_angle_scale: Any, speed: Any) -> Any:
-    """Returns the slip (m/s) over which the friction of tyres is spread at a speed, m/s.
-
-    Args:
-        slip_angle_scale: tangent of the slip angle over which it is spread; 0 for rigid tyres.
-        speed: of the run, m/s.
-    """
-    return maximum(MIN_REGULARISATION_SPEED, slip_angle_scale * speed)
-
-
 def _car(scenario: Scenario) -> dict[str, Any]:
     car = scenario.car
     drive = scenario.drive
@@ -192,12 +180,11 @@ def _car(scenario: Scenario) -> dict[str, Any]:
     board_x = car.board_x + car.board_thickness / 2
     board_y = car.board_width / 2 - car.board_thickness / 2
     low = car.board_height if car.board else FAR_UP
-    slip_angle_scale = math.tan(car.tyre_slip_angle)
+    speed = scenario.manoeuvre.speed
     return {
-        "speed": scenario.manoeuvre.speed,
+        "speed": speed,
         "friction": car.tyre_friction,
-        "slip_speed": regularised_slip(slip_angle_scale, scenario.manoeuvre.speed),
-        "slip_angle_scale": slip_angle_scale,
+        "slip_speed": max(MIN_REGULARISATION_SPEED, stiction_tolerance(car, speed)),
         "gravity": gravity,
         "air_density": scenario.environment.air_density,
         "com_x": car.com_x,

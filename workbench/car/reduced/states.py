@@ -33,6 +33,10 @@ TAIL_RATE = slice(10, 12)
 """Pitch and roll rate of the tail among the rates, rad/s."""
 DEGREES = 12
 """Number of the rates."""
+SPINS = [6, 7, 8, 9]
+"""Rows of the wheels' spin in a matrix of the rates, for its diagonal."""
+JOINTS = [10, 11]
+"""Rows of the tail's joints in such a matrix."""
 EPS_SQRT = 1e-12
 """Under roots, so that they are smooth at 0; m2/s2, or of squared sines."""
 
@@ -67,11 +71,6 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     product[1] = a[2] * b[0] - a[0] * b[2]
     product[2] = a[0] * b[1] - a[1] * b[0]
     return product
-
-
-def dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Returns the scalar product along the first axis."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def up(pitch: FloatArray, roll: FloatArray) -> FloatArray:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from aerodima.workbench.aero.section_laws import LineMotion, plate_force
+from aerodima.workbench.aero.section_laws import LineMotion, dot, plate_force
 from aerodima.workbench.car.laws import (
     joint_friction,
     pd_torque,
@@ -10,7 +10,7 @@ from aerodima.workbench.car.laws import (
 )
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.states import (
-    DEGREES,
+    JOINTS,
     RATES,
     TAIL_RATE,
     Commands,
@@ -19,7 +19,6 @@ from aerodima.workbench.car.reduced.states import (
     W,
     apply,
     cross,
-    dot,
     outer,
     skew,
     tail_axes,
@@ -92,7 +91,7 @@ def _add_tail_inertia(
     PL = outer(P, L)
     about_mount = (dot(P, P) + 2 * dot(P, L)) * eye - outer(P, P) - PL - np.swapaxes(PL, 0, 1)
     mass[W, W] += J + m * about_mount
-    for row, axis in zip(range(DEGREES)[TAIL_RATE], axes, strict=True):
+    for row, axis in zip(JOINTS, axes, strict=True):
         pull = m * cross(axis, L)
         twist = apply(J, axis)
         both = cross(P, pull) + twist
@@ -130,26 +129,23 @@ def _add_joints(
     stiffness (2, n).
     """
     mass, force, damping = terms
-    stiffnesses = []
-    for joint, limit in enumerate((cars.pitch_limit, cars.roll_stop)):
-        row = 10 + joint
-        angle = state[6 + joint]
-        rate = state[RATES][row]
-        target, speed, kp, kd = commands.tail[joint]
-        kp = cars.torque_scale * kp
-        kd = cars.torque_scale * kd
-        asked = pd_torque(angle, rate, target, speed, kp, kd)
-        lower, upper = torque_bounds(rate, cars.torque_limit, cars.stall_torque, cars.no_load_speed)
-        free = (asked < upper) & (asked > lower)
-        friction = joint_friction(rate, cars.coulomb, cars.viscous, cars.tanh_gain)
-        rounded = np.tanh(cars.tanh_gain * rate)
-        slope = cars.viscous + cars.coulomb * cars.tanh_gain * (1.0 - rounded * rounded)
-        beyond = np.maximum(angle - limit, 0.0) + np.minimum(angle + limit, 0.0)
-        inertia = mass[row, row]
-        stopped = (np.abs(angle) >= limit) * inertia
-        stop_damping = 2.0 * STOP_RATE * stopped
-        force[row] += np.clip(asked, lower, upper) + friction
-        force[row] -= inertia * STOP_RATE**2 * beyond + stop_damping * rate
-        damping[row, row] += free * kd + slope + stop_damping
-        stiffnesses.append(free * kp + STOP_RATE**2 * stopped)
-    return np.stack(stiffnesses)
+    angle = state[6:8]
+    rate = state[RATES][TAIL_RATE]
+    target, speed, kp, kd = np.swapaxes(commands.tail, 0, 1)
+    kp = cars.torque_scale * kp
+    kd = cars.torque_scale * kd
+    asked = pd_torque(angle, rate, target, speed, kp, kd)
+    lower, upper = torque_bounds(rate, cars.torque_limit, cars.stall_torque, cars.no_load_speed)
+    free = (asked < upper) & (asked > lower)
+    friction = joint_friction(rate, cars.coulomb, cars.viscous, cars.tanh_gain)
+    rounded = np.tanh(cars.tanh_gain * rate)
+    slope = cars.viscous + cars.coulomb * cars.tanh_gain * (1.0 - rounded * rounded)
+    limit = np.stack([cars.pitch_limit, cars.roll_stop])
+    beyond = np.maximum(angle - limit, 0.0) + np.minimum(angle + limit, 0.0)
+    inertia = mass[JOINTS, JOINTS]
+    stopped = (np.abs(angle) >= limit) * inertia
+    stop_damping = 2.0 * STOP_RATE * stopped
+    force[TAIL_RATE] += np.clip(asked, lower, upper) + friction
+    force[TAIL_RATE] -= inertia * STOP_RATE**2 * beyond + stop_damping * rate
+    damping[JOINTS, JOINTS] += free * kd + slope + stop_damping
+    return free * kp + STOP_RATE**2 * stopped

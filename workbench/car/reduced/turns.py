@@ -13,15 +13,12 @@ from aerodima.workbench.car.reduced.rollout import (
     STEP,
     Rollout,
     heights,
-    over_ground,
     tick_flags,
 )
 from aerodima.workbench.car.reduced.states import RATES, STATES, TAIL_RATE, V, W, up_in_body
 from aerodima.workbench.car.reduced.turn_plans import TurnPlans
 from aerodima.workbench.car.verdict import (
-    exit_share,
     has_flipped,
-    has_left_turn,
     has_settled,
     is_busy,
     is_calm,
@@ -62,11 +59,6 @@ class Turns:
         survived: as the outcome of a full run.
         clean: and tail and board stayed off the ground.
         heading: change from the start of the turn until the car has settled, else to the end, rad.
-        peak_roll: outwards, rad.
-        trigger: when the swing began after the start of the turn, s; NaN when it never did.
-        lowest_tail, lowest_board: least height over the ground, m.
-        course: change from the start of the turn to its exit, rad; `exit_time` s since that start
-            and `sideslip` rad there. NaN without an exit.
         last: states at the end (24, n).
         history: every state (steps, 24, n), when asked for; `loads` of the wheels in these steps
             (steps, 4, n), N.
@@ -75,13 +67,6 @@ class Turns:
     survived: BoolArray
     clean: BoolArray
     heading: FloatArray
-    peak_roll: FloatArray
-    trigger: FloatArray
-    lowest_tail: FloatArray
-    lowest_board: FloatArray
-    course: FloatArray
-    exit_time: FloatArray
-    sideslip: FloatArray
     last: FloatArray
     history: FloatArray | None = None
     loads: FloatArray | None = None
@@ -89,11 +74,6 @@ class Turns:
 
 class TurnRollout(Rollout):
     """Cars in a turn to the left; times are s since the start of the steering.
-
-    Attributes:
-        trigger: when each swing began (n), s; NaN until it does.
-        peak_roll: outwards (n), rad, since `begin_turn`, as the next ones.
-        lowest_tail, lowest_board: least height over the ground (n), m.
 
     Args:
         cars, plans: n of each.
@@ -109,7 +89,6 @@ class TurnRollout(Rollout):
         self._plans = plans
         self._phase = np.full(n, float(SwingState.HOLD))
         self._since, self._start_roll = np.zeros((2, n))
-        self.trigger = np.full(n, np.nan)
         pulse = plans.pulse
         levels = (pulse.steer_angle, pulse.hold, pulse.first_angle, pulse.first_hold)
         self._straight = turn_length(plans.servo_rate, *levels)
@@ -117,15 +96,10 @@ class TurnRollout(Rollout):
 
     def begin_turn(self) -> None:
         """Forgets what was recorded before."""
-        n = self._cars.count
-        self._begun = self.state
+        self._first_yaw = self.state[3]
         self._restless = self._straight
-        self._settled_yaw = np.full(n, np.nan)
-        self._left = np.full(n, np.nan)
-        self._around = np.zeros((2, *self.state.shape))
-        self.peak_roll = np.zeros(n)
-        self.lowest_tail = np.full(n, np.inf)
-        self.lowest_board = np.full(n, np.inf)
+        self._settled_yaw = np.full_like(self._straight, np.nan)
+        self._clearance = np.full_like(self._straight, np.inf)
 
     def tick(self, time: Any) -> None:
         """Asks the law of the tail once."""
@@ -146,7 +120,6 @@ class TurnRollout(Rollout):
             over,
         )
         self._phase, self._since, self._start_roll = phase
-        self.trigger = np.where(phase.state == SwingState.SWING, phase.since, self.trigger)
         still = np.zeros_like(law.hold_kp)
         pitch = np.stack([law.pitch_angle, still, law.hold_kp, law.hold_kd])
         self._command(pitch, np.stack(roll_command(law, phase.state, LEFT)))
@@ -156,25 +129,19 @@ class TurnRollout(Rollout):
         cars = self._cars
         plans = self._plans
         ramp = plans.ramp
-        before = self.state
         angles = wheel_angle(plans.pulse, plans.servo_rate, time + self._length * WITHIN)
         speed = ramp_speed(cars.speed, ramp.duration, ramp.time_constant, time + plans.pulse.start)
         self._drive(np.sum(angles, axis=0) / len(WITHIN), speed / cars.rolling_radius)
-        self._record(time + self._length, before)
+        self._record(time + self._length)
         return self.state, self.loads
 
-    def _record(self, time: Any, before: FloatArray) -> None:
-        """Records peaks, exit and rest at a time; `before` are the states a step before it."""
+    def _record(self, time: Any) -> None:
+        """Records clearance and rest at a time, s."""
         state = self.state
         rates = state[RATES]
-        self.peak_roll = np.maximum(self.peak_roll, state[5])
-        tail, board = heights(state, self._cars)
-        self.lowest_tail = np.minimum(self.lowest_tail, tail)
-        self.lowest_board = np.minimum(self.lowest_board, board)
+        for height in heights(state, self._cars):
+            self._clearance = np.minimum(self._clearance, height)
         w_x, w_y, w_z = rates[W]
-        leaves = np.isnan(self._left) & has_left_turn(time > self._straight, w_z)
-        self._left = np.where(leaves, time, self._left)
-        self._around = np.where(leaves, np.stack([before, state]), self._around)
         pitch_rate, roll_rate = rates[TAIL_RATE]
         motion = {
             "gyro_x_truth_rad_per_s": w_x,
@@ -195,34 +162,12 @@ class TurnRollout(Rollout):
         tilt = np.arccos(np.clip(up_in_body(state)[2], -1.0, 1.0))
         survived = ~has_flipped(self.gone, tilt, ~is_loaded(self.loads).all(axis=0))
         yaw = np.where(np.isnan(self._settled_yaw), state[3], self._settled_yaw)
-        return self._exit() | {
+        return {
             "survived": survived,
-            "clean": survived & (self.lowest_tail > 0.0) & (self.lowest_board > 0.0),
-            "heading": yaw - self._begun[3],
-            "peak_roll": self.peak_roll,
-            "trigger": self.trigger,
-            "lowest_tail": self.lowest_tail,
-            "lowest_board": self.lowest_board,
+            "clean": survived & (self._clearance > 0.0),
+            "heading": yaw - self._first_yaw,
             "last": state,
         }
-
-    def _exit(self) -> dict[str, FloatArray]:
-        """Returns `exit_time`, `course` and `sideslip` of `Turns`."""
-        before, after = self._around
-        earlier = self._left - self._length
-        share = exit_share(before[14], after[14], (self._straight - earlier) / self._length)
-        course, next_course, first_course = (
-            over_ground(state, self._cars.com_x)[0] for state in (before, after, self._begun)
-        )
-        exit_course = course + share * (next_course - course)
-        heading = before[3] + share * (after[3] - before[3])
-        values = {
-            "exit_time": earlier + share * self._length,
-            "course": exit_course - first_course,
-            "sideslip": heading - exit_course,
-        }
-        stays = np.isnan(self._left)
-        return {name: np.where(stays, np.nan, value) for name, value in values.items()}
 
 
 def drive_turns(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial, reduce
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -213,9 +213,9 @@ class TracedArray(np.ndarray):
             return ufunc(*operands)
 
         plain = [_plain(one) for one in inputs]
-        elementwise = np.frompyfunc(of_elements, ufunc.nin, 1)
+        elementwise: Any = np.frompyfunc(of_elements, ufunc.nin, 1, identity=ufunc.identity)
         if method == "reduce":
-            result = _reduced(elementwise, plain[0], axis)
+            result = elementwise.reduce(plain[0], axis=axis)
         else:
             result = elementwise(*plain)
         if out is not None:
@@ -234,23 +234,3 @@ class TracedArray(np.ndarray):
 
 def _plain(values: Any) -> np.ndarray:
     return np.asarray(values).view(np.ndarray)
-
-
-def _reduced(elementwise: Any, values: np.ndarray, axis: Any) -> Any:
-    """Returns values reduced by a function of two along one axis, several (a tuple) or all
-    (None).
-    """
-    axes: Sequence[int]
-    if axis is None:
-        axes = range(values.ndim)
-    elif isinstance(axis, int):
-        axes = (axis,)
-    else:
-        axes = axis
-    for one in sorted((one % values.ndim for one in axes), reverse=True):
-        rows = np.moveaxis(values, one, 0)
-        if len(rows):
-            values = reduce(elementwise, rows)
-        else:
-            values = np.zeros(rows.shape[1:], object)
-    return values
