@@ -100,7 +100,7 @@ def test_heading_is_that_of_the_full_car_once_it_has_settled():
     """The designed tail, held to the outside, turns the car back by another 2 degrees until the end
     of the run.
     """
-    scenario = load_scenario("turn_designed", ("car.tyre_friction=0.5",))
+    scenario = load_scenario("turn_designed", (*HIGH_BODY, "car.tyre_friction=0.5"))
     full = np.degrees(metrics_of(simulate(scenario, record="outcome")).heading_change_rad)
     turns = drive_turns(
         VehicleParams.from_scenarios([scenario]), TurnPlans.from_scenarios([scenario]), history=True
