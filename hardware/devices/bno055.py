@@ -20,7 +20,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.protocol.can_frame import FrameError, check_field
 from aerodima.workbench.core.quantity import STANDARD_GRAVITY
 
 RATE = 100.0
@@ -141,8 +141,7 @@ def make_write(register: int, data: bytes) -> bytes:
 
 def _request(kind: int, register: int, length: int) -> bytes:
     """Returns the head of a request; `FrameError` for a length that the chip refuses."""
-    if not 1 <= length <= _MAX_DATA:
-        raise FrameError(f"BNO055: {length} bytes; allowed is 1 to {_MAX_DATA}")
+    check_field("BNO055 length", length, 1, _MAX_DATA, "bytes")
     return bytes([_START, kind, register, length])
 
 
@@ -176,8 +175,7 @@ def decode_sample(data: bytes) -> Bno055Sample:
             f"{_GRAVITY_TOLERANCE:g}"
         )
     rate = max(map(abs, numbers[0:3])) / _GYRO
-    if rate > _GYRO_RANGE:
-        raise FrameError(f"BNO055 rate of {rate:.3g} rad/s; allowed is {_GYRO_RANGE:g}")
+    check_field("BNO055 rate", rate, 0.0, _GYRO_RANGE, "rad/s")
     sample = Bno055Sample(
         quaternion=quaternion,
         gyro=tuple(value / _GYRO for value in numbers[0:3]),

@@ -23,7 +23,7 @@ from aerodima.hardware.protocol.ak70 import (
     make_reply,
 )
 from aerodima.hardware.protocol.ak70 import decode_command as decode_mit_command
-from aerodima.hardware.protocol.can_frame import CanFrame, FrameError, TimedFrames
+from aerodima.hardware.protocol.can_frame import CanFrame, FrameError, TimedFrames, check_field
 from aerodima.hardware.protocol.teensy import (
     END,
     SERVO_PULSES,
@@ -290,8 +290,7 @@ def pulse(share: float, pulses: tuple[int, int, int]) -> int:
     Raises:
         FrameError: NaN or beyond -1 to 1.
     """
-    if not -1.0 <= share <= 1.0:  # also catches NaN
-        raise FrameError(f"share {share!r} of a pulse: allowed is -1 to 1")
+    check_field("share of a pulse", share, -1.0, 1.0)
     lowest, idle, highest = pulses
     return round(idle + share * ((highest - idle) if share >= 0 else (idle - lowest)))
 

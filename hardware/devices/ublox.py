@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from aerodima.hardware.protocol.byte_stream import cut_frames
-from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.protocol.can_frame import FrameError, check_field
 from aerodima.workbench.core.errors import HardwareError
 
 _START = b"\xb5"
@@ -96,8 +96,8 @@ def decode_nav_pvt(frame: bytes) -> GpsSample:
         clock = message.hour * 3600.0 + message.min * 60.0 + message.second + message.nano * 1e-9
     except Exception as error:  # the library documents no closed set of exceptions
         raise FrameError(f"GPS: no NAV-PVT: {error}") from None
-    if fix and not 0.0 <= speed <= _MAX_SPEED:
-        raise FrameError(f"GPS speed {speed!r} m/s; allowed is 0 to {_MAX_SPEED:g}")
+    if fix:
+        check_field("GPS speed", speed, 0.0, _MAX_SPEED, "m/s")
     return GpsSample(speed if fix else math.nan, fix, clock if known else None)
 
 
@@ -107,8 +107,8 @@ def make_nav_pvt(sample: GpsSample) -> bytes:
     Raises `FrameError` for a speed that is none.
     """
     library = _ubx_library()
-    if sample.fix and not 0.0 <= sample.speed <= _MAX_SPEED:
-        raise FrameError(f"GPS speed {sample.speed!r} m/s; allowed is 0 to {_MAX_SPEED:g}")
+    if sample.fix:
+        check_field("GPS speed", sample.speed, 0.0, _MAX_SPEED, "m/s")
     clock = 0.0 if sample.time_of_day is None else sample.time_of_day
     minutes, seconds = divmod(clock, 60.0)
     hours, minutes = divmod(minutes, 60.0)

@@ -18,7 +18,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
+from aerodima.hardware.protocol.can_frame import CanFrame, FrameError, check_field
 from aerodima.workbench.core.errors import HardwareError
 
 FAULT_NAMES: Mapping[int, str] = MappingProxyType(
@@ -292,11 +292,7 @@ def is_special(data: bytes) -> bool:
 
 def check_motor_id(motor_id: int) -> None:
     """Raises `FrameError` for an id that a motor of this project cannot have."""
-    if (
-        isinstance(motor_id, bool)
-        or not isinstance(motor_id, int)
-        or not MIN_ID <= motor_id <= MAX_ID
-    ):
+    if type(motor_id) is not int or not MIN_ID <= motor_id <= MAX_ID:
         raise FrameError(f"motor id {motor_id!r}: allowed is {MIN_ID} to {MAX_ID}")
 
 
@@ -340,6 +336,5 @@ def _unpack(packed: int, names: Sequence[str], profile: FirmwareProfile) -> list
 
 
 def _encode(name: str, value: float, low: float, high: float, steps: int, unit: str) -> int:
-    if not low <= value <= high:  # also catches NaN
-        raise FrameError(f"{name} {value!r}: allowed is {low:g} to {high:g} {unit}")
+    check_field(name, value, low, high, unit)
     return math.floor((value - low) * steps / (high - low) + 0.5)

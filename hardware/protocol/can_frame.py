@@ -16,6 +16,14 @@ class FrameError(HardwareError, ValueError):
     """Bytes that are not a valid frame of the protocol, or values that no frame can carry."""
 
 
+def check_field(name: str, value: float, low: float, high: float, unit: str = "") -> None:
+    """Raises `FrameError` for a value that its field cannot carry, NaN included; `low` and `high`
+    are allowed.
+    """
+    if not low <= value <= high:
+        raise FrameError(f"{name} {value!r}: allowed is {low:g} to {high:g} {unit}".rstrip())
+
+
 @dataclass(frozen=True, slots=True)
 class CanFrame:
     """One data frame.

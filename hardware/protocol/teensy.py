@@ -28,7 +28,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from aerodima.hardware.protocol.ak70 import COMMAND_FIELDS, MitCommand, check_motor_id
-from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.protocol.can_frame import FrameError, check_field
 
 END = b"|"
 SERVO_PULSES = (950, 1500, 2050)
@@ -248,8 +248,7 @@ def _write_attitude(attitude: Attitude | None) -> str:
     for name in ("roll", "pitch", "lean", "yaw_rate"):
         value = getattr(attitude, name)
         lowest, highest, _ = NUMBERS[name]
-        if not lowest <= value <= highest:
-            raise FrameError(f"Teensy {name} {value!r}: allowed is {lowest:g} to {highest:g}")
+        check_field(f"Teensy {name}", value, lowest, highest)
         numbers.append(_number(name, value))
     numbers.insert(2, str(min(max(attitude.age, 0), _UNKNOWN_AGE - 1)))
     return ";" + ";".join(numbers)
@@ -279,9 +278,9 @@ def _read_number(name: str, field: str) -> float:
     lowest, highest, _ = NUMBERS[name]
     if not _DECIMAL.fullmatch(field) or len(field) > _MAX_DIGITS:
         raise FrameError(f"Teensy {name} {field!r}: is not a decimal number")
-    if not lowest <= float(field) <= highest:
-        raise FrameError(f"Teensy {name} {field}: allowed is {lowest:g} to {highest:g}")
-    return float(field)
+    value = float(field)
+    check_field(f"Teensy {name}", value, lowest, highest)
+    return value
 
 
 def _read_integer(name: str, field: str) -> int:
@@ -310,5 +309,5 @@ def _check_ids(motors: Sequence[MotorOrder | MotorReport]) -> None:
 
 def check_pulse(name: str, pulse: int, pulses: tuple[int, int, int]) -> None:
     """Raises `FrameError` for a pulse (us) that is not within `pulses`."""
-    if isinstance(pulse, bool) or not isinstance(pulse, int) or not pulses[0] <= pulse <= pulses[2]:
+    if type(pulse) is not int or not pulses[0] <= pulse <= pulses[2]:
         raise FrameError(f"{name} pulse {pulse!r} us: allowed is {pulses[0]} to {pulses[2]}")
