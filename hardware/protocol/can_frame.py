@@ -42,10 +42,7 @@ class CanFrame:
         ids = EXTENDED_IDS if self.extended else STANDARD_IDS
         if not 0 <= self.arbitration_id < ids:
             raise FrameError(f"CAN id {self.arbitration_id:#x}: allowed is 0 to {ids - 1:#x}")
-        if len(self.data) > MAX_BYTES:
-            raise FrameError(
-                f"CAN frame of {len(self.data)} bytes: allowed are at most {MAX_BYTES}"
-            )
+        check_field("CAN frame length", len(self.data), 0, MAX_BYTES, "bytes")
 
     def __str__(self) -> str:
         digits = 8 if self.extended else 3

@@ -244,10 +244,7 @@ def decode_report(data: bytes) -> CarReport:
     Raises:
         FrameError: another class or length, an unknown mode or flag, or NaN.
     """
-    if not _HEAD.size <= len(data) <= _MAX_BYTES:
-        raise FrameError(
-            f"car report of {len(data)} bytes; allowed are {_HEAD.size} to {_MAX_BYTES}"
-        )
+    check_field("car report length", len(data), _HEAD.size, _MAX_BYTES, "bytes")
     report_class, _, flags, car, mode, *rest = _HEAD.unpack_from(data)
     if report_class != REPORT_CLASS:
         raise FrameError(f"car report of class {report_class}; allowed is {REPORT_CLASS}")
