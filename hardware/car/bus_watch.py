@@ -92,9 +92,9 @@ class BusWatch:
         """Passes a frame on."""
         return self._port.send(frame, urgent)
 
-    def flush(self, timeout: float = 0.2) -> bool:
-        """Waits until the port has sent everything, at most `timeout` s."""
-        return self._port.flush(timeout)
+    def flush(self) -> bool:
+        """Waits for a short while until the port has sent everything."""
+        return self._port.flush()
 
     def poll(self) -> TimedFrames:
         """Returns the port's frames without the answers of the Teensy."""
@@ -108,13 +108,10 @@ class BusWatch:
     # -- as a watchdog
 
     @property
-    def healthy(self) -> bool:
-        """Returns whether the Teensy answers and has not switched everything off."""
-        return not self.reason
-
-    @property
     def reason(self) -> str:
-        """Reason why it is not healthy; empty while it is."""
+        """Reason not to rely on it; empty while the Teensy answers and has not switched everything
+        off.
+        """
         # Until the bus was last looked at: a loop that stood still since then is no silence of the
         # Teensy.
         waited = 0.0 if self._unanswered_since is None else self._polled - self._unanswered_since
@@ -132,7 +129,7 @@ class BusWatch:
 
         Raises `HardwareError` if it does not answer, or has acted.
         """
-        if not self.healthy:
+        if self.reason:
             raise HardwareError(self.reason)
         self._send(HeartbeatState.ARMED)
 
@@ -150,7 +147,7 @@ class BusWatch:
 
     def _send(self, state: HeartbeatState) -> None:
         self._state = state
-        self._counter = (self._counter + 1) % 256
+        self._counter += 1
         if self._unanswered_since is None:
             self._unanswered_since = time.monotonic()
         self._port.send(make_heartbeat(state, self._counter))
@@ -160,9 +157,8 @@ class BusWatch:
             status, counter = decode_answer(frame)
         except FrameError:
             return
-        if (
-            self._counter - counter
-        ) % 256 < 128:  # an answer that waited in a buffer still shows that it lives
+        # An answer that waited in a buffer still shows that it lives.
+        if (self._counter - counter) % 256 < 128:
             self._status = status
             self._unanswered_since = None
             self.answers += 1

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from aerodima.hardware.devices.bno055 import Bno055Sample
+from aerodima.hardware.devices.motor_limits import clip
 from aerodima.hardware.devices.teensy_link import pulse
 from aerodima.hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
 from aerodima.workbench.core.array_types import FloatArray
@@ -72,12 +73,12 @@ class Mounting(QuantityModel):
 
     def servo_pulse(self, steering_angle: float) -> int:
         """Pulse (us) of a steering angle (rad, left positive), clipped to the servo's reach."""
-        share = min(1.0, max(-1.0, steering_angle / self.steering_range))
+        share = clip(steering_angle / self.steering_range, 1.0)
         return pulse(self.steering_direction * share, SERVO_PULSES)
 
     def throttle_pulse(self, throttle: float) -> int:
         """Pulse (us) of a throttle, clipped to -1..1."""
-        return pulse(self.throttle_direction * min(1.0, max(-1.0, throttle)), THROTTLE_PULSES)
+        return pulse(self.throttle_direction * clip(throttle, 1.0), THROTTLE_PULSES)
 
     # -- written by an emulator, which has Drake
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from aerodima.hardware.car.mounting import Mounting
 from aerodima.hardware.car.wiring import (
+    PERIOD,
     CarCommand,
     CarReader,
     CarReading,
@@ -28,8 +29,6 @@ from aerodima.workbench.scenario.signal_table import IMU, STATUS
 
 _LAST_FRAMES = 5
 """Strings with throttle 0 and exit that are sent at the end, one every 10 ms."""
-_CYCLE = 0.01
-"""Time between two cycles, s."""
 
 
 class WiredCar:
@@ -143,14 +142,12 @@ class WiredCar:
         `start`.
         """
         watchdog = None if self.devices is None else self.devices.watchdog
-        return "" if watchdog is None or watchdog.healthy else watchdog.reason
+        return "" if watchdog is None else watchdog.reason
 
     @property
     def motors(self) -> tuple[Motor, ...]:
         """The motors of the tail, pitch and roll; empty while the car is not started."""
-        if self.devices is None:
-            return ()
-        return self.devices.group.motors
+        return () if self.devices is None else self.devices.group.motors
 
     def replies(self, motor_id: int) -> TimedFrames:
         """Returns the newest frames that name a motor, with their arrival (s), oldest first."""
@@ -201,7 +198,7 @@ class WiredCar:
         if devices.group.port is not devices.teensy:
             devices.teensy.poll()
         _watch(devices, now)
-        devices.imu.align(now + _CYCLE)
+        devices.imu.align(now + PERIOD)
         self.reading = self._reader.read(devices, now, self._released)
         return self.reading
 
@@ -261,7 +258,7 @@ class WiredCar:
             with quietly:
                 devices.teensy.set_pulses(SERVO_PULSES[1], THROTTLE_PULSES[1])
                 devices.teensy.commit()
-            time.sleep(_CYCLE)
+            time.sleep(PERIOD)
         with quietly:
             off = group.port.flush() and not group.port.fault and group.off_confirmed
         if devices.watchdog is not None:
@@ -287,7 +284,7 @@ def _watch(devices: Devices, now: float) -> None:
     if watchdog is None:
         return
     if any(motor.state in ENERGISED for motor in motors):
-        if not watchdog.healthy:
+        if watchdog.reason:
             for motor in motors:
                 motor.set_fault(MotorFault.BUS, watchdog.reason, now)
         watchdog.heartbeat()

@@ -49,6 +49,8 @@ _Sources = dict[str, tuple[float, int, str]]
 """Age (s), fault and fault in words, by the name of the source."""
 WiringName = Literal["teensy_bridge", "watched_can"]
 WIRINGS: tuple[WiringName, ...] = get_args(WiringName)
+PERIOD = 0.01
+"""Time between two cycles of every loop that talks to the car, s."""
 _FORCE_SHARE = 0.05
 """Weight of a sample in the mean force: 0.2 s at 100 Hz. A car that lies is beyond 60 degrees after
 that time; an impact of 4 g for 50 ms, or a drive at 1.5 g, is not."""
@@ -184,9 +186,9 @@ class CarReader:
         pitch, roll = self._tail
         tail_state = np.array([pitch[0], roll[0], sail, pitch[1], roll[1], sail_rate])
         sources = _sources(devices, now)
+        texts = {name: text for name, (_, _, text) in sources.items()}
         status = {"armed": float(devices.group.ready if motors else released)}
-        for source in STATUS_SOURCES:
-            age, fault, _ = sources.get(source, (0.0, SourceFault.NOT_FITTED, ""))
+        for source, (age, fault, _) in sources.items():
             status |= {f"{source}_age": age, f"{source}_fault": float(fault)}
         return CarReading(
             tail_state=tail_state,
@@ -195,9 +197,9 @@ class CarReader:
             speed=self._speed,
             status=STATUS.write(**status),
             operator=IDLE if devices.radio is None else devices.radio.command,
-            fault_text=_worst(devices, sources),
+            fault_text=_worst(devices, texts),
             lean=self._lean,
-            fault_texts={name: text for name, (_, _, text) in sources.items()},
+            fault_texts=texts,
         )
 
     def _lean_of(self, sample: Bno055Sample) -> float:
@@ -213,15 +215,14 @@ class CarReader:
 
 
 def _sources(devices: Devices, now: float) -> _Sources:
-    """Returns age (s), fault, and the fault in words, of every source that is fitted."""
+    """Returns age (s), fault, and the fault in words, of every source."""
     teensy = devices.teensy
     imu = devices.imu
     gps = devices.gps
     radio = devices.radio
-    sources: _Sources = {
-        "sail": (teensy.age(now), teensy.fault, teensy.fault_text),
-        "imu": (imu.age(now), *imu.fault(now)),
-    }
+    sources: _Sources = dict.fromkeys(STATUS_SOURCES, (0.0, SourceFault.NOT_FITTED, ""))
+    sources["sail"] = teensy.age(now), teensy.fault, teensy.fault_text
+    sources["imu"] = imu.age(now), *imu.fault(now)
     for name, motor in zip(("tail_pitch", "tail_roll"), devices.group.motors, strict=False):
         sources[name] = motor.age(now), motor.fault, motor.fault_text
     if gps is not None:
@@ -235,16 +236,15 @@ def _sources(devices: Devices, now: float) -> _Sources:
     return sources
 
 
-def _worst(devices: Devices, sources: _Sources) -> str:
+def _worst(devices: Devices, texts: dict[str, str]) -> str:
     """Returns the fault that is reported: an emergency stop before all others, then motors, Teensy,
     operator, IMU, GPS.
     """
-    operator, imu, speed = (
-        sources.get(name, (0.0, 0, ""))[2] for name in ("operator", "imu", "speed")
-    )
-    stop = operator if devices.radio is not None and devices.radio.stopped else ""
-    texts = (stop, devices.group.fault_text, devices.teensy.fault_text, operator, imu, speed)
-    return next((text for text in texts if text), "")
+    stopped = devices.radio is not None and devices.radio.stopped
+    others = [texts[name] for name in ("operator", "imu", "speed")]
+    first = others[:1] if stopped else []
+    ordered = [*first, devices.group.fault_text, devices.teensy.fault_text, *others]
+    return next(filter(None, ordered), "")
 
 
 class _SailRate:
@@ -308,7 +308,7 @@ class CarReporter:
         tail = TAIL_STATE.read(reading.tail_state)
         imu = IMU.read(reading.imu)
         torque = TAIL_TORQUE.read(reading.tail_torque)
-        codes = [int(getattr(status, f"{source}_fault")) for source in STATUS_SOURCES]
+        codes = np.minimum(reading.status[1::2], _UNKNOWN_FAULT)
         text = reading.fault_text
         if not text and prompt is OperatorPrompt.RETURN_TO_IDLE:
             text = _REST_FIRST
@@ -316,7 +316,7 @@ class CarReporter:
             armed=status.armed == 1.0,
             stopped=stopped,
             mode=reading.operator.mode,
-            faults=tuple(min(code, _UNKNOWN_FAULT) for code in codes),
+            faults=tuple(codes.astype(int).tolist()),
             yaw_rate=imu.gyro_z,
             roll=imu.roll,
             tail_pitch=tail.pitch_angle,

@@ -10,25 +10,11 @@ import typer
 
 from aerodima.workbench.cli import options as cli
 
-
-def _wirings() -> list[str]:
-    from aerodima.hardware.car.wiring import WIRINGS
-
-    return list(WIRINGS)
-
-
 Ports = Annotated[
     Path,
     typer.Option(help="Ports file (JSON): which device is where, ids and zeros of the motors."),
 ]
-Wiring = Annotated[
-    str,
-    typer.Option(
-        metavar="teensy_bridge|watched_can",
-        help="How the motors are wired.",
-        autocompletion=_wirings,
-    ),
-]
+Wiring = Annotated[str, cli.chosen("How the motors are wired.", "teensy_bridge", "watched_can")]
 Arm = Annotated[bool, typer.Option("--arm", help="Arm without asking on the terminal.")]
 
 

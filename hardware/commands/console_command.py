@@ -109,7 +109,7 @@ def _serve(
     car: EmulatedCarProcess | None,
 ) -> None:
     """Serves the page on the open socket until it is interrupted."""
-    from aerodima.hardware.console.console import Console, Limits
+    from aerodima.hardware.console.console import Console
     from aerodima.hardware.console.console_server import run_server
     from aerodima.hardware.console.operator_radio import OperatorRadio
     from aerodima.hardware.console.page_access import Access
@@ -117,7 +117,11 @@ def _serve(
     from aerodima.hardware.transport.serial_link import SerialLink
 
     device, number = _radio_device(options if car is None else replace(options, ports=car.ports))
-    limits = Limits(scenario.servo.limit, scenario.tail.pitch_limit, scenario.tail.roll_limit)
+    limits = {
+        "steering": scenario.servo.limit,
+        "pitch": scenario.tail.pitch_limit,
+        "roll": scenario.tail.roll_limit,
+    }
     with lock_devices([device.path], "a console"), closing(SerialLink.open(device)) as link:
         served = Console(OperatorRadio(link, device.receiver, number), record, limits, car)
         access = Access(listener.getsockname()[1])

@@ -18,8 +18,7 @@ from typer.core import TyperGroup
 from aerodima import hardware
 from aerodima.hardware.commands.car_options import Arm, CarOptions
 from aerodima.workbench.cli import options as cli
-from aerodima.workbench.core.atomic_write import make_folder, refuse_existing
-from aerodima.workbench.core.errors import HardwareError, LogError, UserError
+from aerodima.workbench.core.errors import HardwareError, UserError
 from aerodima.workbench.core.resources import models_dir
 from aerodima.workbench.core.terminal import say
 
@@ -141,7 +140,9 @@ def run(scenario: DriveScenario, car: CarOptions, plan: PlanOptions, arm: Arm = 
 
     Example: aerodima drive run auto_turn --ports car.json --out run.parquet
     """
-    _drive(scenario, car, plan, confirm=None if arm else _may_arm)
+    from aerodima.hardware.driving.arming import may_arm
+
+    _drive(scenario, car, plan, confirm=None if arm else may_arm)
 
 
 @cli.grouped
@@ -193,9 +194,7 @@ def _drive(
             f"--traffic {plan.traffic}: the frames are on the Teensy's bus; allowed with "
             "watched_can"
         )
-    refuse_existing(plan.out, plan.force, LogError)
-    make_folder(plan.out.parent, LogError)
-    out = plan.out.absolute()  # a controller may change the working folder
+    out = plan.out.absolute()
     options = DriveOptions(out, plan.force, dry_run, not plan.no_drake, confirm, law_name=law_name)
     wired = hardware.connect(ports, scenario, wiring, plan.traffic)
     session = DriveSession(wired, scenario, ports, options, say, law=law, build=build)
@@ -228,11 +227,12 @@ def zero(scenario: DriveScenario, car: CarOptions, arm: Arm = False) -> None:
 
     Example: aerodima drive zero auto_turn --ports car.json
     """
+    from aerodima.hardware.driving.arming import typed
     from aerodima.hardware.driving.motor_zero import joint_angles, read_motor_angles, write_zeros
 
     _, ports, wiring, _ = _load(scenario, car)
     question = "hold the tail exactly upright, its motors are off; type zero to read its angles"
-    if not arm and _typed(question) != "zero":
+    if not arm and typed(question) != "zero":
         raise HardwareError("zero: nobody said that the tail is held upright; nothing was written")
     angles = read_motor_angles(ports, wiring)
     for joint, angle in joint_angles(ports, angles).items():
@@ -264,19 +264,18 @@ def motor_test(
     from aerodima.hardware.driving.motor_test import run_motor_test
 
     loaded, ports, wiring, _ = _load(scenario, car)
-    tested = next((name for name in JOINTS if name == joint), None)
-    if tested is None or loaded.tail.mode == "none":
+    if joint not in JOINTS or loaded.tail.mode == "none":
         raise HardwareError(
             f"--joint {joint}: must be {' or '.join(JOINTS)}, with a scenario that has a tail"
         )
     _ask_to_arm(arm)
     wired = hardware.connect(ports, loaded, wiring)
     confirm, _ = _confirmation_prompt(ports, wiring)
-    result = run_motor_test(wired, tested, say, confirm)
+    result = run_motor_test(wired, joint, say, confirm)
     moved = f"moved by {math.degrees(result.moved):+.1f} degrees"
     torque = f"torque {result.torque:+.2f} N m where {result.wanted:+.2f} is asked for"
     degrees = "not reported" if result.temperature is None else f"{result.temperature:g} degC"
-    say(f"{tested}: well: {moved}, {torque}, temperature {degrees}")
+    say(f"{joint}: well: {moved}, {torque}, temperature {degrees}")
 
 
 @cli.grouped
@@ -349,22 +348,13 @@ def _confirmation_prompt(ports: CarPorts, wiring: WiringName) -> tuple[Callable[
 
 
 def _ask_to_arm(arm: bool) -> None:
-    if not arm and not _may_arm():
+    from aerodima.hardware.driving.arming import may_arm
+
+    if not arm and not may_arm():
         raise HardwareError("not armed: nobody said that the motors may be switched on")
 
 
-def _may_arm() -> bool:
-    return _typed("keep clear of the tail; type arm to switch the motors on") == "arm"
-
-
 def _confirm(question: str) -> bool:
-    return _typed(f"{question} [y/N]").lower() in ("y", "yes")
+    from aerodima.hardware.driving.arming import typed
 
-
-def _typed(question: str) -> str:
-    """Returns what is typed after a question; nothing where nobody is there to answer."""
-    say(f"{question}:")  # `input` would wait for a terminal that takes no output
-    try:
-        return input().strip()
-    except EOFError:
-        return ""
+    return typed(f"{question} [y/N]").lower() in ("y", "yes")

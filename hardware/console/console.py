@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import json
 import time
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final, TextIO
 
@@ -32,21 +31,13 @@ GONE_AFTER: Final = 2.0
 asleep."""
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Ranges of the sliders, rad; throttle is -1 to 1."""
-
-    steering: float
-    pitch: float
-    roll: float
-
-
 class Console:
     """Pages, radio, record and the car, if it is one that is started here.
 
     Pages are known by a number. One controls, the first one at the beginning; any number look on.
 
     Args:
+        limits: ranges of the sliders `steering`, `pitch` and `roll`, rad; throttle is -1 to 1.
         car: whose drive the console starts and ends; None where the car is armed beside it.
 
     Attributes:
@@ -57,7 +48,7 @@ class Console:
         self,
         radio: OperatorRadio,
         record: ConsoleRecord,
-        limits: Limits,
+        limits: dict[str, float],
         car: EmulatedCarProcess | None = None,
     ) -> None:
         self.radio = radio
@@ -169,7 +160,7 @@ class Console:
 
     def welcome(self) -> Json:
         """Returns what a page must know once."""
-        return {"type": "welcome", "limits": asdict(self._limits), "view": self.view}
+        return {"type": "welcome", "limits": self._limits, "view": self.view}
 
     def _control_is_free(self, now: float) -> bool:
         """Returns whether the controlling page has gone."""

@@ -156,7 +156,7 @@ class EmulatedCarProcess:
 
     def disarm(self) -> None:
         """Ends the drive in order, motors first."""
-        if self._drive is not None and self._drive.poll() is None:
+        if self._drive is not None and self.driving:
             self._drive.send_signal(signal.SIGINT)
 
     def close(self) -> None:

@@ -20,7 +20,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.protocol.can_frame import FrameError, check_field
 from aerodima.workbench.core.quantity import STANDARD_GRAVITY
 
 RATE = 100.0
@@ -46,7 +46,11 @@ WRITE_DONE = 0x01
 _STATUS_CODES = range(0x01, 0x0B)
 """Codes behind `EE`: write done, then nine kinds of failure (data sheet table 4-2, UART
 protocol)."""
-_SAMPLE = struct.Struct("<3h3h4h3h3hbB")
+_SAMPLE = struct.Struct("<3h6x4h3h3hbB")
+"""Gyro, Euler angles that nobody reads, quaternion, acceleration, gravity, temperature,
+calibration."""
+_TEMPERATURE = 25
+"""Temperature of an emulated chip, degrees Celsius."""
 _GYRO = 900.0
 """Counts of the gyro per rad/s."""
 _QUATERNION = 16384.0
@@ -98,14 +102,12 @@ class Bno055Sample:
         quaternion: (w, x, y, z), turns chip axes into the world's, z up; unit length.
         gyro: rad/s.
         acceleration: m/s2, gravity removed.
-        temperature: degrees Celsius.
         calibration: 0 (none) to 3 (full) of system, gyro, accelerometer, magnetometer.
     """
 
     quaternion: tuple[float, ...]
     gyro: tuple[float, ...]
     acceleration: tuple[float, ...]
-    temperature: int = 25
     calibration: tuple[int, ...] = (3, 3, 3, 3)
 
     @cached_property
@@ -141,8 +143,7 @@ def make_write(register: int, data: bytes) -> bytes:
 
 def _request(kind: int, register: int, length: int) -> bytes:
     """Returns the head of a request; `FrameError` for a length that the chip refuses."""
-    if not 1 <= length <= _MAX_DATA:
-        raise FrameError(f"BNO055: {length} bytes; allowed is 1 to {_MAX_DATA}")
+    check_field("BNO055 length", length, 1, _MAX_DATA, "bytes")
     return bytes([_START, kind, register, length])
 
 
@@ -160,30 +161,28 @@ def decode_sample(data: bytes) -> Bno055Sample:
     """
     if len(data) != SAMPLE_BYTES:
         raise FrameError(f"BNO055 sample of {len(data)} bytes; allowed is {SAMPLE_BYTES}")
-    numbers = _SAMPLE.unpack(data)
-    quaternion = tuple(value / _QUATERNION for value in numbers[6:10])
+    *numbers, _, levels = _SAMPLE.unpack(data)
+    gyro = tuple(value / _GYRO for value in numbers[0:3])
+    quaternion = tuple(value / _QUATERNION for value in numbers[3:7])
     norm = math.hypot(*quaternion)
     if abs(norm - 1.0) > _NORM_TOLERANCE:
         raise FrameError(
             f"BNO055 quaternion of length {norm:.3g}: the fusion does not run, or bytes were "
             "damaged"
         )
-    reported = tuple(value / _ACCELERATION for value in numbers[13:16])
+    reported = tuple(value / _ACCELERATION for value in numbers[10:13])
     gravity = math.hypot(*reported)
     if abs(gravity - STANDARD_GRAVITY) > _GRAVITY_TOLERANCE:
         raise FrameError(
             f"BNO055 gravity of {gravity:.3g} m/s2; allowed is {STANDARD_GRAVITY:g} +- "
             f"{_GRAVITY_TOLERANCE:g}"
         )
-    rate = max(map(abs, numbers[0:3])) / _GYRO
-    if rate > _GYRO_RANGE:
-        raise FrameError(f"BNO055 rate of {rate:.3g} rad/s; allowed is {_GYRO_RANGE:g}")
+    check_field("BNO055 rate", max(map(abs, gyro)), 0.0, _GYRO_RANGE, "rad/s")
     sample = Bno055Sample(
         quaternion=quaternion,
-        gyro=tuple(value / _GYRO for value in numbers[0:3]),
-        acceleration=tuple(value / _ACCELERATION for value in numbers[10:13]),
-        temperature=numbers[16],
-        calibration=tuple(numbers[17] >> shift & 3 for shift in (6, 4, 2, 0)),
+        gyro=gyro,
+        acceleration=tuple(value / _ACCELERATION for value in numbers[7:10]),
+        calibration=tuple(levels >> shift & 3 for shift in (6, 4, 2, 0)),
     )
     if math.dist(reported, STANDARD_GRAVITY * sample.rotation[2]) > _DIRECTION_TOLERANCE:
         raise FrameError("BNO055 gravity points elsewhere than its quaternion says")
@@ -196,23 +195,19 @@ def encode_sample(sample: Bno055Sample) -> bytes:
     Values beyond their 16 bits are cut off as the chip does.
 
     Raises:
-        FrameError: NaN, infinity, or a calibration that is not 0 to 3.
+        FrameError: NaN or infinity.
     """
     values = (*sample.quaternion, *sample.gyro, *sample.acceleration)
     if not all(math.isfinite(value) for value in values):
         raise FrameError(f"BNO055 sample {sample}: must be finite")
-    if not all(0 <= level <= 3 for level in sample.calibration):
-        raise FrameError(f"BNO055 calibration {sample.calibration}: allowed is 0 to 3")
     gyro = _words(sample.gyro, _GYRO)
-    euler = (0, 0, 0)  # which nobody reads
     quaternion = _words(sample.quaternion, _QUATERNION)
     acceleration = _words(sample.acceleration, _ACCELERATION)
     gravity = _words(sample.rotation[2] * STANDARD_GRAVITY, _ACCELERATION)
-    temperature = max(-128, min(127, sample.temperature))
     levels = 0
     for level in sample.calibration:
         levels = levels << 2 | level
-    return _SAMPLE.pack(*gyro, *euler, *quaternion, *acceleration, *gravity, temperature, levels)
+    return _SAMPLE.pack(*gyro, *quaternion, *acceleration, *gravity, _TEMPERATURE, levels)
 
 
 def _words(values: Iterable[float], counts: float) -> list[int]:

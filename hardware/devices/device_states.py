@@ -71,21 +71,16 @@ class FramePort(Protocol):
     @property
     def fault(self) -> int:
         """0 while the bus can be trusted."""
-        ...
 
     @property
     def fault_text(self) -> str:
         """The fault in words."""
-        ...
 
     def send(self, frame: CanFrame, urgent: bool = False) -> bool:
         """Takes a frame and returns at once; see `CanBus.send`."""
-        ...
 
     def poll(self) -> TimedFrames:
         """Returns frames since the last call with their arrival, s, monotonic."""
-        ...
 
-    def flush(self, timeout: float = ...) -> bool:
-        """Waits at most `timeout` s until all frames have left."""
-        ...
+    def flush(self) -> bool:
+        """Waits for a short while until all frames have left; returns whether they have."""

@@ -5,7 +5,7 @@ switches off all.
 from collections import deque
 from collections.abc import Sequence
 
-from aerodima.hardware.devices.device_states import ENERGISED, FramePort, MotorFault, MotorState
+from aerodima.hardware.devices.device_states import FramePort, MotorFault, MotorState
 from aerodima.hardware.devices.motor_settings import MotorSettings
 from aerodima.hardware.devices.tail_motor import Motor
 from aerodima.hardware.protocol.can_frame import CanFrame
@@ -106,8 +106,6 @@ class MotorGroup:
     def _switch_off_together(self, now: float) -> None:
         for faulted in self.motors:
             if faulted.state is MotorState.FAULTED:
+                text = f"switched off with {faulted.fault_text}"
                 for motor in self.motors:
-                    if motor.state in ENERGISED:
-                        motor.set_fault(
-                            MotorFault.OTHER_MOTOR, f"switched off with {faulted.fault_text}", now
-                        )
+                    motor.set_fault(MotorFault.OTHER_MOTOR, text, now)

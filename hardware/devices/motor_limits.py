@@ -54,8 +54,8 @@ def limit_command(
         max_torque: torque that is allowed now, N m; the settings' limit when None.
     """
     limit = settings.torque_limit if max_torque is None else max_torque
-    velocity = _clip(command.velocity, settings.safety.speed_limit)
-    torque = _clip(command.torque, limit)
+    velocity = clip(command.velocity, settings.safety.speed_limit)
+    torque = clip(command.torque, limit)
     if position >= settings.high:
         velocity = min(velocity, 0.0)
         torque = min(torque, 0.0)
@@ -92,7 +92,8 @@ def to_motor(command: MitCommand, settings: MotorSettings) -> MitCommand:
     )
 
 
-def _clip(value: float, limit: float) -> float:
+def clip(value: float, limit: float) -> float:
+    """Limits a value to `limit` on either side of 0."""
     return min(max(value, -limit), limit)
 
 
@@ -110,12 +111,12 @@ class MotorLoad:
     def __init__(self, rated: float, budget: float) -> None:
         self._rated = rated
         self._budget = budget
-        self._time: float | None = None
+        self._time = math.inf
         self.used = 0.0
 
     def add(self, torque: float, now: float) -> None:
         """Adds a measured torque (N m) at `now`, s."""
-        span = 0.0 if self._time is None else max(0.0, now - self._time)
+        span = max(0.0, now - self._time)
         self.used = max(0.0, self.used + (torque * torque - self._rated * self._rated) * span)
         self._time = now
 

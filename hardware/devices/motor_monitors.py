@@ -66,6 +66,8 @@ class TrackingMonitor:
         while len(self._recent) > 1 and self._recent[1][0] <= now - _RECENT:
             self._recent.popleft()
         torques = [commanded_torque(recent, position, speed) for _, recent in self._recent]
+        least = min(torques)
+        most = max(torques)
         wanted = min(torques, key=abs)
         delivered = torque if wanted >= 0 else -torque
         weak = abs(wanted) > safety.follow_torque and delivered < safety.follow_share * abs(wanted)
@@ -73,38 +75,25 @@ class TrackingMonitor:
         error = command.position - position
         behind = command.kp > 0 and abs(error) > safety.tracking_error and error * speed <= 0.0
         behind_for = self._behind.update(behind, now)
-        lower, upper = self._plausible(min(torques), max(torques))
+        inaccuracy = 1.0 - safety.torque_share
+        lower = least - inaccuracy * abs(least) - safety.torque_margin
+        upper = most + inaccuracy * abs(most) + safety.torque_margin
         if lower <= torque <= upper:
             self._implausible = 0
         else:
             self._implausible += 1
+        reported = f"does not follow: {torque:.1f} N m reported where"
         if self._implausible >= safety.strange_replies:
-            asked = f"{min(torques):.1f} to {max(torques):.1f}"
-            why = "is it off, or are its replies old?"
-            return f"does not follow: {torque:.1f} N m reported where {asked} are commanded; {why}"
+            asked = f"{least:.1f} to {most:.1f}"
+            return f"{reported} {asked} are commanded; is it off, or are its replies old?"
         if weak_for >= safety.follow_time:
-            return (
-                f"does not follow: {torque:.1f} N m reported where {wanted:.1f} are commanded; "
-                "is it off?"
-            )
+            return f"{reported} {wanted:.1f} are commanded; is it off?"
         if behind_for >= safety.tracking_time:
             return (
                 f"does not follow: {error:+.2f} rad from its command; allowed is "
                 f"{safety.tracking_error:g}"
             )
         return ""
-
-    def _plausible(self, lower: float, upper: float) -> tuple[float, float]:
-        """Returns the torques (N m) that a motor may report which is asked for `lower` to
-        `upper`.
-        """
-        safety = self._safety
-        less = safety.torque_share
-        more = 2.0 - safety.torque_share
-        return (
-            min(less * lower, more * lower) - safety.torque_margin,
-            max(less * upper, more * upper) + safety.torque_margin,
-        )
 
 
 class ReplyCount:
@@ -122,7 +111,7 @@ class ReplyCount:
 
     def __init__(self, memory: float) -> None:
         self._memory = memory
-        self._unanswered: deque[list[float]] = deque()
+        self._unanswered: deque[float] = deque()
         self.extra = 0
 
     def clear(self) -> None:
@@ -132,17 +121,12 @@ class ReplyCount:
 
     def add(self, frames: int, replies: int, now: float) -> None:
         """Adds what was sent and received in a cycle that ends at `now`, s."""
-        while self._unanswered and now - self._unanswered[0][0] > self._memory:
+        while self._unanswered and now - self._unanswered[0] > self._memory:
             self._unanswered.popleft()
-        if frames:
-            self._unanswered.append([now, frames])
+        self._unanswered.extend([now] * frames)
         while replies and self._unanswered:
-            oldest = self._unanswered[0]
-            paid = min(replies, int(oldest[1]))
-            replies -= paid
-            oldest[1] -= paid
-            if not oldest[1]:
-                self._unanswered.popleft()
+            self._unanswered.popleft()
+            replies -= 1
         # without frames of its own a motor may still be asked by the Teensy, which repeats its last
         # order
         if frames:

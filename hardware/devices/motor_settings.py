@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from aerodima.hardware.protocol.ak70 import MAX_ID, FirmwareProfile, check_motor_id
+from aerodima.hardware.protocol.ak70 import MAX_ID, FirmwareProfile
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.core.quantity import QuantityModel, quantity
 from aerodima.workbench.core.resources import model_path
@@ -101,8 +101,7 @@ class MotorSettings:
         zero: motor angle at joint angle 0, rad.
 
     Raises:
-        HardwareError: a range that the profile cannot express, an id not allowed, a direction other
-            than +1 and -1.
+        HardwareError: a range that the profile cannot express.
     """
 
     name: str
@@ -121,21 +120,15 @@ class MotorSettings:
     zero: float = 0.0
 
     def __post_init__(self) -> None:
-        check_motor_id(self.motor_id)
-        if self.direction not in (1, -1):
-            raise HardwareError(f"{self.name}: direction {self.direction!r}; allowed is 1 or -1")
-        if not self.low < self.high:
-            raise HardwareError(f"{self.name}: range {self.low:g} to {self.high:g} rad is empty")
         ends = (self.motor_angle(self.low), self.motor_angle(self.high))
         # Below this a command looks like a reply of the motor, see
         # `aerodima.hardware.protocol.ak70.MAX_ID`.
         lowest = self.profile.position * (2 * (MAX_ID + 1) / 256 - 1)
         if not lowest < min(ends) or not max(ends) < self.profile.position:
+            allowed = f"{lowest:.3g} to {self.profile.position:g} rad"
             raise HardwareError(
                 f"{self.name}: motor angles {min(ends):.3g} to {max(ends):.3g} rad; firmware "
-                "profile "
-                f"{self.profile.name} allows {lowest:.3g} to {self.profile.position:g} rad: set "
-                "the zero nearer"
+                f"profile {self.profile.name} allows {allowed}: set the zero nearer"
             )
 
     def motor_angle(self, joint: float) -> float:

@@ -6,11 +6,14 @@ Each thread keeps one serial device open and its newest sample at hand.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import Generic, TypeVar
+
+from serial import Serial
 
 from aerodima.hardware.devices.attitude_monitor import AttitudeMonitor
 from aerodima.hardware.devices.bno055 import (
@@ -32,13 +35,9 @@ from aerodima.hardware.devices.bno055 import (
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.ublox import GpsSample, GpsStream
 from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.transport.serial_link import RECONNECT
 from aerodima.workbench.core.errors import HardwareError
 
-if TYPE_CHECKING:
-    from serial import Serial
-
-_RECONNECT = 0.25
-"""Wait after a lost device before the next attempt, s."""
 _CLOSE = 0.5
 """Longest wait for the thread when a sensor is closed, s."""
 
@@ -188,15 +187,12 @@ class SensorThread(Generic[T]):
         self._lose("closed")
 
     def _lose(self, reason: str) -> None:
+        self.error = " ".join(reason.split())
         port = self._port
         self._port = None
-        if port is None:
-            return
-        self.error = " ".join(reason.split())
-        try:
-            port.close()
-        except Exception as error:  # a device that has gone cannot be closed properly
-            self.error = f"{self.error}; closing: {error}"
+        if port is not None:
+            with contextlib.suppress(Exception):  # one that has gone cannot be closed properly
+                port.close()
 
     def _run(self) -> None:
         ready = False
@@ -215,8 +211,7 @@ class SensorThread(Generic[T]):
             # pyserial raises OSError, TypeError and others on a lost device.
             except Exception as error:
                 self._lose(str(error))
-                self.error = " ".join(str(error).split())
-                self._closing.wait(_RECONNECT)
+                self._closing.wait(RECONNECT)
 
 
 class Bno055Session(Session[Bno055Sample]):

@@ -24,6 +24,7 @@ from aerodima.hardware.devices.direction_probe import DirectionProbe
 from aerodima.hardware.devices.motor_limits import (
     MotorLoad,
     check_command,
+    clip,
     limit_command,
     scale_gains,
     to_motor,
@@ -141,16 +142,13 @@ class Motor:
         try:
             check_command(command)
             self._ramp = self._ramped(command, now)
-            limited = self._limited(
-                command if self._ramp is None else replace(command, position=self._ramp), now
-            )
-            frame = self._frame(limited)
+            if self._ramp is not None:
+                command = replace(command, position=self._ramp)
+            self._send_command(self._limited(command, now))
         except HardwareError as error:
             self.set_fault(MotorFault.BAD_COMMAND, str(error), now)
             return False
         self._command_time = now
-        self._command = limited
-        self._send(frame)
         return True
 
     def set_hold(self, now: float) -> None:
@@ -209,10 +207,11 @@ class Motor:
             scale_gains(command, fraction), self.position, self.speed, self.settings, max_torque
         )
 
-    def _frame(self, limited: MitCommand) -> CanFrame:
-        return make_command(
-            self.settings.motor_id, to_motor(limited, self.settings), self.settings.profile
-        )
+    def _send_command(self, limited: MitCommand) -> None:
+        settings = self.settings
+        frame = make_command(settings.motor_id, to_motor(limited, settings), settings.profile)
+        self._command = limited
+        self._send(frame)
 
     def _ramped(self, command: MitCommand, now: float) -> float | None:
         """Next place of the ramp; None once the command is reached or has no use for a position."""
@@ -220,7 +219,7 @@ class Motor:
             return None
         travel = self._safety.ramp_speed * max(0.0, now - self._command_time)
         target = min(max(command.position, self.settings.low), self.settings.high)
-        position = self._ramp + min(max(target - self._ramp, -travel), travel)
+        position = self._ramp + clip(target - self._ramp, travel)
         return None if abs(target - position) < _CAUGHT_UP else position
 
     # -- what comes from the bus
@@ -238,8 +237,7 @@ class Motor:
             if frame.extended:
                 self.set_fault(MotorFault.WRONG_FIRMWARE, str(error), time)
             return
-        jump = self._jump(reply, time)
-        self._motor_angle = self._unwrapped(reply)
+        self._motor_angle, jump = self._unwrapped(reply.position, time)
         self.position = self.settings.joint_angle(self._motor_angle)
         self.speed = self.settings.direction * reply.velocity
         self.torque = self.settings.direction * reply.torque
@@ -264,20 +262,19 @@ class Motor:
         if failure:
             self.set_fault(MotorFault.NOT_FOLLOWING, failure, time)
 
-    def _unwrapped(self, reply: MitReply) -> float:
-        if self._motor_angle is None:
-            return reply.position
-        return unwrap(self._motor_angle, reply.position, self.settings.profile)
-
-    def _jump(self, reply: MitReply, time: float) -> float:
-        """Returns by how much the position changed more than the motor can turn, rad."""
-        if self._motor_angle is None:
-            return 0.0
-        change = abs(self._unwrapped(reply) - self._motor_angle)
-        return change - self.settings.jump_speed * max(0.0, time - self._reply_time)
+    def _unwrapped(self, reading: float, time: float) -> tuple[float, float]:
+        """Returns the motor angle of a reading, and by how much it changed more than the motor can
+        turn, rad.
+        """
+        before = self._motor_angle
+        if before is None:
+            return reading, 0.0
+        angle = unwrap(before, reading, self.settings.profile)
+        possible = self.settings.jump_speed * max(0.0, time - self._reply_time)
+        return angle, abs(angle - before) - possible
 
     def _check(self, reply: MitReply, jump: float, time: float) -> None:
-        """Switches the motor off if the reply shows a reason; `jump`: of `_jump`, rad."""
+        """Switches the motor off if the reply shows a reason; `jump`: of `_unwrapped`, rad."""
         settings = self.settings
         safety = self._safety
         if reply.fault:
@@ -319,8 +316,7 @@ class Motor:
             held = MitCommand(
                 self._hold_position, 0.0, self.settings.hold_kp, self.settings.hold_kd, 0.0
             )
-            self._command = self._limited(held, now)
-            self._send(self._frame(self._command))
+            self._send_command(self._limited(held, now))
         elif self.state is MotorState.EXITING:
             self._exit(now)
         elif self.state is MotorState.FAULTED:
@@ -381,8 +377,7 @@ class Motor:
             self._go(MotorState.HOLDING, now)
         else:
             push = MitCommand(self.position, 0.0, 0.0, 0.0, probe.torque)
-            self._command = limit_command(push, self.position, self.speed, self.settings)
-            self._send(self._frame(self._command))
+            self._send_command(limit_command(push, self.position, self.speed, self.settings))
 
     def _exit(self, now: float) -> None:
         if self._exits_left == 0:

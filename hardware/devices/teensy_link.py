@@ -15,15 +15,16 @@ from dataclasses import replace
 
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.protocol.ak70 import (
+    ENTER,
+    EXIT,
     LONG_REPLY,
     NEUTRAL,
     FirmwareProfile,
-    MitReply,
     is_special,
     make_reply,
 )
 from aerodima.hardware.protocol.ak70 import decode_command as decode_mit_command
-from aerodima.hardware.protocol.can_frame import CanFrame, FrameError, TimedFrames
+from aerodima.hardware.protocol.can_frame import CanFrame, FrameError, TimedFrames, check_field
 from aerodima.hardware.protocol.teensy import (
     END,
     SERVO_PULSES,
@@ -55,7 +56,7 @@ _SILENT = 0.1
 _MAX_REPEATS = 20
 """Cycles in which an order is repeated when its motor asks for nothing; a motor that runs asks at
 least every tenth."""
-_REQUESTS = {0xFC: MotorRequest.ENTER, 0xFD: MotorRequest.EXIT}
+_REQUESTS = {ENTER: MotorRequest.ENTER, EXIT: MotorRequest.EXIT}
 
 
 class ReplyStream:
@@ -146,7 +147,7 @@ class TeensyLink:
         self._servo = SERVO_PULSES[1]
         self._throttle = THROTTLE_PULSES[1]
         self._attitude: tuple[Attitude, float] | None = None
-        self._reply_time: float | None = None
+        self._reply_time = -math.inf
         self._clock = ClockAlignment()
         self.sail = math.nan
         self.sent_time = math.nan
@@ -156,8 +157,6 @@ class TeensyLink:
 
     def age(self, now: float) -> float:
         """Seconds since the last valid reply text frame; infinite before the first."""
-        if self._reply_time is None:
-            return math.inf
         return now - self._reply_time
 
     def set_pulses(self, servo: int, throttle: int) -> None:
@@ -196,8 +195,7 @@ class TeensyLink:
         else:
             command = decode_mit_command(frame.data, self._profile)
         noted = self._orders.get(frame.arbitration_id)
-        rank = (MotorRequest.COMMAND, MotorRequest.ENTER, MotorRequest.EXIT).index
-        if noted is None or rank(request) >= rank(noted.request):
+        if noted is None or request <= noted.request:  # exit before enter before command
             self._orders[frame.arbitration_id] = MotorOrder(frame.arbitration_id, request, command)
         return True
 
@@ -221,14 +219,13 @@ class TeensyLink:
                 frames += [
                     (arrival, frame) for report in reply.motors if (frame := self._frame_of(report))
                 ]
-                self._set_fault(reply)
         self._check_silence(time.monotonic())
         return frames
 
-    def flush(self, timeout: float = 0.2) -> bool:
-        """Writes a text frame with what is noted; waits at most `timeout` s until it has left."""
+    def flush(self) -> bool:
+        """Writes a text frame with what is noted; waits for a short while until it has left."""
         self.commit()
-        return self._link.flush(timeout)
+        return self._link.flush()
 
     def _next_order(self, motor_id: int) -> MotorOrder:
         order = self._orders.pop(motor_id, None)
@@ -247,40 +244,35 @@ class TeensyLink:
         self._reply_time = arrival
         self.sail = math.remainder(math.radians(reply.sail), 2.0 * math.pi)
         self.sent_time = self._clock.add(reply.clock, arrival)
+        self.status = reply.status
+        self.fault_text = SWITCHED_OFF.get(reply.status, "")
+        self.fault = SourceFault.REPORTED if self.fault_text else SourceFault.NONE
 
     def _frame_of(self, report: MotorReport) -> CanFrame | None:
         """Makes the frame of a report, in the form that motor and profile have; None if the motor
         has not answered since the last one, or is none of ours.
         """
-        if report.motor_id not in self._counters:
+        state = report.state
+        if state.motor_id not in self._counters:
             return None
-        if report.replies == self._counters[report.motor_id]:
+        if report.replies == self._counters[state.motor_id]:
             return None  # a counter that is 0 at the start: the motor has never answered
-        self._counters[report.motor_id] = report.replies
-        state = MitReply(report.motor_id, report.position, report.velocity, report.torque)
-        if report.temperature is not None and LONG_REPLY in self._profile.reply_lengths:
-            state = replace(state, temperature=float(report.temperature), fault=report.fault)
+        self._counters[state.motor_id] = report.replies
+        if LONG_REPLY not in self._profile.reply_lengths:
+            state = replace(state, temperature=None, fault=None)
         try:
             return make_reply(state, self._profile)
         except FrameError:
             return None  # beyond the range of the profile: the motor counts a missed reply
 
-    def _set_fault(self, reply: TeensyReply) -> None:
-        self.status = reply.status
-        if reply.status in SWITCHED_OFF:
-            self.fault = SourceFault.REPORTED
-            self.fault_text = SWITCHED_OFF[reply.status]
-        else:
-            self.fault = SourceFault.NONE
-            self.fault_text = ""
-
     def _check_silence(self, now: float) -> None:
+        age = self.age(now)
         if self._link.fault:
             self.fault = SourceFault.LOST
             self.fault_text = f"the Teensy's port is lost: {self._link.fault}"
-        elif self._reply_time is not None and now - self._reply_time > _SILENT:
+        elif _SILENT < age < math.inf:
             self.fault = SourceFault.SILENT
-            self.fault_text = f"the Teensy is silent for {now - self._reply_time:.2f} s"
+            self.fault_text = f"the Teensy is silent for {age:.2f} s"
 
 
 def pulse(share: float, pulses: tuple[int, int, int]) -> int:
@@ -290,8 +282,7 @@ def pulse(share: float, pulses: tuple[int, int, int]) -> int:
     Raises:
         FrameError: NaN or beyond -1 to 1.
     """
-    if not -1.0 <= share <= 1.0:  # also catches NaN
-        raise FrameError(f"share {share!r} of a pulse: allowed is -1 to 1")
+    check_field("share of a pulse", share, -1.0, 1.0)
     lowest, idle, highest = pulses
     return round(idle + share * ((highest - idle) if share >= 0 else (idle - lowest)))
 

@@ -9,16 +9,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from aerodima.hardware.protocol.byte_stream import cut_frames
-from aerodima.hardware.protocol.can_frame import FrameError
-from aerodima.workbench.core.errors import HardwareError
+from aerodima.hardware.protocol.can_frame import FrameError, check_field
 
 _START = b"\xb5"
 """First byte of a frame."""
 _HEAD = b"\xb5\x62\x01\x07\x5c\x00"
 """Bytes before the payload of a NAV-PVT: start, class, id and length."""
-_MAX_PAYLOAD = 256
-"""Longer messages are stepped over byte by byte; a false start in noise must not hold up good
-frames for long."""
+_FRAME_BYTES = 100
+"""Length of a NAV-PVT: head, payload of 92 bytes and checksum."""
 _MAX_SPEED = 515.0
 """m/s; receivers stop at 1000 knots."""
 _MAX_ACCURACY = 1.0
@@ -60,35 +58,26 @@ class GpsStream:
         return samples
 
     def _cut(self, data: bytes) -> tuple[int, GpsSample | None]:
-        if not data.startswith(_HEAD[:2]) and len(data) > 1:
+        if not _HEAD.startswith(data[: len(_HEAD)]):  # of another message, or noise
             return 1, None
-        if len(data) < len(_HEAD):
+        if len(data) < _FRAME_BYTES:
             return 0, None
-        length = int.from_bytes(data[4:6], "little")
-        total = length + 8
-        if length <= _MAX_PAYLOAD and len(data) < total:
-            return 0, None
-        checksum = _ubx_library().calc_checksum
-        if length > _MAX_PAYLOAD or checksum(data[2 : total - 2]) != data[total - 2 : total]:
-            self.rejected += 1
-            return 1, None
-        if not data.startswith(_HEAD):
-            return total, None
         try:
-            return total, decode_nav_pvt(data[:total])
+            return _FRAME_BYTES, decode_nav_pvt(data[:_FRAME_BYTES])
         except FrameError:
             self.rejected += 1
-            return total, None
+            return 1, None
 
 
 def decode_nav_pvt(frame: bytes) -> GpsSample:
     """Decodes the sample in a whole UBX frame.
 
-    Raises `FrameError` if it is no NAV-PVT or a field cannot be.
+    Raises `FrameError` if it is no NAV-PVT, its checksum is wrong, or a field cannot be.
     """
-    library = _ubx_library()
+    import pyubx2
+
     try:
-        message = library.UBXReader.parse(frame)
+        message: Any = pyubx2.UBXReader.parse(frame)
         speed = message.gSpeed / 1000.0
         accurate = message.sAcc / 1000.0 <= _MAX_ACCURACY
         fix = bool(message.gnssFixOk) and message.fixType in _FIXES and accurate
@@ -96,8 +85,8 @@ def decode_nav_pvt(frame: bytes) -> GpsSample:
         clock = message.hour * 3600.0 + message.min * 60.0 + message.second + message.nano * 1e-9
     except Exception as error:  # the library documents no closed set of exceptions
         raise FrameError(f"GPS: no NAV-PVT: {error}") from None
-    if fix and not 0.0 <= speed <= _MAX_SPEED:
-        raise FrameError(f"GPS speed {speed!r} m/s; allowed is 0 to {_MAX_SPEED:g}")
+    if fix:
+        check_field("GPS speed", speed, 0.0, _MAX_SPEED, "m/s")
     return GpsSample(speed if fix else math.nan, fix, clock if known else None)
 
 
@@ -106,16 +95,17 @@ def make_nav_pvt(sample: GpsSample) -> bytes:
 
     Raises `FrameError` for a speed that is none.
     """
-    library = _ubx_library()
-    if sample.fix and not 0.0 <= sample.speed <= _MAX_SPEED:
-        raise FrameError(f"GPS speed {sample.speed!r} m/s; allowed is 0 to {_MAX_SPEED:g}")
+    import pyubx2
+
+    if sample.fix:
+        check_field("GPS speed", sample.speed, 0.0, _MAX_SPEED, "m/s")
     clock = 0.0 if sample.time_of_day is None else sample.time_of_day
     minutes, seconds = divmod(clock, 60.0)
     hours, minutes = divmod(minutes, 60.0)
-    frame: bytes = library.UBXMessage(
+    frame: bytes = pyubx2.UBXMessage(
         "NAV",
         "NAV-PVT",
-        library.GET,
+        pyubx2.GET,
         year=2026,
         month=1,
         day=1,
@@ -130,13 +120,3 @@ def make_nav_pvt(sample: GpsSample) -> bytes:
         gSpeed=round(sample.speed * 1000) if sample.fix else 0,
     ).serialize()
     return frame
-
-
-def _ubx_library() -> Any:
-    try:
-        import pyubx2
-    except ImportError:
-        raise HardwareError(
-            "the GPS needs pyubx2: pip install 'aerodima-workbench[hardware]'"
-        ) from None
-    return pyubx2

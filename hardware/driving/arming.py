@@ -9,13 +9,13 @@ from collections.abc import Callable
 
 from aerodima.hardware.car.safety_settings import DriveSafety
 from aerodima.hardware.devices.bno055 import Bno055Sample
-from aerodima.hardware.devices.sensor_threads import SensorThread
 from aerodima.hardware.driving.car_guard import CarGuard, Stage
 from aerodima.hardware.driving.drive_checks import report, standstill_checks
 from aerodima.hardware.driving.plain_loop import idle_until
 from aerodima.hardware.driving.speaker import Say
 from aerodima.hardware.protocol.radio import OperatorPrompt, RadioMode
 from aerodima.workbench.control.user_law import in_words
+from aerodima.workbench.core import terminal
 from aerodima.workbench.core.errors import HardwareError
 
 _PERMISSION_TIME = 3600.0
@@ -26,6 +26,20 @@ _IDLE_NOTICE = 0.5
 """s in which a switch at IDLE is received; after that the drive prints what it waits for."""
 _STOP_TIME = 5.0
 """s within which the motors are off."""
+
+
+def typed(question: str) -> str:
+    """Returns what is typed after a question; nothing where nobody is there to answer."""
+    terminal.say(f"{question}:")  # `input` would wait for a terminal that takes no output
+    try:
+        return input().strip()
+    except EOFError:
+        return ""
+
+
+def may_arm() -> bool:
+    """Returns whether somebody at the terminal lets the motors be switched on."""
+    return typed("keep clear of the tail; type arm to switch the motors on") == "arm"
 
 
 def await_permission(guard: CarGuard, confirm: Callable[[], bool] | None) -> None:
@@ -53,18 +67,15 @@ def await_permission(guard: CarGuard, confirm: Callable[[], bool] | None) -> Non
         raise HardwareError(f"not armed: {guard.reason or refusal}")
 
 
-def check_standstill(
-    guard: CarGuard,
-    imu: SensorThread[Bno055Sample] | None,
-    safety: DriveSafety,
-    say: Say,
-) -> None:
+def check_standstill(guard: CarGuard, safety: DriveSafety, say: Say) -> None:
     """Raises `HardwareError` for a car that is moved, lies on its side, or whose IMU has frozen."""
     samples: dict[float, Bno055Sample] = {}
 
     def collect() -> bool:
-        if imu is not None and imu.newest is not None:
-            samples[imu.newest[0]] = imu.newest[1]
+        devices = guard.wiring.devices
+        if devices is not None and devices.imu.newest is not None:
+            taken, sample = devices.imu.newest
+            samples[taken] = sample
         return False
 
     idle_until(guard, collect, safety.still_time)

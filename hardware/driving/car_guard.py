@@ -27,8 +27,9 @@ from enum import IntEnum
 
 from aerodima.hardware.car.safety_settings import DriveSafety, load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
-from aerodima.hardware.car.wiring import CarCommand, CarReading
+from aerodima.hardware.car.wiring import PERIOD, CarCommand, CarReading
 from aerodima.hardware.devices.device_states import SourceFault
+from aerodima.hardware.devices.motor_monitors import Debounce
 from aerodima.hardware.driving.drive_limits import DriveLimits
 from aerodima.hardware.driving.loop_delay import least_delay, with_delay
 from aerodima.hardware.protocol.radio import OperatorPrompt, RadioMode
@@ -38,8 +39,6 @@ from aerodima.workbench.scenario.signal_table import TAIL_STATE
 _RATES = [TAIL_STATE.index("pitch_rate"), TAIL_STATE.index("roll_rate")]
 _GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
 _UNFITTED = (SourceFault.NONE, SourceFault.NOT_FITTED)
-_CYCLE = 0.01
-"""Time between two cycles, s."""
 _AFTERMATH = 30
 """Cycles after a delay of the loop in which its devices seem silent for that."""
 
@@ -108,7 +107,7 @@ class CarGuard:
         self._since = 0.0
         self._was_armed = False
         self.was_idle = False
-        self._ready_since: float | None = None
+        self._readiness = Debounce()
         self._mode = RadioMode.AUTO
 
     @property
@@ -187,12 +186,6 @@ class CarGuard:
 
     # -- once per cycle
 
-    def exchange(self, command: CarCommand, now: float, due: float | None = None) -> CarReading:
-        """Runs a whole cycle, for commands that do not depend on its reading."""
-        reading = self.read(now, due)
-        self.write(command, now)
-        return reading
-
     def read(self, now: float, due: float | None = None) -> CarReading:
         """Runs the first half of a cycle: reads the car, and stops it where that is needed.
 
@@ -242,11 +235,8 @@ class CarGuard:
             )
 
     def _check_clock(self, now: float, due: float | None) -> None:
-        if due is None:
-            self.lateness = 0.0
-        else:
-            self.lateness = now - due
-        self._delays.append(max(self.lateness, now - self._read_time - _CYCLE))
+        self.lateness = 0.0 if due is None else now - due
+        self._delays.append(max(self.lateness, now - self._read_time - PERIOD))
         self._read_time = now
         if self.stage is Stage.DRIVING:
             self.cycle_times.append(now)
@@ -262,13 +252,10 @@ class CarGuard:
 
     def _check_idle(self, now: float) -> None:
         """Notes an IDLE that was given after the car was ready; the newest command may be older."""
-        if not self.ready:
-            self._ready_since = None
-            return
-        if self._ready_since is None:
-            self._ready_since = now
-        sent = now - self.reading.named_status.operator_age
-        if self.reading.operator.mode is RadioMode.IDLE and sent > self._ready_since:
+        ready_for = self._readiness.update(self.ready, now)
+        age = self.reading.named_status.operator_age
+        idle = self.reading.operator.mode is RadioMode.IDLE
+        if self.ready and idle and age < ready_for:
             self.was_idle = True
 
     def _judge(self, now: float) -> None:

@@ -21,11 +21,10 @@ from scipy.integrate import cumulative_trapezoid
 from aerodima.hardware.car.car_ports import CarPorts
 from aerodima.hardware.car.safety_settings import DriveSafety
 from aerodima.hardware.car.wired_car import WiredCar
-from aerodima.hardware.car.wiring import CarReading
+from aerodima.hardware.car.wiring import PERIOD, CarReading
 from aerodima.hardware.devices.bno055 import RATE as IMU_RATE
 from aerodima.hardware.devices.bno055 import Bno055Sample
 from aerodima.hardware.devices.device_states import SourceFault
-from aerodima.hardware.driving.plain_loop import PERIOD
 from aerodima.hardware.driving.speaker import Say
 from aerodima.hardware.protocol.ak70 import PROFILES, FirmwareProfile, decode_reply
 from aerodima.hardware.protocol.can_frame import TimedFrames

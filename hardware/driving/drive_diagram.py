@@ -9,8 +9,8 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem, State
 
-from aerodima.hardware.car.wiring import CarCommand, CarReading
-from aerodima.hardware.driving.plain_loop import PERIOD, WRITE_DELAY, Pilot, PilotStep
+from aerodima.hardware.car.wiring import PERIOD, CarCommand, CarReading
+from aerodima.hardware.driving.plain_loop import WRITE_DELAY, Pilot, PilotStep
 from aerodima.workbench.car.car_diagram import Build, assemble
 from aerodima.workbench.control.tail_law import TailLaw
 from aerodima.workbench.core.errors import HardwareError

@@ -20,13 +20,13 @@ class DriveLimits:
         self._safety = safety
         self._conditions: defaultdict[str, Debounce] = defaultdict(Debounce)
         self._throttle = 0.0
-        self._time = -math.inf
+        self._time = math.inf
 
     def throttle(self, asked: float, now: float) -> float:
         """Permitted part of a finite throttle: clipped, rises at a limited rate, falls at once."""
         safety = self._safety
         side = math.copysign(1.0, asked)
-        span = min(max(0.0, now - self._time), _MAX_SPAN) if math.isfinite(self._time) else 0.0
+        span = min(max(0.0, now - self._time), _MAX_SPAN)
         rise = safety.throttle_rate * span
         present = max(0.0, side * self._throttle)
         self._throttle = side * min(

@@ -22,6 +22,7 @@ from aerodima.hardware.driving.arming import (
     await_permission,
     await_stop,
     check_standstill,
+    may_arm,
 )
 from aerodima.hardware.driving.car_guard import CarGuard
 from aerodima.hardware.driving.drive_checks import (
@@ -129,17 +130,10 @@ def drive(
             cannot be built or fails before the car is armed, the log cannot be written; the motors
             are off by then.
     """
-    refuse_existing(Path(log), force, LogError)
-    make_folder(Path(log).parent, LogError)
     car_ports = read_ports(ports)
-    options = DriveOptions(log, force, dry_run, confirm=None if arm else _ask_to_arm)
-    car = connect(ports, scenario, wiring, traffic)
+    options = DriveOptions(log, force, dry_run, confirm=None if arm else may_arm)
+    car = connect(car_ports, scenario, wiring, traffic)
     return DriveSession(car, scenario, car_ports, options, say, build=build).complete()
-
-
-def _ask_to_arm() -> bool:
-    say_error("keep clear of the tail; type arm to switch the motors on:")
-    return input() == "arm"
 
 
 class DriveSession:
@@ -177,6 +171,7 @@ class DriveSession:
         self._scenario = scenario
         self._ports = ports
         self._options = options
+        self._path = Path(options.log).absolute()  # a controller may change the working folder
         self._say = Speaker(say)
         self._build = build
         self._resources = ExitStack()
@@ -215,8 +210,10 @@ class DriveSession:
                 be opened, the diagram cannot be built.
         """
         scenario = self._scenario
+        refuse_existing(self._path, self._options.force, LogError)
+        make_folder(self._path.parent, LogError)
         refuse_simulated_only(scenario, user_driver=self._build is not None)
-        report(preflight_checks(scenario, Path(self._options.log).parent, self._safety), self._say)
+        report(preflight_checks(scenario, self._path.parent, self._safety), self._say)
         if not self._options.dry_run:
             self._car.authorise()
         self.signals = self._resources.enter_context(
@@ -249,8 +246,7 @@ class DriveSession:
             self._car.stop(guard.reason)
             if self._journal is not None:
                 stopped = guard.stop_time - (guard.cycle_times or [math.nan])[0]
-                facts = log_facts(guard.reason, stopped, guard.cycle_times, guard.overruns)
-                self._journal.add_facts(facts)
+                self._add_facts(self._journal, stopped)
                 self._say(f"log: {self._journal.close()}")
         except LogError as error:
             self._say(str(error))
@@ -308,7 +304,7 @@ class DriveSession:
                 motors do not answer.
         """
         self._journal = open_run_journal(
-            Path(self._options.log).absolute(),
+            self._path,
             self._scenario,
             self._car.name,
             self._options.force,
@@ -333,12 +329,11 @@ class DriveSession:
         guard = self._guard
         idle_until(guard, lambda: False, 0.1)  # what came while the diagram was built
         await_permission(guard, self._options.confirm)
-        imu = None if self._car.devices is None else self._car.devices.imu
-        check_standstill(guard, imu, self._safety, self._say)
+        check_standstill(guard, self._safety, self._say)
         self._say("arming: keep clear of the tail")
 
-        has_tail = self._scenario.tail.mode != "none"
-        arm_motors(guard, self._safety.arm_timeout, self._check_motors if has_tail else None)
+        check = self._check_motors if self._car.motors else None
+        arm_motors(guard, self._safety.arm_timeout, check)
         self._say("armed")
         return await_operator(guard, self._options.wait_for_operator, self._say)
 
@@ -362,7 +357,7 @@ class DriveSession:
             pilot = TimedPilot(self._make_pilot(), self._safety.longest_tick)
             stopped = run_loop(guard, pilot, self._scenario, length, journal)
             guard.stop(RUN_OVER, time.monotonic())
-            await_stop(self._guard)
+            await_stop(guard)
         except BaseException as error:
             end_time_limit()
             self._stop_hard(f"{type(error).__name__}: {error}")
@@ -374,7 +369,8 @@ class DriveSession:
         finally:
             share = (time.process_time() - busy) / (time.monotonic() - begin)
             guard.reason = self._with_cause(guard.reason)
-            self._add_facts(journal, stopped, share)
+            journal.add_facts({"cpu_share": share})
+            self._add_facts(journal, stopped)
             try:
                 self._log = journal.close()
             except LogError as error:
@@ -394,11 +390,11 @@ class DriveSession:
             return ManualPilot(self._scenario)
         return ControlPilot(self._scenario, self._law)
 
-    def _add_facts(self, journal: RunJournal, stopped: float, cpu_share: float) -> None:
+    def _add_facts(self, journal: RunJournal, stopped: float) -> None:
         """Writes to the log who drove and how it went; `stopped`: time of the run, s, or NaN."""
         guard = self._guard
         facts = log_facts(guard.reason, stopped, guard.cycle_times, guard.overruns)
-        facts |= {"cpu_share": cpu_share, "slow_ticks": len(guard.slow_ticks)}
+        facts["slow_ticks"] = len(guard.slow_ticks)
         if self._mode is not RadioMode.AUTO:
             facts[DRIVEN_BY] = f"hand ({self._mode.name})"
         if self._build is not None:

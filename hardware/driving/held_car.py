@@ -10,10 +10,10 @@ from pathlib import Path
 from aerodima.hardware.car.car_ports import CarPorts, read_ports
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
-from aerodima.hardware.car.wiring import CarCommand, wiring_name
+from aerodima.hardware.car.wiring import PERIOD, CarCommand, wiring_name
 from aerodima.hardware.car.wirings import wire_car
 from aerodima.hardware.devices.motor_settings import load_motor_safety
-from aerodima.hardware.driving.plain_loop import PERIOD, wait_until
+from aerodima.hardware.driving.plain_loop import wait_until
 from aerodima.hardware.driving.watchdog_record import require_watchdog_test
 from aerodima.workbench.core.deprecation import renamed
 from aerodima.workbench.core.errors import HardwareError

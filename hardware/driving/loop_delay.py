@@ -9,7 +9,6 @@ import math
 from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.devices.device_states import MotorFault, SourceFault
 from aerodima.hardware.protocol.teensy import SWITCHED_OFF, TeensyStatus
-from aerodima.workbench.scenario.signal_table import STATUS
 
 _UNHEARD = {
     MotorFault.NO_REPLY,
@@ -37,7 +36,7 @@ def least_delay(reading: CarReading, has_tail: bool) -> float:
     """Returns the least delay of the computer (s) that makes the faults of a reading: half the
     age of what is silent. Infinite for faults that no delay makes.
     """
-    status = STATUS.read(reading.status)
+    status = reading.named_status
     motors = {status.tail_pitch_fault, status.tail_roll_fault}
     motors -= {MotorFault.NONE, MotorFault.OTHER_MOTOR}
     fallen = reading.fault_texts.get("sail") == SWITCHED_OFF[TeensyStatus.ATTITUDE]

@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aerodima.hardware.car.car_ports import JOINTS, Joint
+from aerodima.hardware.car.car_ports import JOINTS
 from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import CarCommand
 from aerodima.hardware.devices.motor_settings import load_motor_safety
@@ -53,7 +53,7 @@ class MotorTest:
         temperature: degrees Celsius; None if the motor does not report it.
     """
 
-    joint: Joint
+    joint: str
     moved: float
     torque: float
     wanted: float
@@ -61,12 +61,13 @@ class MotorTest:
 
 
 def run_motor_test(
-    car: WiredCar, joint: Joint, say: Say, confirm: Callable[[str], bool]
+    car: WiredCar, joint: str, say: Say, confirm: Callable[[str], bool]
 ) -> MotorTest:
     """Moves one joint by five degrees and back while the other is held, on a car that is not
     started yet.
 
     Args:
+        joint: of `JOINTS`.
         confirm: asks somebody beside the car, once the motors are off, whether it went the positive
             way of the joint (design section 4: pitch forward, roll to the right). What the motor
             itself reports cannot tell.
@@ -87,9 +88,7 @@ def run_motor_test(
         def command(since: float) -> CarCommand:
             target = start + step * min(max(since / _MOVE_TIME, 0.0), 1.0)
             row = np.array([target, 0.0, _KP, _KD, 0.0])
-            if joint == "tail_pitch":
-                return CarCommand(tail_pitch=row)
-            return CarCommand(tail_roll=row)
+            return replace(CarCommand(), **{joint: row})
 
         run_cycles(car, command, _MOVE_TIME + _SETTLE_TIME)
         reported = []

@@ -11,10 +11,9 @@ import numpy as np
 
 from aerodima.hardware.car.car_ports import JOINTS, CarPorts, Joint, ports_from_dict
 from aerodima.hardware.car.mounting import load_mounting
-from aerodima.hardware.car.wiring import WiringName
+from aerodima.hardware.car.wiring import PERIOD, WiringName
 from aerodima.hardware.devices.device_states import FramePort
 from aerodima.hardware.devices.teensy_link import TeensyLink
-from aerodima.hardware.driving.plain_loop import PERIOD
 from aerodima.hardware.protocol.ak70 import decode_reply, make_enter, make_exit, make_neutral
 from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.hardware.transport.can_bus import CanBus

@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aerodima.hardware.car.wiring import CarCommand, CarReading
+from aerodima.hardware.car.wiring import PERIOD, CarCommand, CarReading
+from aerodima.hardware.devices.motor_limits import clip
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.driving.car_guard import CarGuard
 from aerodima.hardware.driving.run_journal import RunJournal, drive_columns
@@ -28,8 +29,6 @@ from aerodima.workbench.logs.signals import RowUnwrapper
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import CAR_PORTS, STATION_OUTPUTS
 
-PERIOD = 0.01
-"""s; of every loop that talks to the car."""
 WRITE_DELAY = 0.001
 """s from a tick to its commands: the same in the plain loop and in the diagram."""
 Clock = Callable[[], float]
@@ -55,9 +54,7 @@ class Row:
     """
 
     def __init__(self, scenario: Scenario, columns: list[str]) -> None:
-        self._settings = RollFilterSettings(
-            rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81
-        )
+        self._settings = RollFilterSettings.from_scenario(scenario)
         self._estimate = RollEstimate()
         self._unwrap = RowUnwrapper(columns)
         self._unknown = np.full(len(columns) - len(drive_columns()), math.nan)
@@ -152,7 +149,9 @@ def idle_until(
     start = clock()
     for tick in range(max(1, math.ceil(timeout / PERIOD)) + 1):
         wait(start + tick * PERIOD)
-        guard.exchange(CarCommand(), clock())
+        now = clock()
+        guard.read(now)
+        guard.write(CarCommand(), now)
         if condition():
             return True
         if guard.finished:
@@ -258,7 +257,7 @@ class ControlPilot(LawPilot):
         operator = reading.operator
         before = self._steering
         plan = float(np.sign(before))
-        self._steering = min(self._steer, max(-self._steer, operator.steering))
+        self._steering = clip(operator.steering, self._steer)
         return self._step(time, reading, (plan, before), (self._steering, operator.throttle), plan)
 
 
@@ -285,6 +284,6 @@ class ManualPilot(Pilot):
         stick = np.array([operator.pitch_tail, operator.roll_tail])
         tail += np.clip(stick - tail, -self._max_travel, self._max_travel)
         self._tail = tail
-        steering = min(self._steer, max(-self._steer, operator.steering))
+        steering = clip(operator.steering, self._steer)
         pitch, roll = (np.array([angle, 0.0, kp, kd, 0.0]) for angle in tail)
         return PilotStep(CarCommand(steering, operator.throttle, pitch, roll), 0.0, 0)

@@ -15,6 +15,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import ArrayLike
 
+from aerodima.hardware.car.wiring import PERIOD
 from aerodima.hardware.driving.speaker import Say
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
@@ -28,8 +29,6 @@ LINK_COLUMNS = ("loop_lateness_s", "imu_sample_time_s", "teensy_sent_time_s", "c
 """Columns of a drive alone: lateness of the cycle, times at which IMU and Teensy sampled the values
 of the row, on the clock of the run, and how long the controller computed. The Teensy's clock is
 aligned by `aerodima.hardware.devices.teensy_link`."""
-_PERIOD = 0.01
-"""Time between two cycles of the loop, s."""
 _MAX_WAITING = 3000
 """Most rows that wait for the disk, or are kept after it has failed."""
 _FLUSH = 0.08
@@ -244,7 +243,7 @@ def open_run_journal(
 
 
 def log_facts(reason: str, stop_time: float, cycle_times: Sequence[float], overruns: int) -> Json:
-    """Facts of a finished drive for the `extra` of its log."""
+    """Facts of a finished drive for the `extra` of its log, with the error of its periods, s."""
     facts: Json = {
         "stop_reason": reason,
         "overruns": overruns,
@@ -252,17 +251,8 @@ def log_facts(reason: str, stop_time: float, cycle_times: Sequence[float], overr
     }
     if math.isfinite(stop_time):
         facts["stop_time_s"] = stop_time
-    return {**facts, **period_facts(cycle_times)}
-
-
-def period_facts(cycle_times: Sequence[float]) -> dict[str, float]:
-    """Error of the periods of a loop: p50, p99 and the most, s; empty for fewer than two cycles."""
-    if len(cycle_times) < 2:
-        return {}
-    error = np.abs(np.diff(np.asarray(cycle_times)) - _PERIOD)
-    p50, p99 = np.percentile(error, [50, 99])
-    return {
-        "period_error_p50_s": float(p50),
-        "period_error_p99_s": float(p99),
-        "period_error_max_s": float(error.max()),
-    }
+    if len(cycle_times) > 1:
+        error = np.abs(np.diff(np.asarray(cycle_times)) - PERIOD)
+        for name, percentage in (("p50", 50), ("p99", 99), ("max", 100)):
+            facts[f"period_error_{name}_s"] = float(np.percentile(error, percentage))
+    return facts

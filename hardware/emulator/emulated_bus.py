@@ -18,11 +18,14 @@ from contextlib import suppress
 from pathlib import Path
 
 from aerodima.hardware.car.car_ports import Joint
-from aerodima.hardware.devices.motor_limits import commanded_torque
+from aerodima.hardware.devices.motor_limits import clip, commanded_torque
 from aerodima.hardware.emulator.fault_script import EventLog, Fault, FaultBoard, FaultEntry
 from aerodima.hardware.protocol.ak70 import (
     AK70_10_V1_0_8,
+    ENTER,
+    EXIT,
     NEUTRAL,
+    ZERO,
     MitCommand,
     MitReply,
     decode_command,
@@ -34,12 +37,8 @@ from aerodima.hardware.transport.can_adapter import TrafficLog, can
 from aerodima.workbench.core.errors import HardwareError
 
 Frames = list[CanFrame]
-_ENTER = 0xFC
-"""Last byte of the frame that enters a motor."""
-_EXIT = 0xFD
-"""Last byte of the frame that exits it."""
-_ZERO = 0xFE
-"""Last byte of the frame that sets its zero."""
+Receiver = Callable[[CanFrame], None]
+"""Receives a frame of another node."""
 _PROFILE = AK70_10_V1_0_8
 WARM = 30.0
 """Temperature of a healthy motor, degrees Celsius."""
@@ -69,8 +68,7 @@ class EmulatedBus:
     channel is opened anew or the fault ends.
 
     Attributes:
-        watch: receives every frame of the owner and of the motors, when a second node is on the
-            bus.
+        watch: receives every frame of the owner and of the motors, as a second node on the bus.
         to_owner: receives what the second node sends, and what the motors answer to it.
     """
 
@@ -79,8 +77,8 @@ class EmulatedBus:
         self._board = board
         self._log = log
         self._healed = False
-        self.watch: Callable[[CanFrame], None] | None = None
-        self.to_owner: Callable[[CanFrame], None] | None = None
+        self.watch: Receiver = lambda _: None
+        self.to_owner: Receiver = lambda _: None
 
     @property
     def off(self) -> bool:
@@ -96,15 +94,14 @@ class EmulatedBus:
         if self.off:
             return []
         answers = self._pass_on(frame)
-        if self.watch is not None:
-            for received in (frame, *answers):
-                self.watch(received)
+        for received in (frame, *answers):
+            self.watch(received)
         return answers
 
     def carry_from_watch(self, frame: CanFrame) -> None:
         """Takes a frame of the second node."""
         for received in (frame, *self._pass_on(frame)):
-            if self.to_owner is not None and not self.off:
+            if not self.off:
                 self.to_owner(received)
 
     def _pass_on(self, frame: CanFrame) -> Frames:
@@ -215,11 +212,11 @@ class EmulatedMotor:
         return self._board.entry(fault, self.joint)
 
     def _obey_special(self, last: int) -> None:
-        if last == _ENTER:
+        if last == ENTER:
             self._set_entered(True, "enter frame")
-        elif last == _EXIT:
+        elif last == EXIT:
             self._set_entered(False, "exit frame")
-        elif last == _ZERO:
+        elif last == ZERO:
             self._zero -= self._angle
             self._angle = 0.0
             self._events.add("zeroed", joint=self.joint)
@@ -259,8 +256,8 @@ class EmulatedMotor:
         if drift := self._fault("out_of_range"):
             angle += DRIFT_RATE * (board.time - drift.time)
         position = math.remainder(angle, 2.0 * _PROFILE.position)
-        velocity = min(max(speed, -_PROFILE.speed), _PROFILE.speed)
-        torque = min(max(torque, -_PROFILE.torque), _PROFILE.torque)
+        velocity = clip(speed, _PROFILE.speed)
+        torque = clip(torque, _PROFILE.torque)
         temperature = HOT if self._fault("over_temperature") else WARM
         fault = self._fault("motor_fault")
         code = fault.code if fault else 0

@@ -105,7 +105,7 @@ class EmulatedTeensy:
             return b""
         self._core.step(now)
         for frame in self._core.frames():
-            if self._board.entry("teensy_off_bus") is not None:
+            if self._board.entry("teensy_off_bus"):
                 continue
             if self._watches:
                 self._bus.carry_from_watch(frame)
@@ -147,13 +147,13 @@ class EmulatedTeensy:
         return True
 
     def _note(self) -> None:
-        state = self._core.state
-        if state.status is not self._last.status:
-            self._events.add("watchdog_acted" if state.status else "watchdog_released")
-        idle = THROTTLE_PULSES[1]
-        if (state.throttle == idle) is not (self._last.throttle == idle):
-            self._events.add("throttle_neutral" if state.throttle == idle else "throttle_on")
-        self._last = state
+        before = self._last.status
+        was_driving = self.driving
+        self._last = self._core.state
+        if self._last.status != before:
+            self._events.add("watchdog_acted" if self._last.status else "watchdog_released")
+        if self.driving is not was_driving:
+            self._events.add("throttle_on" if self.driving else "throttle_neutral")
 
 
 class EmulatedImu:

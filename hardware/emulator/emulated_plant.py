@@ -78,9 +78,7 @@ class EmulatedCar:
             self._sources[name] = source
             if fields:
                 builder.Connect(source.get_output_port(), station.GetInputPort(name))
-        settings = RollFilterSettings(
-            rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81
-        )
+        settings = RollFilterSettings.from_scenario(scenario)
         estimator = RollEstimator.add_to_builder(builder, settings, station=station)
         sources = {name: source.get_output_port() for name, source in self._sources.items()}
         signals = signals_of(CAR_PORTS, output_ports(station, estimator) | sources)
@@ -138,9 +136,9 @@ class EmulatedCar:
         """Returns the value of a vector port of the station."""
         return np.array(self._ports[name].Eval(self._station_context))
 
-    def close(self) -> Path:
-        """Ends the log; its path."""
-        return self._journal.close()
+    def close(self) -> None:
+        """Ends the log."""
+        self._journal.close()
 
 
 def _joint_places(plant: Any) -> list[int]:

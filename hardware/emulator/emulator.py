@@ -11,7 +11,7 @@ import select
 import signal
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +55,7 @@ from aerodima.hardware.emulator.fault_script import (
 )
 from aerodima.hardware.firmware.teensy_firmware import firmware_settings
 from aerodima.hardware.transport.can_adapter import TrafficLog
-from aerodima.workbench.core.atomic_write import write_atomically
+from aerodima.workbench.core.atomic_write import make_folder, write_atomically
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.realtime import EMULATOR_PRIORITY, prefer_latency, prefer_realtime
@@ -89,7 +89,7 @@ class EmulatorSettings:
     scenario: Scenario
     wiring: WiringName
     folder: Path
-    script: Script = field(default_factory=lambda: Script.model_validate({}))
+    script: Script
     duration: float | None = None
     console: bool = False
     view: bool = False
@@ -153,7 +153,8 @@ class Emulator:
             if settings.scenario.tail.mode != "none"
         ]
         bus = EmulatedBus(self._motors, board, self._log)
-        self._adapter = SlcanAdapter(bus, board) if watched else None
+        self._adapter = SlcanAdapter(bus, board)
+        bus.to_owner = self._adapter.receive
         self._teensy = EmulatedTeensy(
             firmware_settings(settings.wiring, ports, settings.scenario),
             bus,
@@ -162,8 +163,6 @@ class Emulator:
             time.monotonic(),
             watches=watched,
         )
-        if self._adapter is not None:
-            bus.to_owner = self._adapter.receive
         self._imu = EmulatedImu(self._mounting, board)
         self._gps = EmulatedGps(settings.scenario.gps.rate, board)
         entries = () if settings.console else settings.script.operator
@@ -174,7 +173,7 @@ class Emulator:
         """Ends the loop; safe in a signal handler."""
         self._end = True
 
-    def run(self, ready: Callable[[], None] | None = None) -> Json:
+    def run(self, ready: Callable[[], None]) -> Json:
         """Serves until `stop` or the duration; what came out, also in the last event. ready: called
         when it begins.
         """
@@ -187,8 +186,7 @@ class Emulator:
         self._begin = time.monotonic() - step
         self._board.begin("start", self._begin)
         self._write_ready()
-        if ready is not None:
-            ready()
+        ready()
         tick = 1
         while not self._end and self._settings.parent in (None, os.getppid()):
             due = self._begin + (tick + 1) * step
@@ -235,7 +233,7 @@ class Emulator:
         if name == "teensy":
             self._teensy.feed(data, now)
             self._update_teensy(now)
-        elif name == "can" and self._adapter is not None:
+        elif name == "can":
             self._write("can", self._adapter.feed(data))
             self._update_teensy(now)  # it answers a heartbeat at once
             self._pass_on_received()
@@ -254,8 +252,7 @@ class Emulator:
         self._write("teensy", self._teensy.update(now))
 
     def _pass_on_received(self) -> None:
-        if self._adapter is not None:
-            self._write("can", self._adapter.poll())
+        self._write("can", self._adapter.poll())
 
     def _write(self, name: Device, data: bytes) -> None:
         if data:
@@ -345,7 +342,7 @@ class Emulator:
         return facts
 
 
-def run_emulator(settings: EmulatorSettings, ready: Callable[[], None] | None = None) -> Json:
+def run_emulator(settings: EmulatorSettings, ready: Callable[[], None] = lambda: None) -> Json:
     """Runs an emulator until SIGINT, SIGTERM or its duration; what came out.
 
     Errors and `ready` as `Emulator`.
@@ -367,15 +364,10 @@ def _serial_ports(plugs: Path) -> Json:
 
 
 def _claim(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()):
-            raise HardwareError(
-                f"{folder}: is not empty; an emulator writes into a folder of its own"
-            )
-        (folder / PORTS_FOLDER).mkdir()
-    except OSError as error:
-        raise HardwareError(f"{folder}: cannot be used as a folder: {error.strerror}") from None
+    make_folder(folder, HardwareError)
+    if any(folder.iterdir()):
+        raise HardwareError(f"{folder}: is not empty; an emulator writes into a folder of its own")
+    make_folder(folder / PORTS_FOLDER, HardwareError)
 
 
 def _write_json(path: Path, content: Json) -> None:

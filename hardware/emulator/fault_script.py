@@ -25,6 +25,7 @@ import math
 import random
 import time
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -206,27 +207,23 @@ class FaultBoard:
 
     def entry(self, fault: Fault, part: str | None = None) -> FaultEntry | None:
         """Returns the entry of a fault that is on; None while it is not."""
-        index = self._index(fault, part)
-        return self._on.get(index)
+        return next((entry for _, entry in self._active(fault, part)), None)
 
     def consume(self, fault: Fault, part: str | None = None) -> bool:
         """Returns whether a fault is on, and counts one of its times."""
-        index = self._index(fault, part)
-        entry = self._on.get(index)
-        if entry is None:
-            return False
-        self._met[index] += 1
-        if self._met[index] == entry.count:
-            del self._on[index]
-            self._note("fault_off", entry)
-        return True
+        for index, entry in self._active(fault, part):
+            self._met[index] += 1
+            if self._met[index] == entry.count:
+                del self._on[index]
+                self._note("fault_off", entry)
+            return True
+        return False
 
-    def _index(self, fault: Fault, part: str | None) -> int:
-        """Returns the place of a fault that is on in the script; -1 while it is not."""
+    def _active(self, fault: Fault, part: str | None) -> Iterator[tuple[int, FaultEntry]]:
+        """Yields the entries of a fault that are on, with their indices in the script."""
         for index, entry in self._on.items():
             if (entry.fault, entry.part) == (fault, part):
-                return index
-        return -1
+                yield index, entry
 
     def corrupt(self, device: Device, data: bytes) -> bytes:
         """Returns what silence and noise leave of the bytes that a device sends."""

@@ -13,13 +13,11 @@ from ctypes import (
     c_uint32,
     c_void_p,
 )
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 from aerodima.hardware.firmware.teensy_firmware import FirmwareSettings, build_core, profile_fields
 from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.hardware.protocol.teensy import TeensyStatus
 
 _WRAP = 1 << 32
 """The Teensy's clock of milliseconds begins anew after so many."""
@@ -69,7 +67,15 @@ class _Config(Structure):
     )
 
 
-class _State(Structure):
+class CoreState(Structure):
+    """Outputs of the Teensy, `ad_state`.
+
+    Attributes:
+        servo, throttle: pulses in us.
+        status: of `TeensyStatus`: whether its watchdog has acted.
+        rejected: text frames that could not be obeyed.
+    """
+
     _fields_ = (*fields(c_int32, "servo throttle status"), ("rejected", c_uint32))
 
 
@@ -82,7 +88,7 @@ _FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
     "ad_core_step": (None, [c_void_p, c_uint32]),
     "ad_core_next_frame": (c_int, [c_void_p, POINTER(Frame)]),
     "ad_core_take_reply": (c_size_t, [c_void_p, c_char_p, c_size_t]),
-    "ad_core_state": (None, [c_void_p, POINTER(_State)]),
+    "ad_core_state": (None, [c_void_p, POINTER(CoreState)]),
 }
 
 
@@ -95,22 +101,6 @@ def library() -> Any:
         function.restype = result
         function.argtypes = arguments
     return loaded
-
-
-@dataclass(frozen=True, slots=True)
-class CoreState:
-    """Outputs of the Teensy.
-
-    Attributes:
-        servo, throttle: pulses in us.
-        status: whether its watchdog has acted.
-        rejected: text frames that could not be obeyed.
-    """
-
-    servo: int
-    throttle: int
-    status: TeensyStatus
-    rejected: int
 
 
 class TeensyCore:
@@ -171,9 +161,9 @@ class TeensyCore:
     @property
     def state(self) -> CoreState:
         """Pulses and status as they are now."""
-        state = _State()
+        state = CoreState()
         self._library.ad_core_state(self._core, ctypes.byref(state))
-        return CoreState(state.servo, state.throttle, TeensyStatus(state.status), state.rejected)
+        return state
 
 
 def _clock(now: float) -> int:

@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from aerodima.hardware.car.car_ports import CarPorts
@@ -15,12 +16,12 @@ from aerodima.hardware.car.safety_settings import (
     load_drive_safety,
     load_teensy_timing,
 )
-from aerodima.hardware.car.wiring import wiring_name
+from aerodima.hardware.car.wiring import WiringName
 from aerodima.hardware.car.wirings import tail_motors
 from aerodima.hardware.devices.motor_settings import MotorSettings
 from aerodima.hardware.protocol.ak70 import FirmwareProfile
 from aerodima.hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
-from aerodima.workbench.core.atomic_write import make_folder
+from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.scenario.scenario import Scenario
 
@@ -78,21 +79,15 @@ class FirmwareSettings:
         limits: `motor_limits` of the two motors; None: all that the profile allows.
         timing: of its watchdog and its replies.
         safety: of attitude and throttle.
-
-    Raises:
-        HardwareError: unknown wiring.
     """
 
-    wiring: str
+    wiring: WiringName
     profile: FirmwareProfile
     motor_ids: tuple[int, int] = (1, 2)
     sail_bits: int = 12
     limits: tuple[Fields, ...] | None = None
     timing: TeensyTiming = field(default_factory=load_teensy_timing)
     safety: DriveSafety = field(default_factory=load_drive_safety)
-
-    def __post_init__(self) -> None:
-        wiring_name(self.wiring)
 
     @property
     def last_limits(self) -> tuple[Fields, ...]:
@@ -152,7 +147,7 @@ def profile_fields(profile: FirmwareProfile) -> Fields:
     }
 
 
-def firmware_settings(wiring: str, ports: CarPorts, scenario: Scenario) -> FirmwareSettings:
+def firmware_settings(wiring: WiringName, ports: CarPorts, scenario: Scenario) -> FirmwareSettings:
     """Returns what the Teensy of a car is built for: limits of the scenario's tail on these ports,
     bits of its encoder.
     """
@@ -199,18 +194,7 @@ def build_core(cache: Path | None = None) -> Path:
             "the firmware's core needs a C++17 compiler on the path; looked for "
             f"{', '.join(COMPILERS)}"
         )
-    unfinished = folder / f".{library.name}.{os.getpid()}"
-    make_folder(folder, HardwareError)
-    try:
-        _compile(compiler, unfinished)
-        os.replace(unfinished, library)
-    except OSError as error:
-        raise HardwareError(
-            f"{folder}: cannot be used to build the firmware: {error.strerror}"
-        ) from None
-    finally:
-        unfinished.unlink(missing_ok=True)
-    return library
+    return write_atomically(library, partial(_compile, compiler), True, HardwareError)
 
 
 def _compile(compiler: str, target: Path) -> None:

@@ -16,21 +16,18 @@ touches nothing.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
-from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
+from aerodima.hardware.protocol.can_frame import CanFrame, FrameError, check_field
 from aerodima.workbench.core.errors import HardwareError
 
-FAULT_NAMES: Mapping[int, str] = MappingProxyType(
-    {
-        1: "over-temperature",
-        2: "over-current",
-        3: "over-voltage",
-        4: "under-voltage",
-        5: "encoder",
-        6: "phase current unbalance",
-    }
-)
+FAULT_NAMES: Mapping[int, str] = {
+    1: "over-temperature",
+    2: "over-current",
+    3: "over-voltage",
+    4: "under-voltage",
+    5: "encoder",
+    6: "phase current unbalance",
+}
 """Fault byte of the 8-byte reply; 0 is none. The list of public drivers of the series, equal to the
 manual's."""
 MIN_ID = 1
@@ -45,9 +42,12 @@ COMMAND_FIELDS = ("position", "velocity", "kp", "kd", "torque")
 _REPLY_FIELDS = ("position", "velocity", "torque")
 """Fields of a reply behind its id, most significant bits first."""
 _RESERVED = b"\xff" * 7
-_ENTER = b"\xfc"
-_EXIT = b"\xfd"
-_ZERO = b"\xfe"
+ENTER = 0xFC
+"""Last byte of the special frame that enters a motor."""
+EXIT = 0xFD
+"""Last byte of the one that exits it."""
+ZERO = 0xFE
+"""Last byte of the one that sets its zero."""
 _SHORT_REPLY = 6
 """Bytes of a reply without temperature and fault."""
 LONG_REPLY = 8
@@ -109,12 +109,10 @@ MANUAL_SAMPLE_CODE = FirmwareProfile(
     reply_lengths=(6,),
 )
 
-PROFILES: Mapping[str, FirmwareProfile] = MappingProxyType(
-    {
-        profile.name: profile
-        for profile in (AK70_10_V1_0_8, AK70_10_24_N_M, AK70_10_24_8_N_M, MANUAL_SAMPLE_CODE)
-    }
-)
+PROFILES: Mapping[str, FirmwareProfile] = {
+    profile.name: profile
+    for profile in (AK70_10_V1_0_8, AK70_10_24_N_M, AK70_10_24_8_N_M, MANUAL_SAMPLE_CODE)
+}
 
 
 def firmware_profile(name: str) -> FirmwareProfile:
@@ -185,12 +183,12 @@ def make_enter(motor_id: int) -> CanFrame:
 
     The motor may jump to its last command: send `NEUTRAL` next.
     """
-    return _special(motor_id, _ENTER)
+    return _special(motor_id, ENTER)
 
 
 def make_exit(motor_id: int) -> CanFrame:
     """Makes the frame that switches the motor off."""
-    return _special(motor_id, _EXIT)
+    return _special(motor_id, EXIT)
 
 
 def make_neutral(motor_id: int, profile: FirmwareProfile) -> CanFrame:
@@ -283,26 +281,18 @@ def unwrap(previous: float, reading: float, profile: FirmwareProfile) -> float:
 
 def is_special(data: bytes) -> bool:
     """Returns whether these are the bytes of an enter, exit or zero frame."""
-    return (
-        len(data) == LONG_REPLY
-        and data.startswith(_RESERVED)
-        and data[7:] in (_ENTER, _EXIT, _ZERO)
-    )
+    return len(data) == LONG_REPLY and data.startswith(_RESERVED) and data[7] in (ENTER, EXIT, ZERO)
 
 
 def check_motor_id(motor_id: int) -> None:
     """Raises `FrameError` for an id that a motor of this project cannot have."""
-    if (
-        isinstance(motor_id, bool)
-        or not isinstance(motor_id, int)
-        or not MIN_ID <= motor_id <= MAX_ID
-    ):
+    if type(motor_id) is not int or not MIN_ID <= motor_id <= MAX_ID:
         raise FrameError(f"motor id {motor_id!r}: allowed is {MIN_ID} to {MAX_ID}")
 
 
-def _special(motor_id: int, last: bytes) -> CanFrame:
+def _special(motor_id: int, last: int) -> CanFrame:
     check_motor_id(motor_id)
-    return CanFrame(motor_id, _RESERVED + last)
+    return CanFrame(motor_id, _RESERVED + bytes([last]))
 
 
 def _field(name: str, profile: FirmwareProfile) -> tuple[float, float, int, str]:
@@ -340,6 +330,5 @@ def _unpack(packed: int, names: Sequence[str], profile: FirmwareProfile) -> list
 
 
 def _encode(name: str, value: float, low: float, high: float, steps: int, unit: str) -> int:
-    if not low <= value <= high:  # also catches NaN
-        raise FrameError(f"{name} {value!r}: allowed is {low:g} to {high:g} {unit}")
+    check_field(name, value, low, high, unit)
     return math.floor((value - low) * steps / (high - low) + 0.5)

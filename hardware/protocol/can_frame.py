@@ -16,6 +16,14 @@ class FrameError(HardwareError, ValueError):
     """Bytes that are not a valid frame of the protocol, or values that no frame can carry."""
 
 
+def check_field(name: str, value: float, low: float, high: float, unit: str = "") -> None:
+    """Raises `FrameError` for a value that its field cannot carry, NaN included; `low` and `high`
+    are allowed.
+    """
+    if not low <= value <= high:
+        raise FrameError(f"{name} {value!r}: allowed is {low:g} to {high:g} {unit}".rstrip())
+
+
 @dataclass(frozen=True, slots=True)
 class CanFrame:
     """One data frame.
@@ -34,10 +42,7 @@ class CanFrame:
         ids = EXTENDED_IDS if self.extended else STANDARD_IDS
         if not 0 <= self.arbitration_id < ids:
             raise FrameError(f"CAN id {self.arbitration_id:#x}: allowed is 0 to {ids - 1:#x}")
-        if len(self.data) > MAX_BYTES:
-            raise FrameError(
-                f"CAN frame of {len(self.data)} bytes: allowed are at most {MAX_BYTES}"
-            )
+        check_field("CAN frame length", len(self.data), 0, MAX_BYTES, "bytes")
 
     def __str__(self) -> str:
         digits = 8 if self.extended else 3

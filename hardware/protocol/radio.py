@@ -17,7 +17,7 @@ import struct
 from dataclasses import dataclass
 from enum import IntEnum
 
-from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.protocol.can_frame import FrameError, check_field
 
 PACKED = struct.Struct("<BBffff")
 _NATIVE_BYTES = struct.calcsize("@BBffff")
@@ -164,9 +164,8 @@ def _check(values: tuple[float, ...] | list[float]) -> None:
         ("roll tail", _ANGLE),
     )
     for (name, limit), value in zip(limits, values, strict=True):
-        # `not` also catches NaN; the margin is the rounding to a 32-bit float.
-        if not abs(value) <= limit * (1 + 1e-6):
-            raise FrameError(f"radio {name} {value!r}: allowed is -{limit:g} to {limit:g}")
+        margin = limit * (1 + 1e-6)  # for the rounding to a 32-bit float
+        check_field(f"radio {name}", value, -margin, margin)
         if 0 < abs(value) < _MIN_NORMAL:
             raise FrameError(
                 f"radio {name} {value!r}: is the sender's byte order big-endian? allowed is "
@@ -245,10 +244,7 @@ def decode_report(data: bytes) -> CarReport:
     Raises:
         FrameError: another class or length, an unknown mode or flag, or NaN.
     """
-    if not _HEAD.size <= len(data) <= _MAX_BYTES:
-        raise FrameError(
-            f"car report of {len(data)} bytes; allowed are {_HEAD.size} to {_MAX_BYTES}"
-        )
+    check_field("car report length", len(data), _HEAD.size, _MAX_BYTES, "bytes")
     report_class, _, flags, car, mode, *rest = _HEAD.unpack_from(data)
     if report_class != REPORT_CLASS:
         raise FrameError(f"car report of class {report_class}; allowed is {REPORT_CLASS}")

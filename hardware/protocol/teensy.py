@@ -21,14 +21,12 @@ Units: rad, rad/s, N m/rad, N m s/rad, N m (the thesis calls the reply's field a
 torque field of the motor's frame), pulses in us, sail angle in degrees, clock in ms.
 """
 
-import math
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
-from aerodima.hardware.protocol.ak70 import COMMAND_FIELDS, MitCommand, check_motor_id
-from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.protocol.ak70 import COMMAND_FIELDS, MitCommand, MitReply, check_motor_id
+from aerodima.hardware.protocol.can_frame import FrameError, check_field
 
 END = b"|"
 SERVO_PULSES = (950, 1500, 2050)
@@ -138,25 +136,10 @@ class TeensyCommand:
 
 @dataclass(frozen=True, slots=True)
 class MotorReport:
-    """State of one motor as the Teensy passes it on.
+    """State of one motor as the Teensy passes it on, and its CAN replies counted modulo 256."""
 
-    Attributes:
-        motor_id: whose.
-        position: rad.
-        velocity: rad/s.
-        torque: N m.
-        replies: CAN replies counted modulo 256.
-        temperature: degrees Celsius; None where the motor does not say it.
-        fault: fault byte; None where the motor does not say it.
-    """
-
-    motor_id: int
-    position: float
-    velocity: float
-    torque: float
+    state: MitReply
     replies: int
-    temperature: int | None
-    fault: int | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,10 +162,10 @@ def make_command(command: TeensyCommand) -> bytes:
     """Makes the text frame of a command, with its last `|`.
 
     Raises:
-        FrameError: NaN or infinity, a motor id that is not allowed or used twice, or a pulse out of
-            range.
+        FrameError: NaN or a value out of `NUMBERS`, a motor id that is not allowed or used twice,
+            or a pulse out of range.
     """
-    _check_ids(command.motors)
+    _check_ids(*(order.motor_id for order in command.motors))
     check_pulse("servo", command.servo, SERVO_PULSES)
     check_pulse("throttle", command.throttle, THROTTLE_PULSES)
     orders = "|;".join(_write_order(order) for order in command.motors)
@@ -199,7 +182,7 @@ def decode_reply(text: bytes) -> TeensyReply:
             f"Teensy reply {text!r}: {len(fields)} fields; allowed are {_REPLY_FIELDS}"
         )
     motors = (_read_report(fields[0:4], fields[9:12]), _read_report(fields[4:8], fields[12:15]))
-    _check_ids(motors)
+    _check_ids(*(report.state.motor_id for report in motors))
     clock = _read_integer("clock", fields[15])
     status = _read_integer("status", fields[16])
     return TeensyReply(motors, _read_number("sail", fields[8]), clock, TeensyStatus(status))
@@ -244,15 +227,11 @@ def _write_order(order: MotorOrder) -> str:
 def _write_attitude(attitude: Attitude | None) -> str:
     if attitude is None:
         return f";0.0000;0.0000;{_UNKNOWN_AGE};0.0000;0.0000"
-    numbers = []
-    for name in ("roll", "pitch", "lean", "yaw_rate"):
-        value = getattr(attitude, name)
-        lowest, highest, _ = NUMBERS[name]
-        if not lowest <= value <= highest:
-            raise FrameError(f"Teensy {name} {value!r}: allowed is {lowest:g} to {highest:g}")
-        numbers.append(_number(name, value))
-    numbers.insert(2, str(min(max(attitude.age, 0), _UNKNOWN_AGE - 1)))
-    return ";" + ";".join(numbers)
+    age = min(max(attitude.age, 0), _UNKNOWN_AGE - 1)
+    roll, pitch, lean, yaw_rate = (
+        _number(name, getattr(attitude, name)) for name in ("roll", "pitch", "lean", "yaw_rate")
+    )
+    return f";{roll};{pitch};{age};{lean};{yaw_rate}"
 
 
 def _open(text: bytes) -> list[str]:
@@ -271,17 +250,18 @@ def _open(text: bytes) -> list[str]:
 def _read_report(fields: list[str], extra: list[str]) -> MotorReport:
     position, velocity, torque = map(_read_number, ("position", "velocity", "torque"), fields[1:])
     replies, degrees, code = map(_read_integer, ("replies", "temperature", "fault"), extra)
-    health = (None, None) if code == _UNKNOWN_FAULT else (degrees, code)
-    return MotorReport(_read_integer("id", fields[0]), position, velocity, torque, replies, *health)
+    health = (None, None) if code == _UNKNOWN_FAULT else (float(degrees), code)
+    motor_id = _read_integer("id", fields[0])
+    return MotorReport(MitReply(motor_id, position, velocity, torque, *health), replies)
 
 
 def _read_number(name: str, field: str) -> float:
     lowest, highest, _ = NUMBERS[name]
     if not _DECIMAL.fullmatch(field) or len(field) > _MAX_DIGITS:
         raise FrameError(f"Teensy {name} {field!r}: is not a decimal number")
-    if not lowest <= float(field) <= highest:
-        raise FrameError(f"Teensy {name} {field}: allowed is {lowest:g} to {highest:g}")
-    return float(field)
+    value = float(field)
+    check_field(f"Teensy {name}", value, lowest, highest)
+    return value
 
 
 def _read_integer(name: str, field: str) -> int:
@@ -295,13 +275,12 @@ def _read_integer(name: str, field: str) -> int:
 
 
 def _number(name: str, value: float) -> str:
-    if not math.isfinite(value):
-        raise FrameError(f"Teensy {name} {value!r}: must be finite")
-    return f"{value:.{NUMBERS[name][2]}f}"
+    lowest, highest, decimals = NUMBERS[name]
+    check_field(f"Teensy {name}", value, lowest, highest)
+    return f"{value:.{decimals}f}"
 
 
-def _check_ids(motors: Sequence[MotorOrder | MotorReport]) -> None:
-    first, second = (motor.motor_id for motor in motors)
+def _check_ids(first: int, second: int) -> None:
     check_motor_id(first)
     check_motor_id(second)
     if first == second:
@@ -310,5 +289,5 @@ def _check_ids(motors: Sequence[MotorOrder | MotorReport]) -> None:
 
 def check_pulse(name: str, pulse: int, pulses: tuple[int, int, int]) -> None:
     """Raises `FrameError` for a pulse (us) that is not within `pulses`."""
-    if isinstance(pulse, bool) or not isinstance(pulse, int) or not pulses[0] <= pulse <= pulses[2]:
+    if type(pulse) is not int or not pulses[0] <= pulse <= pulses[2]:
         raise FrameError(f"{name} pulse {pulse!r} us: allowed is {pulses[0]} to {pulses[2]}")

@@ -7,10 +7,11 @@ address 2, options 1, data. Content `10` is data to send: frame id 1 (0: no answ
 8, network address 2, radius 1, options 1, data.
 """
 
+import struct
 from dataclasses import dataclass
 
 from aerodima.hardware.protocol.byte_stream import cut_frames
-from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.protocol.can_frame import check_field
 
 START = 0x7E
 """First byte of a frame."""
@@ -18,13 +19,13 @@ _RECEIVED = 0x90
 """First byte of the content: data that arrived."""
 _TRANSMIT = 0x10
 """First byte of the content: data to send."""
-_RECEIVED_HEAD = 12
-"""Bytes before the data that arrived."""
-_TRANSMIT_HEAD = 14
-"""Bytes before the data to send."""
+_RECEIVED_HEAD = struct.Struct(">BQHB")
+"""Kind, sender, network address and options before the data that arrived."""
+_TRANSMIT_HEAD = struct.Struct(">BBQHBB")
+"""Kind, frame id, receiver, network address, radius and options before the data to send."""
 _MAX_CONTENT = 128
 """Longest content of a frame, bytes."""
-_UNKNOWN_NETWORK_ADDRESS = b"\xff\xfe"
+_UNKNOWN_NETWORK_ADDRESS = 0xFFFE
 BROADCAST = 0xFFFF
 """Address of every module: a broadcast."""
 
@@ -49,23 +50,15 @@ def make_transmit(data: bytes, receiver: int) -> bytes:
     Raises:
         FrameError: more data than a frame carries, or no 64-bit number.
     """
-    if not 0 <= receiver < 1 << 64:
-        raise FrameError(f"XBee address {receiver:#x}: must have 64 bits")
-    content = (
-        bytes([_TRANSMIT, 0])
-        + receiver.to_bytes(8, "big")
-        + _UNKNOWN_NETWORK_ADDRESS
-        + bytes(2)
-        + data
-    )
-    return _frame(content)
+    check_field("XBee address", receiver, 0, 2**64 - 1)
+    head = _TRANSMIT_HEAD.pack(_TRANSMIT, 0, receiver, _UNKNOWN_NETWORK_ADDRESS, 0, 0)
+    return _frame(head + data)
 
 
 def make_received(packet: Packet) -> bytes:
     """Makes the frame that a module hands over for data that arrived; for emulators."""
-    sender = packet.address.to_bytes(8, "big")
-    head = bytes([_RECEIVED]) + sender + _UNKNOWN_NETWORK_ADDRESS
-    return _frame(head + b"\x01" + packet.data)
+    head = _RECEIVED_HEAD.pack(_RECEIVED, packet.address, _UNKNOWN_NETWORK_ADDRESS, 1)
+    return _frame(head + packet.data)
 
 
 class ApiStream:
@@ -85,11 +78,11 @@ class ApiStream:
 
     def feed(self, data: bytes) -> list[Packet]:
         """Adds bytes; returns the packets that arrived and became complete, oldest first."""
-        return self._packets(data, _RECEIVED, 1, _RECEIVED_HEAD)
+        return self._packets(data, _RECEIVED, 1, _RECEIVED_HEAD.size)
 
     def feed_transmits(self, data: bytes) -> list[Packet]:
         """Adds bytes that a computer hands to its module, for emulators; returns the packets."""
-        return self._packets(data, _TRANSMIT, 2, _TRANSMIT_HEAD)
+        return self._packets(data, _TRANSMIT, 2, _TRANSMIT_HEAD.size)
 
     def _packets(self, data: bytes, kind: int, place: int, head: int) -> list[Packet]:
         """Returns the packets of one kind, whose address is at a place of the content."""
@@ -115,7 +108,6 @@ class ApiStream:
 
 
 def _frame(content: bytes) -> bytes:
-    if len(content) > _MAX_CONTENT:
-        raise FrameError(f"XBee frame of {len(content)} bytes; allowed are {_MAX_CONTENT}")
+    check_field("XBee frame length", len(content), 0, _MAX_CONTENT, "bytes")
     body = len(content).to_bytes(2, "big") + content + bytes([0xFF - sum(content) % 256])
     return bytes([START]) + body

@@ -17,7 +17,6 @@ from typing import BinaryIO, cast
 
 from pydantic import Field
 
-from aerodima.hardware.transport.serial_link import reason_of
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.yaml_files import StrictModel
@@ -26,15 +25,16 @@ try:
     import can as can
     from can.exceptions import error_check
     from can.interfaces.slcan import slcanBus
+
+    from aerodima.hardware.transport.serial_link import READ_TIMEOUT, reason_of
 except ImportError:
     raise HardwareError(
-        "the CAN bus of the car needs python-can: pip install 'aerodima-workbench[hardware]'"
+        "the ports of the car need python-can, pyserial and pyubx2: pip install "
+        "'aerodima-workbench[hardware]'"
     ) from None
 
 BITRATE = 1_000_000
 """bit/s of the tail motors (manual V1.0.8)."""
-_READ_TIMEOUT = 0.02
-"""s; a read returns with the first byte."""
 _LINE = re.compile(rb"[^\r\a]*[\r\a]")
 """A line of slcan."""
 _MAX_LINE = 64
@@ -90,7 +90,7 @@ def open_bus(settings: CanSettings) -> can.BusABC:
         arguments.setdefault("bitrate", settings.bitrate)
     try:
         if interface == "slcan":
-            return _Slcan(**{"timeout": _READ_TIMEOUT, **arguments})
+            return _Slcan(**{"timeout": READ_TIMEOUT, **arguments})
         return can.Bus(**{"ignore_config": True, **arguments})
     except can.CanInterfaceNotImplementedError as error:
         raise HardwareError(f"{settings}: this computer has no driver for it: {error}") from None

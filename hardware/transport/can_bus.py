@@ -17,7 +17,7 @@ from pathlib import Path
 
 from aerodima.hardware.protocol.can_frame import MAX_BYTES, CanFrame, TimedFrames
 from aerodima.hardware.transport.can_adapter import CanSettings, TrafficLog, can, open_bus
-from aerodima.hardware.transport.serial_link import reason_of
+from aerodima.hardware.transport.serial_link import causes, reason_of
 from aerodima.workbench.core.errors import HardwareError
 
 _RECEIVE_TIMEOUT = 0.05
@@ -51,6 +51,8 @@ _GONE = (
 )
 _STALE_AFTER = 0.05
 """A command that has waited that long is not sent any more, s: five cycles of the loop."""
+_CLOSE = 0.2
+"""Longest wait for what is to be sent, and for a thread, at the end, s."""
 _MAX_URGENT = 256
 """Most urgent frames that wait."""
 
@@ -253,20 +255,20 @@ class CanBus:
         self._check_threads()
         return [self._inbox.popleft() for _ in range(len(self._inbox))]
 
-    def flush(self, timeout: float = 0.2) -> bool:
+    def flush(self, timeout: float = _CLOSE) -> bool:
         """Waits until every frame was handed to the driver, at most `timeout` s. Whether it was."""
         return self._outbox.wait_empty(timeout)
 
-    def close(self, timeout: float = 0.2) -> None:
-        """Sends what waits (at most `timeout` s), stops the threads, closes adapter and log.
+    def close(self) -> None:
+        """Sends what waits (at most 0.2 s), stops the threads, closes adapter and log.
 
         Never raises.
         """
-        self.flush(timeout)
+        self.flush()
         self._closing.set()
         self._outbox.close()
-        self._sender.join(timeout)
-        self._receiver.join(timeout + _RECEIVE_TIMEOUT)
+        self._sender.join(_CLOSE)
+        self._receiver.join(_CLOSE + _RECEIVE_TIMEOUT)
         try:
             self._bus.shutdown()
         except Exception as error:  # a lost adapter cannot be closed properly
@@ -409,23 +411,17 @@ def _key(frame: CanFrame) -> tuple[int, bool]:
     return frame.arbitration_id, frame.extended
 
 
-def _may_have_left(error: BaseException | None) -> bool:
+def _may_have_left(error: BaseException) -> bool:
     """Returns whether a frame may be on the bus although sending it failed: pyserial times out
     after a whole write too.
     """
-    while error is not None:
-        if type(error).__name__ == "SerialTimeoutException":
-            return True
-        error = error.__cause__ or error.__context__
-    return False
+    return any(type(cause).__name__ == "SerialTimeoutException" for cause in causes(error))
 
 
 def _fault_of(error: BaseException, otherwise: BusFault) -> BusFault:
     """Returns `ADAPTER_LOST` if the cause, somewhere in the chain, is that the device has gone."""
-    cause: BaseException | None = error
-    while cause is not None:
+    for cause in causes(error):
         number = getattr(cause, "errno", None) or getattr(cause, "error_code", None)
         if number in _GONE or "readiness to read but returned no data" in str(cause):
             return BusFault.ADAPTER_LOST
-        cause = cause.__cause__ or cause.__context__
     return otherwise

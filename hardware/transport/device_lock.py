@@ -19,7 +19,7 @@ from pathlib import Path
 
 from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.workbench.core.errors import HardwareError
-from aerodima.workbench.core.file_reading import Json, read_json
+from aerodima.workbench.core.file_reading import read_json
 
 _FOLDERS = ("/run/lock", "/var/lock", tempfile.gettempdir())
 _UNKNOWN_WAIT = 1.0
@@ -34,12 +34,11 @@ def can_address(settings: CanSettings) -> str:
     """
     if settings.interface == "slcan":
         return settings.channel.partition("@")[0]
+    address = settings.channel
     host = settings.options.get("host")
     if host is not None:
         with contextlib.suppress(OSError):
             host = socket.gethostbyname(str(host))
-    address = settings.channel
-    if host is not None:
         address = f"{host}:{settings.options.get('port', '')}:{address}"
     return f"{settings.interface}:{address}"
 
@@ -123,27 +122,23 @@ def _take(path: Path, device: str) -> int:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             return file
         except BlockingIOError:
-            note = _read(path)
-        if _lives(note.get("pid")) or time.monotonic() - begin > _UNKNOWN_WAIT:
+            holder = _holder(path)
+        if holder or time.monotonic() - begin > _UNKNOWN_WAIT:
             os.close(file)
-            raise HardwareError(f"{device}: is in use by {_in_words(note)}; nothing was opened")
+            holder = holder or "another program"
+            raise HardwareError(f"{device}: is in use by {holder}; nothing was opened")
         time.sleep(_POLL_PERIOD)
 
 
-def _read(path: Path) -> Json:
+def _holder(path: Path) -> str:
+    """Returns who has a lock; empty while it has not said so."""
     try:
         note = read_json(path, HardwareError)
     except HardwareError:  # not written yet
-        return {}
-    if isinstance(note, dict):
-        return note
-    return {}
-
-
-def _in_words(note: Json) -> str:
-    if _lives(note.get("pid")):
+        return ""
+    if isinstance(note, dict) and _lives(note.get("pid")):
         return f"{note.get('holder')} (process {note['pid']}, since {note.get('since')})"
-    return "another program"
+    return ""
 
 
 def _lives(process_id: object) -> bool:

@@ -6,28 +6,27 @@ import errno
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
 
 from pydantic import Field
+from serial import Serial
 
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.core.yaml_files import StrictModel
 
-if TYPE_CHECKING:
-    from serial import Serial
-
-_READ_TIMEOUT = 0.02
+READ_TIMEOUT = 0.02
 """s; a read returns with the first byte, so that only a silent port waits that long: 50 times a
 second."""
 _WITHOUT_PORT = 0.002
 """Wait of the sending thread while there is no port, s."""
 _WRITE_TIMEOUT = 0.1
 """Longest time of a write, s."""
-_RECONNECT = 0.25
+RECONNECT = 0.25
 """Wait between two attempts to open the port again, s."""
 _THREAD_SILENT = 0.5
 """A reading thread that has not come round for that long is taken for dead, s."""
+_CLOSE = 0.2
+"""Longest wait for what is to be written, and for a thread, at the end, s."""
 _MAX_CHUNKS = 4096
 """Most pieces of received data that wait to be taken."""
 
@@ -44,23 +43,17 @@ class SerialSettings(StrictModel):
     rate: int = Field(115_200, gt=0)
 
 
-def open_serial(settings: SerialSettings, timeout: float = _READ_TIMEOUT) -> Serial:
+def open_serial(settings: SerialSettings, timeout: float = READ_TIMEOUT) -> Serial:
     """Opens the device for this program alone.
 
     Args:
         timeout: longest wait of a read, s.
 
     Raises:
-        HardwareError: pyserial is not installed, or the device is missing, not permitted or in use.
+        HardwareError: the device is missing, not permitted or in use.
     """
     try:
-        import serial
-    except ImportError:
-        raise HardwareError(
-            "serial ports need pyserial: pip install 'aerodima-workbench[hardware]'"
-        ) from None
-    try:
-        return serial.Serial(
+        return Serial(
             settings.path,
             settings.rate,
             timeout=timeout,
@@ -86,7 +79,7 @@ class SerialLink:
     Attributes:
         connected: whether the device is open.
         error: why it is not, or was not last time; empty before the first loss.
-        losses: how often it was lost.
+        losses: how often it was lost or closed.
     """
 
     def __init__(self, open_port: Callable[[], Serial]) -> None:
@@ -138,24 +131,24 @@ class SerialLink:
         """
         return [self._inbox.popleft() for _ in range(len(self._inbox))]
 
-    def flush(self, timeout: float = 0.2) -> bool:
+    def flush(self, timeout: float = _CLOSE) -> bool:
         """Waits until nothing waits to be written, at most `timeout` s; whether it came to that."""
         with self._condition:
             return self._condition.wait_for(lambda: self._waiting is None, timeout)
 
-    def close(self, timeout: float = 0.2) -> None:
-        """Writes what waits (at most `timeout` s) and closes the device. Never raises."""
-        self.flush(timeout)
+    def close(self) -> None:
+        """Writes what waits (at most 0.2 s) and closes the device. Never raises."""
+        self.flush()
         self._closing.set()
         with self._condition:
             self._condition.notify_all()
         for thread in self._threads:
-            thread.join(timeout)
+            thread.join(_CLOSE)
         port = self._port
         if port is not None:
-            self._lose(port, "closed", count=False)
+            self._lose(port, "closed")
 
-    def _lose(self, port: Serial, reason: str, count: bool = True) -> None:
+    def _lose(self, port: Serial, reason: str) -> None:
         """Closes a port after an error; `_run` opens the device again.
 
         Both threads may fail on one port; the later one must not close what was opened since.
@@ -166,7 +159,7 @@ class SerialLink:
             self._port = None
             self.connected = False
             self.error = reason
-            self.losses += count
+            self.losses += 1
         try:
             port.close()
         except Exception as error:  # a device that has gone cannot be closed properly
@@ -195,7 +188,7 @@ class SerialLink:
             port = self._open_port()
         except Exception as error:  # whatever the driver says, the thread must live to try again
             self.error = reason_of(error)
-            self._closing.wait(_RECONNECT)
+            self._closing.wait(RECONNECT)
             return
         with self._condition:
             self._waiting = None  # made before the device was lost: too old
@@ -232,11 +225,11 @@ def reason_of(error: BaseException) -> str:
     """Returns what went wrong with a device and what to do, from the first system error in the
     chain.
     """
-    root: BaseException | None = error
-    while root is not None and getattr(root, "errno", None) is None:
-        root = root.__cause__ or root.__context__
+    chain = list(causes(error))
+    root = next((cause for cause in chain if getattr(cause, "errno", None) is not None), error)
     number = getattr(root, "errno", None)
-    if number == errno.EISDIR or _is_no_terminal(error):
+    # What `termios` says of a file that is no terminal has no error number.
+    if number == errno.EISDIR or any(cause.args[:1] == (errno.ENOTTY,) for cause in chain):
         return "is no serial device"
     if number in (errno.EACCES, errno.EPERM):
         return "permission denied; is the user in the group that owns the device (often dialout)?"
@@ -244,12 +237,11 @@ def reason_of(error: BaseException) -> str:
         return "there is no such device; is it plugged in?"
     if number in (errno.EBUSY, errno.EAGAIN):
         return "another program uses it"
-    return " ".join(str(root or error).split())
+    return " ".join(str(root).split())
 
 
-def _is_no_terminal(error: BaseException) -> bool:
-    """Returns whether pyserial, without an error number, says what `termios` says of a file that is
-    no terminal.
-    """
-    causes = (error.__cause__, error.__context__)
-    return any(cause is not None and cause.args[:1] == (errno.ENOTTY,) for cause in causes)
+def causes(error: BaseException | None) -> Iterator[BaseException]:
+    """Yields an error and what caused it, from the last one to the first."""
+    while error is not None:
+        yield error
+        error = error.__cause__ or error.__context__

@@ -19,10 +19,10 @@ from pathlib import Path
 
 from aerodima.hardware.car.car_ports import read_ports
 from aerodima.hardware.car.safety_settings import load_drive_safety
-from aerodima.hardware.car.wiring import CarCommand
+from aerodima.hardware.car.wiring import PERIOD, CarCommand
 from aerodima.hardware.car.wirings import wire_car
 from aerodima.hardware.driving.car_guard import CarGuard, Stage
-from aerodima.hardware.driving.plain_loop import PERIOD, ManualPilot, wait_until
+from aerodima.hardware.driving.plain_loop import ManualPilot, wait_until
 from aerodima.hardware.protocol.radio import RadioMode
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.core.realtime import prefer_latency

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("starlette", reason="the extra `console` is not installed")
 
 from aerodima.hardware.car.safety_settings import load_drive_safety
-from aerodima.hardware.driving.plain_loop import PERIOD
+from aerodima.hardware.car.wiring import PERIOD
 from aerodima.workbench.logs.schema import read_run_log
 from tests.browser.console_session import GAMEPADS, TRIES, ConsoleSession, OperatorPage, wait_for
 

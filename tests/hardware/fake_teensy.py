@@ -53,7 +53,4 @@ class FakeTeensy:
         if number not in self.deaf:
             self.replies[number] = (self.replies[number] + 1) % 256
         state = decode_reply(CanFrame(0, reply.data), PROFILE)
-        measured = state.position, state.velocity, state.torque
-        return MotorReport(
-            number, *measured, self.replies[number], int(state.temperature), state.fault
-        )
+        return MotorReport(state, self.replies[number])

@@ -129,9 +129,7 @@ def assemble(
         from aerodima.workbench.car.roll_estimator import RollEstimator
         from aerodima.workbench.car.roll_filter import RollFilterSettings
 
-        settings = RollFilterSettings(
-            rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81
-        )
+        settings = RollFilterSettings.from_scenario(scenario)
         sources.append(RollEstimator.add_to_builder(builder, settings, station=station))
     signals = signals_of(CAR_PORTS, ports | output_ports(*sources)) + truth_signals(station)
     taken = names_of(sensor_columns())

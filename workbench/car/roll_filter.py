@@ -4,10 +4,11 @@ without Drake too.
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.ranges import check_range
+from aerodima.workbench.scenario.scenario import Scenario
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,11 @@ class RollFilterSettings:
     time_constant: float = 1.0
     trust_acceleration: float = 1.5
     gravity: float = 9.81
+
+    @classmethod
+    def from_scenario(cls, scenario: Scenario) -> Self:
+        """Makes the settings of a car: the rate of its IMU, the gravity of its surroundings."""
+        return cls(rate=scenario.imu.rate, gravity=scenario.environment.gravity or cls.gravity)
 
     def __post_init__(self) -> None:
         for name, unit in (

@@ -126,7 +126,6 @@ class FakeRadio(RadioLink):
 class FakeWatchdog:
     def __init__(self):
         self.calls = []
-        self.healthy = True
         self.reason = ""
 
     def arm(self):

@@ -117,7 +117,6 @@ def test_the_watchdog_is_armed_before_the_motors_and_beaten_in_every_cycle(bench
 
 def test_a_watchdog_that_died_switches_the_motors_off(bench):
     armed(bench)
-    bench.watchdog.healthy = False
     bench.watchdog.reason = "the Teensy does not answer: watchdog"
     reading = bench.cycle(HOLD)
     assert status(reading).tail_roll_fault == MotorFault.BUS
@@ -222,7 +221,8 @@ def test_the_guard_on_the_wired_car_disarms_when_the_operator_falls_silent(bench
             bench.port.now = bench.now
             for motor in bench.port.motors:
                 motor.advance(0.01)
-            guard.exchange(HOLD, bench.now)
+            guard.read(bench.now)
+            guard.write(HOLD, bench.now)
 
     turn(2)
     guard.arm(bench.now)

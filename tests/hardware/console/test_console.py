@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from aerodima.hardware.console.console import GONE_AFTER, Console, ConsoleRecord, Limits
+from aerodima.hardware.console.console import GONE_AFTER, Console, ConsoleRecord
 from aerodima.hardware.console.operator_radio import OperatorRadio
 from aerodima.hardware.console.page_messages import Logging, PageHeartbeat, Request, Stop
 from aerodima.hardware.protocol.radio import (
@@ -18,6 +18,8 @@ from aerodima.hardware.protocol.radio import (
 from aerodima.workbench.core.errors import UserError
 from tests.hardware.console.test_operator_radio import CAR, REST, FakeLink
 from tests.refusals import assert_refused
+
+LIMITS = {"steering": 0.5, "pitch": 1.0, "roll": 2.0}
 
 ARMED = CarReport(True, False, RadioMode.IDLE, operator_age=0.02)
 STOP = Stop(type="stop", by="key")
@@ -34,7 +36,7 @@ class Bench:
         self.link = FakeLink()
         self.record = folder / "record.jsonl"
         radio = OperatorRadio(self.link, CAR)
-        self.console = Console(radio, ConsoleRecord(self.record), Limits(0.5, 1.0, 2.0), process)
+        self.console = Console(radio, ConsoleRecord(self.record), LIMITS, process)
         self.now = 10.0
         self.first = self.console.connect(self.now)
         self.second = self.console.connect(self.now)

@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from aerodima.hardware.console.console import Console, ConsoleRecord, Limits
+from aerodima.hardware.console.console import Console, ConsoleRecord
 from aerodima.hardware.console.console_server import make_app, make_server, open_socket, run_server
 from aerodima.hardware.console.operator_radio import OperatorRadio
 from aerodima.hardware.console.page_access import Access
@@ -35,6 +35,8 @@ from tests.hardware.console.test_console import ARMED
 from tests.hardware.console.test_operator_radio import CAR, FakeLink
 from tests.refusals import assert_refused
 
+LIMITS = {"steering": 0.5, "pitch": 1.0, "roll": 2.0}
+
 
 class Served:
     """A console on a free port with a radio in memory."""
@@ -47,7 +49,7 @@ class Served:
         self.port = self.listener.getsockname()[1]
         self.access = Access(self.port)
         self.console = Console(
-            OperatorRadio(self.link, CAR), ConsoleRecord(self.record), Limits(0.5, 1.0, 2.0), car
+            OperatorRadio(self.link, CAR), ConsoleRecord(self.record), LIMITS, car
         )
         self.server = make_server(make_app(self.console, self.access, self.said.append, self.end))
         self.thread = threading.Thread(target=lambda: self.server.run(sockets=[self.listener]))
@@ -243,7 +245,7 @@ def test_a_console_that_has_failed_ends_with_its_reason(tmp_path):
     console = Console(
         OperatorRadio(FakeLink(), CAR),
         ConsoleRecord(tmp_path / "record.jsonl"),
-        Limits(0.5, 1.0, 2.0),
+        LIMITS,
     )
     console.poll = die
     with contextlib.closing(open_socket(0)) as listener, ThreadPoolExecutor(1) as thread:

@@ -40,18 +40,18 @@ def test_requests_are_the_bytes_of_the_data_sheet():
 
 def test_words_have_the_units_of_the_data_sheet():
     sample = Bno055Sample(
-        (HALF, 0.0, 0.0, HALF), (1.0, -2.0, 0.5), (9.81, -0.01, 3.27), -4, (3, 2, 1, 0)
+        (HALF, 0.0, 0.0, HALF), (1.0, -2.0, 0.5), (9.81, -0.01, 3.27), (3, 2, 1, 0)
     )
     data = encode_sample(sample)
     assert len(data) == SAMPLE_BYTES == 34
     words = np.frombuffer(data[:6] + data[12:32], "<i2").tolist()
     gyro, gravity = [900, -1800, 450], [0, 0, 981]
     assert words == [*gyro, 11585, 0, 0, 11585, 981, -1, 327, *gravity]
-    assert data[32:] == bytes([0xFC, 0b11100100])
+    assert data[33:] == bytes([0b11100100])
     back = decode_sample(data)
     assert back.gyro == pytest.approx(sample.gyro, abs=1 / 1800)
     assert back.acceleration == pytest.approx(sample.acceleration, abs=0.005)
-    assert (back.temperature, back.calibration) == (-4, (3, 2, 1, 0))
+    assert back.calibration == (3, 2, 1, 0)
 
 
 def test_a_turn_to_the_left_carries_the_chips_x_axis_to_the_worlds_y_axis():

@@ -14,6 +14,7 @@ from aerodima.hardware.devices.motor_group import MotorGroup
 from aerodima.hardware.devices.teensy_link import TeensyLink, pulse
 from aerodima.hardware.protocol.ak70 import (
     PROFILES,
+    MitReply,
     decode_reply,
     make_enter,
     make_exit,
@@ -180,9 +181,9 @@ def test_replies_go_on_when_their_counter_runs_over(car):
 
 
 def test_a_position_beyond_the_profile_is_no_reply(car):
-    report = MotorReport(1, 12.6, 0.0, 0.0, replies=99, temperature=30, fault=0)
-    assert car.link._frame_of(report) is None
-    inside = replace(report, position=0.0, replies=100)
+    state = MitReply(1, 12.6, 0.0, 0.0, temperature=30, fault=0)
+    assert car.link._frame_of(MotorReport(state, 99)) is None
+    inside = MotorReport(replace(state, position=0.0), 100)
     assert car.link._frame_of(inside).data[1:3] == make_neutral(1, PROFILE).data[:2]
 
 
@@ -190,7 +191,7 @@ def test_a_position_beyond_the_profile_is_no_reply(car):
 @pytest.mark.parametrize("health", [(31, 2), (None, None)])
 def test_a_reply_has_the_form_of_its_profile_and_unknown_stays_unknown(profile, health):
     link = TeensyLink(FakeLink(), (1, 2), profile)
-    frame = link._frame_of(MotorReport(1, 0.5, 1.0, 0.5, 1, *health))
+    frame = link._frame_of(MotorReport(MitReply(1, 0.5, 1.0, 0.5, *health), 1))
     reply = decode_reply(frame, profile)
     known = 8 in profile.reply_lengths
     assert (reply.temperature, reply.fault) == (health if known else (None, None))

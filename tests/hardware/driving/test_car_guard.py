@@ -32,7 +32,8 @@ class Car:
     def turn(self, command=FORWARD, count=1, late=0.0):
         for _ in range(count):
             self.now += PERIOD
-            self.guard.exchange(command, self.now, self.now - late)
+            self.guard.read(self.now, self.now - late)
+            self.guard.write(command, self.now)
         return self
 
     def driving(self):

@@ -14,14 +14,13 @@ import numpy as np
 import pytest
 
 from aerodima.hardware.car.safety_settings import load_drive_safety
-from aerodima.hardware.car.wiring import CarReading
+from aerodima.hardware.car.wiring import PERIOD, CarReading
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.driving import run_journal
 from aerodima.hardware.driving.car_guard import CarGuard, Stage
 from aerodima.hardware.driving.drive_diagram import CarInterface, DiagramPilot
 from aerodima.hardware.driving.plain_loop import (
-    PERIOD,
     AutoPilot,
     ManualPilot,
     idle_until,

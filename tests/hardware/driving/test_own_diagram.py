@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from aerodima.hardware.car.wiring import WIRINGS, CarReading
+from aerodima.hardware.car.wiring import PERIOD, WIRINGS, CarReading
 from aerodima.hardware.console.emulated_car import emulated_car
 from aerodima.hardware.driving.drive_diagram import DiagramPilot
 from aerodima.hardware.driving.drive_session import RUN_OVER, drive
-from aerodima.hardware.driving.plain_loop import PERIOD
 from aerodima.hardware.driving.run_journal import drive_columns
 from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.cli.program import build_app

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from aerodima.hardware.car.safety_settings import load_drive_safety
-from aerodima.hardware.car.wiring import CarCommand
+from aerodima.hardware.car.wiring import PERIOD, CarCommand
 from aerodima.hardware.car.wirings import wire_car
 from aerodima.hardware.driving.car_guard import CarGuard, Stage
-from aerodima.hardware.driving.plain_loop import PERIOD, wait_until
+from aerodima.hardware.driving.plain_loop import wait_until
 from aerodima.hardware.protocol.ak70 import make_enter, make_exit
 from aerodima.hardware.protocol.radio import OperatorPrompt, RadioMode
 from aerodima.workbench.core.errors import HardwareError
@@ -87,9 +87,9 @@ def drive_until_stopped(guard, run_time, command_at, breaker):
             if now - begin > limit:
                 return False
             breaker.turn(guard)
-            guard.exchange(
-                command(now), breaker.clock(), due if guard.stage is Stage.DRIVING else None
-            )
+            cycle = breaker.clock()
+            guard.read(cycle, due if guard.stage is Stage.DRIVING else None)
+            guard.write(command(now), cycle)
             due = max(due + PERIOD, now - 0.05)
             wait_until(due)
         return True

@@ -132,15 +132,16 @@ def make_reply(reply):
     """The reply string as the core writes it; `FrameError` if it refuses."""
     reports = [
         _Report(
-            report.position,
-            report.velocity,
-            report.torque,
-            report.motor_id,
+            state.position,
+            state.velocity,
+            state.torque,
+            state.motor_id,
             report.replies,
-            report.temperature or 0,
-            -1 if report.fault is None else report.fault,
+            int(state.temperature or 0),
+            -1 if state.fault is None else state.fault,
         )
         for report in reply.motors
+        for state in (report.state,)
     ]
     content = _Reply((_Report * 2)(*reports), reply.sail, reply.clock, int(reply.status))
     text = ctypes.create_string_buffer(_LONGEST)

@@ -8,7 +8,13 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from aerodima.hardware.protocol import ak70, teensy
-from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8, MANUAL_SAMPLE_CODE, PROFILES, MitCommand
+from aerodima.hardware.protocol.ak70 import (
+    AK70_10_V1_0_8,
+    MANUAL_SAMPLE_CODE,
+    PROFILES,
+    MitCommand,
+    MitReply,
+)
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.teensy import (
     Attitude,
@@ -165,7 +171,9 @@ def test_a_stream_that_begins_in_the_middle_of_a_string_is_read_from_the_next_on
 
 HEALTH = st.tuples(st.integers(-40, 255), st.integers(0, 255)) | st.just((None, None))
 REPORTS = st.builds(
-    lambda motor_id, measured, replies, health: MotorReport(motor_id, *measured, replies, *health),
+    lambda motor_id, measured, replies, health: MotorReport(
+        MitReply(motor_id, *measured, *health), replies
+    ),
     st.integers(0, 70),
     st.tuples(*[within(100.0)] * 3),
     st.integers(0, 255),
@@ -181,8 +189,8 @@ REPLIES = st.builds(
 
 
 def flat(reply):
-    reports = [*astuple(reply.motors[0]), *astuple(reply.motors[1])]
-    known = [-1000 if value is None else value for value in reports]
+    reports = [(*astuple(report.state), report.replies) for report in reply.motors]
+    known = [-1000 if value is None else value for values in reports for value in values]
     return [*known, reply.clock, reply.status]
 
 
@@ -190,7 +198,7 @@ def flat(reply):
 @given(REPLIES)
 def test_a_reply_arrives_as_it_was_written(reply):
     text = refused(core.make_reply, reply)
-    first, second = (motor.motor_id for motor in reply.motors)
+    first, second = (report.state.motor_id for report in reply.motors)
     if text is None:
         assert min(first, second) < 1 or max(first, second) > ak70.MAX_ID or first == second
         return
@@ -200,7 +208,10 @@ def test_a_reply_arrives_as_it_was_written(reply):
 
 
 def test_a_reply_that_is_not_finite_is_refused():
-    reports = (MotorReport(1, math.nan, 0.0, 0.0, 0, 0, 0), MotorReport(2, 0.0, 0.0, 0.0, 0, 0, 0))
+    reports = (
+        MotorReport(MitReply(1, math.nan, 0.0, 0.0, 0, 0), 0),
+        MotorReport(MitReply(2, 0.0, 0.0, 0.0, 0, 0), 0),
+    )
     assert (
         refused(core.make_reply, TeensyReply(reports, 0.0, 0, teensy.TeensyStatus.RUNNING)) is None
     )

@@ -39,7 +39,7 @@ def commanding(bench, seconds, **what):
         bench.write(MotorRequest.COMMAND, PUSH, **{"throttle": 1520, **what})
         for _ in range(10):
             bench.wait(MS)
-            if bench.core.state.status is not TeensyStatus.RUNNING:
+            if bench.core.state.status != TeensyStatus.RUNNING:
                 acted = min(acted, bench.now - begin)
     return acted
 
@@ -60,7 +60,7 @@ def test_a_car_on_its_side_is_stopped_although_the_drive_goes_on_commanding(atti
     acted = commanding(bench, 1.0, attitude=attitude)
     assert TIMING.attitude_time <= acted <= TIMING.attitude_time + 0.011
     assert (bench.core.state.servo, bench.core.state.throttle) == (1500, 1500)
-    assert bench.core.state.status is TeensyStatus.ATTITUDE
+    assert bench.core.state.status == TeensyStatus.ATTITUDE
     assert bench.last_reply().status is TeensyStatus.ATTITUDE
     for motor_id in (1, 2):
         exits = bench.exits(motor_id, since=begin)
@@ -112,7 +112,7 @@ def test_a_car_that_rocks_is_not_stopped():
 def test_the_car_does_not_drive_with_an_attitude_that_is_old_or_unknown(attitude):
     bench = Bench().drive()
     assert commanding(bench, 0.05, attitude=attitude) <= 0.002
-    assert bench.core.state.status is TeensyStatus.ATTITUDE
+    assert bench.core.state.status == TeensyStatus.ATTITUDE
 
 
 @pytest.mark.parametrize("attitude", [None, Attitude(0.0, 0.0, 60000)])
@@ -207,7 +207,7 @@ def test_a_heartbeat_that_stops_while_armed_switches_the_motors_off(strings):
     assert len(bench.exits(2, since=last)) >= TIMING.exit_burst + TIMING.exit_cycles
     assert bench.core.state.throttle == 1500
     if strings:
-        assert bench.core.state.status is TeensyStatus.HEARTBEAT_STOPPED
+        assert bench.core.state.status == TeensyStatus.HEARTBEAT_STOPPED
 
 
 @pytest.mark.parametrize("length", [1, 40])
@@ -244,11 +244,11 @@ def test_it_is_not_released_before_its_exit_frames_are_out_nor_while_the_beats_s
     bench = driving_on_the_bus()
     bench.wait(TIMING.watchdog_timeout + 0.01)
     bench.write(MotorRequest.EXIT)
-    assert bench.core.state.status is not TeensyStatus.RUNNING
+    assert bench.core.state.status != TeensyStatus.RUNNING
     bench.beat(HeartbeatState.ARMED, 0.3)
-    assert bench.core.state.status is not TeensyStatus.RUNNING
+    assert bench.core.state.status != TeensyStatus.RUNNING
     bench.beat(HeartbeatState.OFF, 0.3)
-    assert bench.core.state.status is TeensyStatus.RUNNING
+    assert bench.core.state.status == TeensyStatus.RUNNING
 
 
 @pytest.mark.parametrize(

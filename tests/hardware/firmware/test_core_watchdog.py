@@ -131,20 +131,20 @@ def test_it_bridges_enter_command_and_exit():
     assert bridged(MotorRequest.COMMAND, PUSH, throttle=1520, servo=1700) == pushed
     assert (bench.core.state.servo, bench.core.state.throttle) == (1700, 1520)
     reply = bench.last_reply()
-    assert reply.motors[0].position == pytest.approx(0.5, abs=4e-4)
-    assert reply.motors[1].torque == pytest.approx(2.0, abs=0.01)
-    assert (reply.motors[0].temperature, reply.status) == (31, TeensyStatus.RUNNING)
+    assert reply.motors[0].state.position == pytest.approx(0.5, abs=4e-4)
+    assert reply.motors[1].state.torque == pytest.approx(2.0, abs=0.01)
+    assert (reply.motors[0].state.temperature, reply.status) == (31, TeensyStatus.RUNNING)
 
 
 def test_what_a_motor_does_not_say_is_unknown_and_not_zero():
     bench = Bench()
     bench.health = ()
     for _ in range(2):
-        report = bench.last_reply().motors[0] if bench.replies else None
-        assert report is None or (report.temperature, report.fault) == (None, None)
+        state = bench.last_reply().motors[0].state if bench.replies else None
+        assert state is None or (state.temperature, state.fault) == (None, None)
         bench.write(MotorRequest.EXIT)
         bench.wait(0.005)
-    assert report.position == pytest.approx(0.5, abs=1e-3)
+    assert state.position == pytest.approx(0.5, abs=1e-3)
 
 
 def test_it_acts_when_the_strings_stop_and_not_before():
@@ -155,7 +155,7 @@ def test_it_acts_when_the_strings_stop_and_not_before():
     assert not bench.exits(1, since=last)
     bench.wait(0.002)
     assert (bench.core.state.servo, bench.core.state.throttle) == (1500, 1500)
-    assert bench.core.state.status is TeensyStatus.WATCHDOG_ACTED
+    assert bench.core.state.status == TeensyStatus.WATCHDOG_ACTED
     for motor_id in (1, 2):
         exits = bench.exits(motor_id, since=last)
         assert len(exits) == TIMING.exit_burst
@@ -199,14 +199,14 @@ def test_only_exit_with_idle_throttle_is_neutral(request_, throttle):
     bench = Bench().drive()
     bench.wait(0.3)
     bench.write(request_, throttle=throttle)
-    assert bench.core.state.status is TeensyStatus.WATCHDOG_ACTED
+    assert bench.core.state.status == TeensyStatus.WATCHDOG_ACTED
 
 
 def test_a_neutral_string_ends_it():
     bench = Bench().drive()
     bench.wait(0.3)
     bench.write(MotorRequest.EXIT)
-    assert bench.core.state.status is TeensyStatus.RUNNING
+    assert bench.core.state.status == TeensyStatus.RUNNING
     bench.drive()
     assert bench.core.state.throttle == 1520
 
@@ -216,7 +216,7 @@ def test_damaged_strings_do_not_feed_it():
     for _ in range(40):
         bench.core.feed(b"1;2;0;0;0;0;0|;2;2;0;0;0;0;0|;1500;1520;*00|", bench.now)
         bench.wait(0.01)
-    assert bench.core.state.status is TeensyStatus.WATCHDOG_ACTED
+    assert bench.core.state.status == TeensyStatus.WATCHDOG_ACTED
     assert bench.core.state.rejected >= 40
 
 
@@ -243,14 +243,14 @@ def test_a_command_beyond_the_motor_is_refused_whole():
     bench.write(MotorRequest.COMMAND, replace(PUSH, position=13.0))
     assert bench.core.state.rejected == rejected + 1
     bench.wait(0.2)
-    assert bench.core.state.status is TeensyStatus.WATCHDOG_ACTED
+    assert bench.core.state.status == TeensyStatus.WATCHDOG_ACTED
 
 
 def test_the_clock_may_wrap():
     bench = Bench(begin=2**32 / 1000.0 - 0.1).drive(cycles=40)
-    assert bench.core.state.status is TeensyStatus.RUNNING
+    assert bench.core.state.status == TeensyStatus.RUNNING
     bench.wait(0.2)
-    assert bench.core.state.status is TeensyStatus.WATCHDOG_ACTED
+    assert bench.core.state.status == TeensyStatus.WATCHDOG_ACTED
 
 
 def test_silent_motors_do_not_make_the_reply_late_and_do_not_count_as_answers():
@@ -290,7 +290,7 @@ def test_no_command_leaves_after_everything_was_switched_off():
     bench._collect = lambda: None  # the bus takes nothing
     bench.write(MotorRequest.COMMAND, PUSH)
     bench.write(MotorRequest.COMMAND, PUSH, throttle=1520, attitude=None)
-    assert bench.core.state.status is TeensyStatus.ATTITUDE
+    assert bench.core.state.status == TeensyStatus.ATTITUDE
     frames = bench.core.frames()
     assert make_exit(1) in frames
     assert make_command(1, PUSH, PROFILE) not in frames

@@ -92,7 +92,7 @@ def test_teensy_string(text, close):
         result = teensy.decode_reply(checked(text) if close else text)
     except FrameError:
         return
-    assert finite(value for motor in result.motors for value in astuple(motor))
+    assert finite(value for report in result.motors for value in astuple(report.state))
 
 
 @fuzzed(5_000, st.lists(strings, max_size=4), st.lists(st.integers(1, 60), min_size=1, max_size=6))
@@ -108,4 +108,4 @@ def test_streams_resynchronise_after_any_noise(noise, sizes):
         data = data[size:]
         i = i + 1
     assert found
-    assert found[-1].motors[0].position == 0.5
+    assert found[-1].motors[0].state.position == 0.5

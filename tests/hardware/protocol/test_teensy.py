@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from aerodima.hardware.devices.teensy_link import ReplyStream
-from aerodima.hardware.protocol.ak70 import NEUTRAL, MitCommand
+from aerodima.hardware.protocol.ak70 import NEUTRAL, MitCommand, MitReply
 from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.hardware.protocol.teensy import (
     Attitude,
@@ -33,7 +33,10 @@ COMMAND = TeensyCommand(
     throttle=1622,
 )
 REPLY = TeensyReply(
-    (MotorReport(1, -1.5, 8.0, 0.25, 7, 31, 0), MotorReport(2, 0.0, -0.5, -3.0, 255, -5, 2)),
+    (
+        MotorReport(MitReply(1, -1.5, 8.0, 0.25, 31, 0), 7),
+        MotorReport(MitReply(2, 0.0, -0.5, -3.0, -5, 2), 255),
+    ),
     sail=271.25,
     clock=4_000_000_000,
     status=TeensyStatus.WATCHDOG_ACTED,

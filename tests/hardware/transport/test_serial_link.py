@@ -63,7 +63,7 @@ def ports():
 
 @pytest.fixture
 def link(ports, monkeypatch):
-    monkeypatch.setattr(serial_link, "_RECONNECT", 0.001)
+    monkeypatch.setattr(serial_link, "RECONNECT", 0.001)
     found = iter(ports)
     plugged = threading.Event()
     plugged.set()
