@@ -39,7 +39,7 @@ FRICTION = "car.tyre_friction"
 SLIP = "car.tyre_slip_angle"
 CAUSAL_FILTER_THRESHOLD = 0.5
 """Value of `forward` above which the filter runs in one direction."""
-MAX_NUISANCES = {"window": 1.2, "latency": 0.3}
+MAX_NUISANCES: dict[Nuisance, float] = {"window": 1.2, "latency": 0.3}
 """Largest values, s; what is recorded around the steering allows no more."""
 MAX_POSTERIOR_SAMPLES = 2000
 """Cars of a posterior that are kept."""
@@ -150,14 +150,14 @@ class Budget(StrictModel):
         fine_step: of these runs, s.
     """
 
-    cars: Annotated[int, Field(ge=40, le=20_000)]
-    rounds: Annotated[int, Field(ge=2, le=10)]
-    full: Annotated[int, Field(ge=4, le=1000)]
-    full_rounds: Annotated[int, Field(ge=2, le=10)]
-    walkers: Annotated[int, Field(ge=60, le=2000)]
-    steps: Annotated[int, Field(ge=10, le=1_000_000)]
-    ensemble: Annotated[int, Field(ge=1, le=1000)]
-    fine_step: Annotated[float, Field(gt=0, le=0.002)]
+    cars: int = Field(ge=40, le=20_000)
+    rounds: int = Field(ge=2, le=10)
+    full: int = Field(ge=4, le=1000)
+    full_rounds: int = Field(ge=2, le=10)
+    walkers: int = Field(ge=60, le=2000)
+    steps: int = Field(ge=10, le=1_000_000)
+    ensemble: int = Field(ge=1, le=1000)
+    fine_step: float = Field(gt=0, le=0.002)
 
 
 class CalibrationPlan(StrictModel):
@@ -219,6 +219,11 @@ class CalibrationPlan(StrictModel):
                 f"outcome_width: {tail!r} is missing; needed is one for the tail of every turn"
             )
 
+    @property
+    def trend_turns(self) -> dict[str, Turn]:
+        """Turns of the trends by their names; two trends may share one."""
+        return {turn.name: turn for trend in self.trends for turn in trend.turns()}
+
     def reference(self, trend: Trend) -> Turn:
         """Returns the turn with a table that a trend passes through.
 
@@ -234,9 +239,9 @@ class CalibrationPlan(StrictModel):
         missing = set(NUISANCES) - set(self.nuisances)
         if missing:
             raise ValueError(f"nuisances: missing: {', '.join(sorted(missing))}")
-        for name, (low, high) in self.nuisances.items():
-            most = MAX_NUISANCES.get(name, high)
-            if name in MAX_NUISANCES and not 0.0 <= low < high <= most:
+        for name, most in MAX_NUISANCES.items():
+            low, high = self.nuisances[name]
+            if low < 0.0 or high > most:
                 raise ValueError(
                     f"nuisances: {name}: {low:g} to {high:g} s; must be within 0 to {most:g} s"
                 )

@@ -165,17 +165,15 @@ class Surrogate:
             reference = self.prior.plan.reference(trend)
             shown = values[reference.name][:, METRICS.index(trend.metric)]
             logs = [np.log(np.maximum(shown, MIN_MEAN))]
-            speeds = [reference.speed]
-            variances = [trend.deviation**2]
+            errors = [0.0]
             for turn in trend.turns():
                 logs.append(means[turn.name][:, column])
-                speeds.append(turn.speed)
-                error = self.means[turn.name].deviation[column]
-                variances.append(trend.deviation**2 + error**2)
+                errors.append(self.means[turn.name].deviation[column])
+            speeds = np.array([reference.speed, *trend.speeds])
             residuals = np.array(logs) - trend.exponent * np.log(speeds)[:, None]
-            weights = 1.0 / np.array(variances)[:, None]
-            middle = np.sum(weights * residuals, axis=0) / np.sum(weights)
-            total -= 0.5 * np.sum(weights * (residuals - middle) ** 2, axis=0)
+            weights = 1.0 / (trend.deviation**2 + np.square(errors))
+            residuals -= np.average(residuals, axis=0, weights=weights)
+            total -= 0.5 * weights @ residuals**2
         return total
 
     def deviation(self, figure: Figure) -> float:
@@ -254,19 +252,18 @@ def _training_sets_of_means(
     """Collects the logarithms of `MEANS` of the cars (m, n) that survive the turns of trends."""
     columns = [METRICS.index(name) for name in MEANS]
     sets = {}
-    for trend in prior.plan.trends:
-        for turn in trend.turns():
-            tried, index = _tried(cars, results[turn.name])
-            survivors = len(np.unique(index))
-            if survivors < MIN_REDUCED_CARS:
-                raise UserError(
-                    f"{turn.name} m/s: {survivors} of {len(cars)} cars survive; needed are "
-                    f"{MIN_REDUCED_CARS}"
-                )
-            shown = np.array(results[turn.name]["figures"])[:, columns]
-            logs = np.log(np.maximum(shown, MIN_MEAN))
-            inputs = prior.inputs(turn.system)
-            sets[turn.name] = TrainingSet(inputs, prior.scaled(tried), logs, index)
+    for name, turn in prior.plan.trend_turns.items():
+        tried, index = _tried(cars, results[name])
+        survivors = len(np.unique(index))
+        if survivors < MIN_REDUCED_CARS:
+            raise UserError(
+                f"{name} m/s: {survivors} of {len(cars)} cars survive; needed are "
+                f"{MIN_REDUCED_CARS}"
+            )
+        shown = np.array(results[name]["figures"])[:, columns]
+        logs = np.log(np.maximum(shown, MIN_MEAN))
+        inputs = prior.inputs(turn.system)
+        sets[name] = TrainingSet(inputs, prior.scaled(tried), logs, index)
     return sets
 
 
