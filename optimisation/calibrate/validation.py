@@ -4,14 +4,13 @@ thesis, information.
 
 from __future__ import annotations
 
-import hashlib
 import math
-import pickle
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
+import joblib  # type: ignore[import-untyped]
 import numpy as np
 import pandas as pd
 from scipy.linalg import eigh
@@ -37,6 +36,8 @@ from aerodima.workbench.scenario.scenario import load_scenario
 
 TRIES = 10_000
 """Draws of a posterior car that survives every turn, before it is given up."""
+DRAWS = 400
+"""Measurements that are drawn for the information of one."""
 BAND = (0.05, 0.5, 0.95)
 """Quantiles of a 90 % interval and its median."""
 
@@ -75,10 +76,8 @@ class Question(NamedTuple):
 
 def predictions(questions: Sequence[Question], runs: CachedRunner) -> list[LeftOut]:
     """Returns `leave_out` of each question, each once."""
-    keys = [
-        content_key("leave_out", hashlib.sha256(pickle.dumps(question)).hexdigest())
-        for question in questions
-    ]
+    # Unlike a pickle, this hash does not depend on the order of sets, which every process has anew.
+    keys = [content_key("leave_out", joblib.hash(question)) for question in questions]
     return [LeftOut(**row) for row in runs.map(_answer, questions, keys)]
 
 
@@ -225,16 +224,15 @@ class Measurement:
     value: Callable[[FloatArray], FloatArray]
 
 
-def information(measurement: Measurement, cars: FloatArray, seed: int, draws: int = 400) -> float:
+def information(measurement: Measurement, cars: FloatArray, seed: int) -> float:
     """Returns the expected gain of a measurement over what posterior cars (m, n) know: information,
     nats.
     """
     truth = measurement.value(cars)
     rng = np.random.default_rng(seed)
-    seen = rng.choice(truth, draws) + measurement.deviation * rng.standard_normal(draws)
-    logs = logsumexp(norm.logpdf(seen[:, None], truth, measurement.deviation), axis=1) - np.log(
-        len(truth)
-    )
+    seen = rng.choice(truth, DRAWS) + measurement.deviation * rng.standard_normal(DRAWS)
+    densities = norm.logpdf(seen[:, None], truth, measurement.deviation)
+    logs = logsumexp(densities, axis=1) - np.log(len(truth))
     own = -0.5 - np.log(measurement.deviation * np.sqrt(2.0 * np.pi))
     return float(own - np.mean(logs))
 
@@ -293,10 +291,7 @@ def brier(surrogate: Surrogate, cars: FloatArray) -> tuple[float, Mapping[str, f
     """Returns the Brier score of the published outcomes, and the probability of surviving each
     turn.
     """
-    chances = {}
-    misses = []
-    for turn in surrogate.prior.plan.turns:
-        chance = float(np.mean(surrogate.survival(cars, turn)))
-        chances[turn.name] = chance
-        misses.append(chance - (turn.ends == "survived"))
+    turns = surrogate.prior.plan.turns
+    chances = {turn.name: float(np.mean(surrogate.survival(cars, turn))) for turn in turns}
+    misses = [chances[turn.name] - (turn.ends == "survived") for turn in turns]
     return float(np.mean(np.square(misses))), chances
