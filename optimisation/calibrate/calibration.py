@@ -214,7 +214,7 @@ def log_density(
     spread = spread_of(surrogate, figure, cars, values)
     off = (figure.published - values) / spread
     normaliser = spread * np.sqrt(2.0 * np.pi) / abs(figure.published)
-    return np.asarray(-0.5 * off * off - np.log(normaliser))
+    return -0.5 * off * off - np.log(normaliser)
 
 
 def spread_of(
@@ -228,7 +228,7 @@ def spread_of(
     """
     name = ROLL_DISCREPANCY if figure.metric == "roll_integral_rad" else DISCREPANCY
     share = cars[:, surrogate.prior.column(name)]
-    return np.asarray(np.hypot(share * values, surrogate.deviation(figure)))
+    return np.hypot(share * values, surrogate.deviation(figure))
 
 
 def sample(

@@ -92,7 +92,7 @@ class Surrogate:
         flip = self.flips[turn.name](scaled)
         if turn.name in self.shifts:
             flip = flip + self.shifts[turn.name](scaled)
-        return np.asarray(flip[:, 0] - np.log(cars[:, self.prior.column(turn.friction)]))
+        return flip[:, 0] - np.log(cars[:, self.prior.column(turn.friction)])
 
     def flip_deviation(self, turn: Turn) -> float:
         """Returns the standard deviation of the residuals of the margin."""
@@ -103,7 +103,7 @@ class Surrogate:
         the residuals of the surrogate.
         """
         width = np.hypot(self.prior.plan.outcome_width[turn.tail], self.flip_deviation(turn))
-        return np.asarray(norm.cdf(self.margin(cars, turn) / width))
+        return norm.cdf(self.margin(cars, turn) / width)
 
     def draw_outcomes(self, car: FloatArray, rng: np.random.Generator) -> dict[str, bool]:
         """Draws which turns a car (1, n) survives, with the probabilities of `log_outcomes`."""
@@ -292,7 +292,7 @@ def _unseen(
     predicted = flip.copy()
     predicted[np.isfinite(flip)] -= regression.residuals[:, 0]
     friction = tried[:, prior.column(turn.friction)]
-    return np.asarray(predicted[index] - np.log(friction))
+    return predicted[index] - np.log(friction)
 
 
 def _with_margin(scaled: FloatArray, margin: FloatArray) -> FloatArray:
@@ -326,6 +326,5 @@ def _search(
 def _tried(cars: FloatArray, result: Facts) -> tuple[FloatArray, IntArray]:
     """Returns the cars (k, n) that survived, and the index of each among all (m, n)."""
     tried = np.array(result["inputs"]).reshape(-1, cars.shape[1])
-    order = np.argsort(cars[:, 0])
     # No two cars share their first number.
-    return tried, order[np.searchsorted(cars[order, 0], tried[:, 0])]
+    return tried, np.argmax(tried[:, :1] == cars[:, 0], axis=1)

@@ -276,7 +276,7 @@ def run_full(item: WorkItem) -> list[Row]:
     """Runs full cars (m) in a turn, each at its own friction.
 
     Returns:
-        A row per car: `survived` and `clean`, `trigger` s after the steering or None, and the
+        A row per car: `survived`, `trigger` s after the steering or None, and the
         figures of a survived run; or `error` of a car that could not be run.
     """
     prior = prior_of(item.plan)
@@ -292,13 +292,8 @@ def _full_row(prior: CarPrior, turn: Turn, car: FloatArray, step: float | None) 
     try:
         run = simulate(load_scenario(f"turn_{turn.tail}", settings), record="outcome")
         signals = turn_signals(run, "truth")
-        outcome = outcome_of(run)
         start = signals.window[0]
-        row: Row = {
-            "survived": outcome.result == "survived",
-            "clean": outcome.clean,
-            "trigger": None,
-        }
+        row: Row = {"survived": outcome_of(run).result == "survived", "trigger": None}
         if run.has_tail:
             swings = np.isin(run.signal("controller_state"), (SwingState.DELAY, SwingState.SWING))
             if swings.any():
@@ -307,8 +302,8 @@ def _full_row(prior: CarPrior, turn: Turn, car: FloatArray, step: float | None) 
             grid = start - BEFORE + STEP * np.arange(round((BEFORE + AFTER) / STEP))
             values = [signals.yaw_rate, signals.lateral_acceleration, signals.roll_rate]
             both = is_loaded(signals.wheel_loads[:, LEFT]).all(axis=1)  # type: ignore[index]
-            even = [np.interp(grid, signals.time, column) for column in (*values, 1.0 * both)]
-            motion = Motion(even[0], even[1], even[2], even[3] > 0.5)
+            *even, both = [np.interp(grid, signals.time, c) for c in (*values, 1.0 * both)]
+            motion = Motion(*even, both_inner=both > 0.5)
             row |= figures_of_motion(motion, turn, nuisances_of(prior, car))
         return row
     except (UserError, ArithmeticError, RuntimeError, ValueError) as error:

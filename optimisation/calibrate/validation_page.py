@@ -181,12 +181,11 @@ def calibrate(plan: CalibrationPlan, runs: CachedRunner, out: Path, played: int)
     """
     surrogate = fit_surrogate(plan, runs)
     seed = plan.seed
-    say = runs.say
     figures = figures_of(plan)
     tables = tuple(turn.table for turn in plan.turns if turn.table)
-    say("posterior of the cars ...")
+    runs.say("posterior of the cars ...")
     posterior = sample(surrogate, figures, seed, steps=FINAL * plan.size.steps)
-    say(f"effective sample size {posterior.size:.0f}")
+    runs.say(f"effective sample size {posterior.size:.0f}")
     asked = [Question(surrogate, figures, table, seed) for table in tables]
     asked.append(asked[-1]._replace(prior=rigid(surrogate.prior)))
     runs.stage = "tables from the others"
@@ -241,7 +240,7 @@ def validation_page(
     reasons = [f"{name.replace('_', ' ')} ({why})" for name, why in plan.left_out.items()]
     missing = f"No car of the prior reaches these: {'; '.join(reasons) or 'none'}."
     intervals = Plot(_forest(figures), INTERVALS, "Predicted over published figures", "figures")
-    misses = np.flatnonzero(~figures.inside.to_numpy(bool)).tolist()
+    misses = np.flatnonzero(~figures.inside).tolist()
     shown = figures.assign(
         figure=figures.figure.str.replace("_", " "),
         inside=figures.inside.map({True: "yes", False: "no"}),
@@ -346,8 +345,9 @@ def _findings(
     posterior = result.posterior
     field = figures[figures.figure.str.startswith(FIELD_TABLES)]
     missing = sum(name.startswith(FIELD_TABLES) for name in plan.left_out)
-    low, median, high = np.quantile(posterior.cars[:, prior.column(DISCREPANCY)], BAND)
-    roll_low, roll, roll_high = np.quantile(posterior.cars[:, prior.column(ROLL_DISCREPANCY)], BAND)
+    bands = parameters.set_index("parameter")[["low", "median", "high"]]
+    low, median, high = bands.loc[DISCREPANCY]
+    roll_low, roll, roll_high = bands.loc[ROLL_DISCREPANCY]
     widths = (field.high - field.low) / (field.prior_high - field.prior_low)
     near = ", ".join(parameters[parameters.near_a_bound].parameter)
     sentences = [
