@@ -251,7 +251,7 @@ def search_full(item: WorkItem) -> Json:
         if row["survived"]:
             result["inputs"].append(tried.tolist())
             result["figures"].append([row[metric] for metric in (*FIGURES, LIFT)])
-        return bool(row["survived"])
+        return row["survived"]
 
     for numbers, margin in zip(item.cars, item.margins, strict=True):
         car = np.array(numbers)
@@ -300,10 +300,11 @@ def _full_row(prior: CarPrior, turn: Turn, car: FloatArray, step: float | None) 
                 row["trigger"] = float(signals.time[np.argmax(swings)] - start)
         if row["survived"]:
             grid = start - BEFORE + STEP * np.arange(round((BEFORE + AFTER) / STEP))
-            values = [signals.yaw_rate, signals.lateral_acceleration, signals.roll_rate]
             both = is_loaded(signals.wheel_loads[:, LEFT]).all(axis=1)  # type: ignore[index]
-            *even, both = [np.interp(grid, signals.time, c) for c in (*values, 1.0 * both)]
-            motion = Motion(*even, both_inner=both > 0.5)
+            moved = (signals.yaw_rate, signals.lateral_acceleration, signals.roll_rate)
+            yaw, lateral, roll = (np.interp(grid, signals.time, values) for values in moved)
+            both_inner = np.interp(grid, signals.time, 1.0 * both) > 0.5
+            motion = Motion(yaw, lateral, roll, both_inner)
             row |= figures_of_motion(motion, turn, nuisances_of(prior, car))
         return row
     except (UserError, ArithmeticError, RuntimeError, ValueError) as error:

@@ -351,7 +351,7 @@ def _findings(
     widths = (field.high - field.low) / (field.prior_high - field.prior_low)
     near = ", ".join(parameters[parameters.near_a_bound].parameter)
     sentences = [
-        f"Of {len(field) + missing} figures of the car on the field {int(field.inside.sum())} lie "
+        f"Of {len(field) + missing} figures of the car on the field {field.inside.sum()} lie "
         f"in their 90 % interval, each predicted without its own table; {missing} that no car "
         "reaches counts as a miss.",
         f"The discrepancy of the model is {median:.0%} of a rate or an acceleration (90 %: "
