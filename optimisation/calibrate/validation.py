@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
-import joblib  # type: ignore[import-untyped]
 import numpy as np
 import pandas as pd
 from scipy.linalg import eigh
@@ -76,6 +75,8 @@ class Question(NamedTuple):
 
 def predictions(questions: Sequence[Question], runs: CachedRunner) -> list[LeftOut]:
     """Returns `leave_out` of each question, each once."""
+    import joblib  # type: ignore[import-untyped]
+
     # Unlike a pickle, this hash does not depend on the order of sets, which every process has anew.
     keys = [content_key("leave_out", joblib.hash(question)) for question in questions]
     return [LeftOut(**row) for row in runs.map(_answer, questions, keys)]
