@@ -5,7 +5,7 @@ what tests them.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -73,10 +73,7 @@ def fit_surrogate(plan: CalibrationPlan, runs: CachedRunner) -> Surrogate:
     rough = sample(surrogate, figures, seed, steps=2 * size.steps)
     second = _different(rough.cars, size.cars, seed)
     narrow = _reduced(plan, runs, second, NARROW_REACH)
-    both = {
-        turn: {name: wide[turn][name] + narrow[turn][name] for name in narrow[turn]}
-        for turn in narrow
-    }
+    both = _joined({turn: [wide[turn], narrow[turn]] for turn in narrow})
     surrogate = Surrogate.from_reduced(prior, np.vstack([first, second]), both, runs)
     posterior = sample(surrogate, figures, seed)
     full = _different(posterior.cars, size.full, seed)
@@ -94,16 +91,13 @@ def _reduced(
     """
     runs.stage = "reduced cars"
     items = []
-    trend_turns = {turn.name: turn for trend in plan.trends for turn in trend.turns()}
-    for turn in trend_turns.values():
-        for part in _parts(len(cars), REDUCED_PER_ITEM):
-            items.append(WorkItem(plan, turn, _numbers(cars[part])))
+    for turn in plan.trend_turns.values():
+        items += _work_items(plan, turn, cars, REDUCED_PER_ITEM)
     for turn in plan.turns:
         own = cars.copy()
         if reach == WIDE_REACH:
             own[:, prior_of(plan).column(turn.friction)] = MIDDLE_FRICTION
-        for part in _parts(len(own), REDUCED_PER_ITEM):
-            items.append(WorkItem(plan, turn, _numbers(own[part]), reach))
+        items += _work_items(plan, turn, own, REDUCED_PER_ITEM, reach)
     return _joined(_by_turn(run_reduced, runs, items))
 
 
@@ -117,9 +111,9 @@ def _full_flips(
     items = []
     for turn in plan.turns:
         reach = FULL_REACH[turn.tail]
-        for car, margin in zip(cars, surrogate.margin(cars, turn).tolist(), strict=True):
-            item = WorkItem(plan, turn, _numbers(car[None]), reach, margins=(margin,))
-            items.append(item)
+        alone = _work_items(plan, turn, cars, 1, reach)
+        for item, margin in zip(alone, surrogate.margin(cars, turn).tolist(), strict=True):
+            items.append(replace(item, margins=(margin,)))
     return _joined(_by_turn(search_full, runs, items))
 
 
@@ -131,12 +125,20 @@ def _joined(results: Mapping[str, list[Any]]) -> TurnResults:
     return joined
 
 
-def _parts(count: int, size: int) -> list[slice]:
-    return [slice(first, first + size) for first in range(0, count, size)]
-
-
-def _numbers(cars: FloatArray) -> tuple[tuple[float, ...], ...]:
-    return tuple(map(tuple, cars.tolist()))
+def _work_items(
+    plan: CalibrationPlan,
+    turn: Turn,
+    cars: FloatArray,
+    size: int,
+    reach: float = 0.0,
+    step: float | None = None,
+) -> list[WorkItem]:
+    """Deals cars (m, n) out to items of `size` cars, all of one reach and one step."""
+    numbers = tuple(map(tuple, cars.tolist()))
+    return [
+        WorkItem(plan, turn, numbers[first : first + size], reach, step)
+        for first in range(0, len(numbers), size)
+    ]
 
 
 def _different(cars: FloatArray, number: int, seed: int) -> FloatArray:
@@ -181,21 +183,19 @@ def log_likelihood(surrogate: Surrogate, figures: Sequence[Figure], cars: FloatA
     """
     plan = surrogate.prior.plan
     margins = {turn.name: surrogate.margin(cars, turn) for turn in plan.turns}
-    total = surrogate.log_outcomes(margins)
-    metrics = {}
-    for turn in plan.turns:
-        if turn.table:
-            values = surrogate.values(cars, turn, margins[turn.name])
-            metrics[turn.name] = values
-            for figure in figures:
-                if figure.turn.name == turn.name:
-                    shown = values[:, METRICS.index(figure.metric)]
-                    total += log_density(surrogate, figure, cars, shown)
-            lift = lift_of(plan)
-            if turn == lift.turn:
-                width = np.hypot(LIFT_WIDTH, surrogate.deviation(lift))
-                total += log_ndtr((values[:, METRICS.index(LIFT)] - lift.published) / width)
-    return total + surrogate.log_trends(cars, metrics)
+    metrics = {
+        turn.name: surrogate.values(cars, turn, margins[turn.name])
+        for turn in plan.turns
+        if turn.table
+    }
+    total = surrogate.log_outcomes(margins) + surrogate.log_trends(cars, metrics)
+    for figure in figures:
+        shown = metrics[figure.turn.name][:, METRICS.index(figure.metric)]
+        total += log_density(surrogate, figure, cars, shown)
+    lift = lift_of(plan)
+    width = np.hypot(LIFT_WIDTH, surrogate.deviation(lift))
+    lifting = metrics[lift.turn.name][:, METRICS.index(LIFT)]
+    return total + log_ndtr((lifting - lift.published) / width)
 
 
 def log_density(
@@ -214,7 +214,7 @@ def log_density(
     spread = spread_of(surrogate, figure, cars, values)
     off = (figure.published - values) / spread
     normaliser = spread * np.sqrt(2.0 * np.pi) / abs(figure.published)
-    return np.asarray(-0.5 * off * off - np.log(normaliser))
+    return -0.5 * off * off - np.log(normaliser)
 
 
 def spread_of(
@@ -228,7 +228,7 @@ def spread_of(
     """
     name = ROLL_DISCREPANCY if figure.metric == "roll_integral_rad" else DISCREPANCY
     share = cars[:, surrogate.prior.column(name)]
-    return np.asarray(np.hypot(share * values, surrogate.deviation(figure)))
+    return np.hypot(share * values, surrogate.deviation(figure))
 
 
 def sample(
@@ -359,7 +359,6 @@ def _full_rows(
     """Runs `run_full` for cars (m, n) at a step (s); rows (m) by name of the turn."""
     items = []
     for turn in turns:
-        for part in _parts(len(cars), FULL_PER_ITEM):
-            items.append(WorkItem(plan, turn, _numbers(cars[part]), step=step))
+        items += _work_items(plan, turn, cars, FULL_PER_ITEM, step=step)
     results = _by_turn(run_full, runs, items)
     return {turn: [row for part in parts for row in part] for turn, parts in results.items()}

@@ -8,10 +8,10 @@ motion and print, and the discrepancies.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,18 +28,13 @@ from aerodima.workbench.metrics.published_values import (
     inner_lift_yaw_rate,
     published_values,
 )
-from aerodima.workbench.scenario.scenario import (
-    SECTIONS,
-    Scenario,
-    load_parameter_entries,
-    load_scenario,
-)
+from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 
 FRICTION = "car.tyre_friction"
 SLIP = "car.tyre_slip_angle"
 CAUSAL_FILTER_THRESHOLD = 0.5
 """Value of `forward` above which the filter runs in one direction."""
-MAX_NUISANCES = {"window": 1.2, "latency": 0.3}
+MAX_NUISANCES: dict[Nuisance, float] = {"window": 1.2, "latency": 0.3}
 """Largest values, s; what is recorded around the steering allows no more."""
 MAX_POSTERIOR_SAMPLES = 2000
 """Cars of a posterior that are kept."""
@@ -150,14 +145,14 @@ class Budget(StrictModel):
         fine_step: of these runs, s.
     """
 
-    cars: Annotated[int, Field(ge=40, le=20_000)]
-    rounds: Annotated[int, Field(ge=2, le=10)]
-    full: Annotated[int, Field(ge=4, le=1000)]
-    full_rounds: Annotated[int, Field(ge=2, le=10)]
-    walkers: Annotated[int, Field(ge=60, le=2000)]
-    steps: Annotated[int, Field(ge=10, le=1_000_000)]
-    ensemble: Annotated[int, Field(ge=1, le=1000)]
-    fine_step: Annotated[float, Field(gt=0, le=0.002)]
+    cars: int = Field(ge=40, le=20_000)
+    rounds: int = Field(ge=2, le=10)
+    full: int = Field(ge=4, le=1000)
+    full_rounds: int = Field(ge=2, le=10)
+    walkers: int = Field(ge=60, le=2000)
+    steps: int = Field(ge=10, le=1_000_000)
+    ensemble: int = Field(ge=1, le=1000)
+    fine_step: float = Field(gt=0, le=0.002)
 
 
 class CalibrationPlan(StrictModel):
@@ -202,22 +197,28 @@ class CalibrationPlan(StrictModel):
 
     def _require_known_names(self) -> None:
         keys = {*self.body, *self.each}
+        for key in keys:
+            _prior_range(key)
         of_systems = {f"{turn.system} {key}" for turn in self.turns for key in self.each}
         tables = {published.source for published in published_values()}
         figures = {f"{table} {metric}" for table in tables for metric in FIGURES}
         shown = {turn.table for turn in self.turns if turn.table}
         for place, names, known in (
-            ("ranges", set(self.ranges), keys | of_systems),
-            ("density", set(self.density), keys | of_systems),
-            ("left_out", set(self.left_out), figures),
+            ("ranges", self.ranges, keys | of_systems),
+            ("density", self.density, keys | of_systems),
+            ("left_out", self.left_out, figures),
             ("turns: table", shown, tables),
         ):
-            for name in sorted(names - known):
-                raise ValueError(f"{place}: {name!r}; {nearest(name, sorted(known))}")
-        for tail in sorted({turn.tail for turn in self.turns} - set(self.outcome_width)):
-            raise ValueError(
-                f"outcome_width: {tail!r} is missing; needed is one for the tail of every turn"
-            )
+            for name in sorted(set(names) - known):
+                raise ValueError(f"{place}: {name!r}; {nearest(name, known)}")
+        tails = {turn.tail for turn in self.turns} - self.outcome_width.keys()
+        if tails:
+            raise ValueError(f"outcome_width: missing: {', '.join(sorted(tails))}")
+
+    @property
+    def trend_turns(self) -> dict[str, Turn]:
+        """Turns of the trends by their names; two trends may share one."""
+        return {turn.name: turn for trend in self.trends for turn in trend.turns()}
 
     def reference(self, trend: Trend) -> Turn:
         """Returns the turn with a table that a trend passes through.
@@ -231,12 +232,12 @@ class CalibrationPlan(StrictModel):
         raise ValueError(f"trends: no turn of {trend.system} {trend.tail} has a table")
 
     def _require_nuisances(self) -> None:
-        missing = set(NUISANCES) - set(self.nuisances)
+        missing = set(NUISANCES) - self.nuisances.keys()
         if missing:
             raise ValueError(f"nuisances: missing: {', '.join(sorted(missing))}")
-        for name, (low, high) in self.nuisances.items():
-            most = MAX_NUISANCES.get(name, high)
-            if name in MAX_NUISANCES and not 0.0 <= low < high <= most:
+        for name, most in MAX_NUISANCES.items():
+            low, high = self.nuisances[name]
+            if low < 0.0 or high > most:
                 raise ValueError(
                     f"nuisances: {name}: {low:g} to {high:g} s; must be within 0 to {most:g} s"
                 )
@@ -262,26 +263,18 @@ def load_plan(name_or_path: str | Path = "two_systems") -> CalibrationPlan:
         ScenarioError: names the file, the key and what is allowed.
     """
     path = find_file(name_or_path, "calibration/plans", "calibration plan")
-    plan = checked(CalibrationPlan, read_yaml(path), str(path), schema=SCHEMA)
-    for key in (*plan.body, *plan.each):
-        _prior_range(key, str(path))
-    return plan
+    return checked(CalibrationPlan, read_yaml(path), str(path), schema=SCHEMA)
 
 
-def _prior_range(key: str, where: str = "prior") -> Range:
+def _prior_range(key: str) -> Range:
+    """Looks up the prior of a parameter, `section.key`, in its file."""
+    Scenario.require_key(key)
     section, _, name = key.partition(".")
-    if section not in SECTIONS:
-        raise ScenarioError(
-            f"{where}: {key}: {section!r} is no section; {nearest(section, list(SECTIONS))}"
-        )
-    entries = load_parameter_entries(section)
-    if name not in entries:
-        raise ScenarioError(f"{where}: {key}: unknown key; {nearest(name, list(entries))}")
+    entries = Scenario.parameters(section)
     prior = entries[name].prior
     if prior is None:
-        known = [f"{section}.{other}" for other in entries if entries[other].prior is not None]
-        others = ", ".join(sorted(known))
-        raise ScenarioError(f"{where}: {key}: has no prior range; allowed in {section}: {others}")
+        known = [other for other, entry in entries.items() if entry.prior is not None]
+        raise ScenarioError(f"{key}: has no prior range; {nearest(name, known)}")
     return prior
 
 
@@ -402,7 +395,7 @@ class CarPrior:
         low, high = self.ranges.T
         power = int(np.ceil(np.log2(4 * number)))
         points = qmc.Sobol(len(self.names), seed=seed).random_base2(power)
-        cars: FloatArray = low + points * (high - low)
+        cars = low + points * (high - low)
         return cars[self._can_be(cars)][:number]
 
     def draw(self, number: int, seed: int) -> FloatArray:
@@ -431,15 +424,12 @@ class CarPrior:
         """Returns which cars (m) of (m, n) exist: gyration of a body, and a chassis with its centre
         of mass inside the car.
         """
-        names = {"car", "tail", *(key.partition(".")[0] for key in self.plan.body)}
-        sections: dict[str, Any] = {
-            name: SimpleNamespace(**dict(getattr(self._base, name))) for name in names
-        }
+        changes: dict[str, dict[str, FloatArray]] = defaultdict(dict)
         for key in self.plan.body:
             section, _, name = key.partition(".")
-            setattr(sections[section], name, cars[:, self.column(key)])
-        car = sections["car"]
-        tail = sections["tail"]
+            changes[section][name] = cars[:, self.column(key)]
+        car = self._base.car.model_copy(update=changes["car"])
+        tail = self._base.tail.model_copy(update=changes["tail"])
         gyration = (car.gyration_roll, car.gyration_pitch, car.gyration_yaw)
         radii = np.sort(np.broadcast_arrays(*gyration), axis=0) ** 2
         mass, x, z = chassis_centre(car, tail, self._base.environment.gravity)

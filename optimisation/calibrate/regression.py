@@ -79,8 +79,7 @@ def tune(rows: tuple[FloatArray, FloatArray]) -> list[float]:
         # The length of a column without influence is at its bound.
         warnings.simplefilter("ignore")
         fitted = GaussianProcessRegressor(_kernel(inputs.shape[1])).fit(inputs, targets)
-    theta: list[float] = fitted.kernel_.theta.tolist()
-    return theta
+    return fitted.kernel_.theta.tolist()
 
 
 def _kernel(number: int) -> Any:
@@ -133,7 +132,9 @@ class Regression:
         model = partial(_process_at, lengths, chosen / lengths, weights * (size * spread), middle)
         inverse = cho_solve((fitted.L_, True), np.eye(len(rows)))
         residuals = np.full(data.values.shape, np.nan)
-        for own in _rows_by(data.cars[rows]):
+        cars = data.cars[rows]
+        for car in np.unique(cars):
+            own = np.flatnonzero(cars == car)
             residuals[rows[own]] = spread * np.linalg.solve(inverse[np.ix_(own, own)], weights[own])
         rest = np.isnan(residuals[:, 0])  # not fitted, so that the process has not seen them
         residuals[rest] = data.values[rest] - model(inputs[rest])
@@ -184,10 +185,4 @@ def _deviation(residuals: FloatArray) -> FloatArray:
     """Returns the size that 68 % of residuals (m, k) do not exceed; a car at a flip's edge may be
     off by any amount.
     """
-    return np.asarray(np.quantile(np.abs(residuals), 0.6827, axis=0))
-
-
-def _rows_by(cars: IntArray) -> list[IntArray]:
-    """Returns the rows of each car."""
-    order = np.argsort(cars, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(cars[order])) + 1)
+    return np.quantile(np.abs(residuals), 0.6827, axis=0)

@@ -92,7 +92,7 @@ class Surrogate:
         flip = self.flips[turn.name](scaled)
         if turn.name in self.shifts:
             flip = flip + self.shifts[turn.name](scaled)
-        return np.asarray(flip[:, 0] - np.log(cars[:, self.prior.column(turn.friction)]))
+        return flip[:, 0] - np.log(cars[:, self.prior.column(turn.friction)])
 
     def flip_deviation(self, turn: Turn) -> float:
         """Returns the standard deviation of the residuals of the margin."""
@@ -103,7 +103,7 @@ class Surrogate:
         the residuals of the surrogate.
         """
         width = np.hypot(self.prior.plan.outcome_width[turn.tail], self.flip_deviation(turn))
-        return np.asarray(norm.cdf(self.margin(cars, turn) / width))
+        return norm.cdf(self.margin(cars, turn) / width)
 
     def draw_outcomes(self, car: FloatArray, rng: np.random.Generator) -> dict[str, bool]:
         """Draws which turns a car (1, n) survives, with the probabilities of `log_outcomes`."""
@@ -165,17 +165,15 @@ class Surrogate:
             reference = self.prior.plan.reference(trend)
             shown = values[reference.name][:, METRICS.index(trend.metric)]
             logs = [np.log(np.maximum(shown, MIN_MEAN))]
-            speeds = [reference.speed]
-            variances = [trend.deviation**2]
+            errors = [0.0]
             for turn in trend.turns():
                 logs.append(means[turn.name][:, column])
-                speeds.append(turn.speed)
-                error = self.means[turn.name].deviation[column]
-                variances.append(trend.deviation**2 + error**2)
+                errors.append(self.means[turn.name].deviation[column])
+            speeds = np.array([reference.speed, *trend.speeds])
             residuals = np.array(logs) - trend.exponent * np.log(speeds)[:, None]
-            weights = 1.0 / np.array(variances)[:, None]
-            middle = np.sum(weights * residuals, axis=0) / np.sum(weights)
-            total -= 0.5 * np.sum(weights * (residuals - middle) ** 2, axis=0)
+            weights = 1.0 / (trend.deviation**2 + np.square(errors))
+            residuals -= np.average(residuals, axis=0, weights=weights)
+            total -= 0.5 * weights @ residuals**2
         return total
 
     def deviation(self, figure: Figure) -> float:
@@ -254,19 +252,18 @@ def _training_sets_of_means(
     """Collects the logarithms of `MEANS` of the cars (m, n) that survive the turns of trends."""
     columns = [METRICS.index(name) for name in MEANS]
     sets = {}
-    for trend in prior.plan.trends:
-        for turn in trend.turns():
-            tried, index = _tried(cars, results[turn.name])
-            survivors = len(np.unique(index))
-            if survivors < MIN_REDUCED_CARS:
-                raise UserError(
-                    f"{turn.name} m/s: {survivors} of {len(cars)} cars survive; needed are "
-                    f"{MIN_REDUCED_CARS}"
-                )
-            shown = np.array(results[turn.name]["figures"])[:, columns]
-            logs = np.log(np.maximum(shown, MIN_MEAN))
-            inputs = prior.inputs(turn.system)
-            sets[turn.name] = TrainingSet(inputs, prior.scaled(tried), logs, index)
+    for name, turn in prior.plan.trend_turns.items():
+        tried, index = _tried(cars, results[name])
+        survivors = len(np.unique(index))
+        if survivors < MIN_REDUCED_CARS:
+            raise UserError(
+                f"{name} m/s: {survivors} of {len(cars)} cars survive; needed are "
+                f"{MIN_REDUCED_CARS}"
+            )
+        shown = np.array(results[name]["figures"])[:, columns]
+        logs = np.log(np.maximum(shown, MIN_MEAN))
+        inputs = prior.inputs(turn.system)
+        sets[name] = TrainingSet(inputs, prior.scaled(tried), logs, index)
     return sets
 
 
@@ -295,7 +292,7 @@ def _unseen(
     predicted = flip.copy()
     predicted[np.isfinite(flip)] -= regression.residuals[:, 0]
     friction = tried[:, prior.column(turn.friction)]
-    return np.asarray(predicted[index] - np.log(friction))
+    return predicted[index] - np.log(friction)
 
 
 def _with_margin(scaled: FloatArray, margin: FloatArray) -> FloatArray:
@@ -329,6 +326,5 @@ def _search(
 def _tried(cars: FloatArray, result: Facts) -> tuple[FloatArray, IntArray]:
     """Returns the cars (k, n) that survived, and the index of each among all (m, n)."""
     tried = np.array(result["inputs"]).reshape(-1, cars.shape[1])
-    order = np.argsort(cars[:, 0])
     # No two cars share their first number.
-    return tried, order[np.searchsorted(cars[order, 0], tried[:, 0])]
+    return tried, np.argmax(tried[:, :1] == cars[:, 0], axis=1)

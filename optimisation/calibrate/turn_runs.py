@@ -76,9 +76,8 @@ def figures_of_motion(motion: Motion, turn: Turn, nuisances: dict[str, float]) -
     of_the_field = turn.system == "physical"
     stride = round(SAMPLE_TIMES["physical"] / STEP) if of_the_field else 1
     time: FloatArray = STEP * np.arange(len(motion.yaw_rate), dtype=float)[::stride]
-    signals = [
-        values[::stride] for values in (motion.yaw_rate, motion.acceleration, motion.roll_rate)
-    ]
+    signals = [motion.yaw_rate, motion.acceleration, motion.roll_rate]
+    signals = [values[::stride] for values in signals]
     start = BEFORE
     if of_the_field:
         start -= nuisances["latency"]
@@ -98,10 +97,8 @@ def figures_of_motion(motion: Motion, turn: Turn, nuisances: dict[str, float]) -
     figures.append(np.max(cumulative_trapezoid(signals[2], time, initial=0.0)))
     steered = np.arange(len(motion.both_inner)) * STEP >= BEFORE
     lifted = np.flatnonzero(~motion.both_inner & steered)
-    until = motion.yaw_rate
-    if lifted.size:
-        until = until[: lifted[0] + 1]
-    figures.append(np.max(until))
+    until = lifted[0] + 1 if lifted.size else None
+    figures.append(np.max(motion.yaw_rate[:until]))
     return dict(zip((*FIGURES, LIFT), map(float, figures), strict=True))
 
 
@@ -218,24 +215,18 @@ def _motions(driven: Turns, x: FloatArray, z: FloatArray) -> list[Motion]:
     """
     assert driven.history is not None
     assert driven.loads is not None
-    rates = driven.history[:, RATES]
-    w = rates[:, W]
-    v = rates[:, V]
-    w_rate = np.gradient(w, STEP, axis=0)
-    v_rate = np.gradient(v, STEP, axis=0)
-    w_x = w[:, 0]
-    w_z = w[:, 2]
-    ahead = w_x * x + w_z * z
-    acceleration = v_rate[:, 1] + w_z * v[:, 0] - w_x * v[:, 2]
-    acceleration = acceleration + w_rate[:, 2] * x - w_rate[:, 0] * z + w[:, 1] * ahead
+    rates = driven.history[:, RATES].swapaxes(1, 2)
+    w = rates[..., W]
+    p_BoImu = np.column_stack([x, np.zeros_like(x), z])
+    v = rates[..., V] + np.cross(w, p_BoImu)
+    acceleration = np.gradient(v, STEP, axis=0) + np.cross(w, v)
     loaded = is_loaded(driven.loads[:, LEFT]).all(axis=1)
     # States are those behind a step, loads those at its beginning.
     before = np.zeros((round(BEFORE / STEP) + 1, len(x)))
-    yaw = np.concatenate([before, w_z[:-1]]).T
-    lateral = np.concatenate([before, acceleration[:-1]]).T
-    roll = np.concatenate([before, w_x[:-1]]).T
+    after = (w[:-1, :, 2], acceleration[:-1, :, 1], w[:-1, :, 0])
+    signals = [np.concatenate([before, values]).T for values in after]
     both = np.concatenate([before[1:] == 0.0, loaded]).T
-    return [Motion(*signals) for signals in zip(yaw, lateral, roll, both, strict=True)]
+    return [Motion(*car) for car in zip(*signals, both, strict=True)]
 
 
 def search_full(item: WorkItem) -> Json:
@@ -260,7 +251,7 @@ def search_full(item: WorkItem) -> Json:
         if row["survived"]:
             result["inputs"].append(tried.tolist())
             result["figures"].append([row[metric] for metric in (*FIGURES, LIFT)])
-        return bool(row["survived"])
+        return row["survived"]
 
     for numbers, margin in zip(item.cars, item.margins, strict=True):
         car = np.array(numbers)
@@ -285,7 +276,7 @@ def run_full(item: WorkItem) -> list[Row]:
     """Runs full cars (m) in a turn, each at its own friction.
 
     Returns:
-        A row per car: `survived` and `clean`, `trigger` s after the steering or None, and the
+        A row per car: `survived`, `trigger` s after the steering or None, and the
         figures of a survived run; or `error` of a car that could not be run.
     """
     prior = prior_of(item.plan)
@@ -301,23 +292,19 @@ def _full_row(prior: CarPrior, turn: Turn, car: FloatArray, step: float | None) 
     try:
         run = simulate(load_scenario(f"turn_{turn.tail}", settings), record="outcome")
         signals = turn_signals(run, "truth")
-        outcome = outcome_of(run)
         start = signals.window[0]
-        row: Row = {
-            "survived": outcome.result == "survived",
-            "clean": outcome.clean,
-            "trigger": None,
-        }
+        row: Row = {"survived": outcome_of(run).result == "survived", "trigger": None}
         if run.has_tail:
             swings = np.isin(run.signal("controller_state"), (SwingState.DELAY, SwingState.SWING))
             if swings.any():
                 row["trigger"] = float(signals.time[np.argmax(swings)] - start)
         if row["survived"]:
             grid = start - BEFORE + STEP * np.arange(round((BEFORE + AFTER) / STEP))
-            values = [signals.yaw_rate, signals.lateral_acceleration, signals.roll_rate]
             both = is_loaded(signals.wheel_loads[:, LEFT]).all(axis=1)  # type: ignore[index]
-            even = [np.interp(grid, signals.time, column) for column in (*values, 1.0 * both)]
-            motion = Motion(even[0], even[1], even[2], even[3] > 0.5)
+            moved = (signals.yaw_rate, signals.lateral_acceleration, signals.roll_rate)
+            yaw, lateral, roll = (np.interp(grid, signals.time, values) for values in moved)
+            both_inner = np.interp(grid, signals.time, 1.0 * both) > 0.5
+            motion = Motion(yaw, lateral, roll, both_inner)
             row |= figures_of_motion(motion, turn, nuisances_of(prior, car))
         return row
     except (UserError, ArithmeticError, RuntimeError, ValueError) as error:

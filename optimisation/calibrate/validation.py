@@ -4,13 +4,11 @@ thesis, information.
 
 from __future__ import annotations
 
-import hashlib
 import math
-import pickle
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -29,7 +27,7 @@ from aerodima.optimisation.calibrate.calibration_plan import (
 )
 from aerodima.optimisation.calibrate.surrogate import Surrogate
 from aerodima.optimisation.studies.runs import CachedRunner
-from aerodima.workbench.batch.row_store import content_key
+from aerodima.workbench.batch.row_store import Row, content_key
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.resources import model_path
@@ -37,6 +35,8 @@ from aerodima.workbench.scenario.scenario import load_scenario
 
 TRIES = 10_000
 """Draws of a posterior car that survives every turn, before it is given up."""
+DRAWS = 400
+"""Measurements that are drawn for the information of one."""
 BAND = (0.05, 0.5, 0.95)
 """Quantiles of a 90 % interval and its median."""
 
@@ -47,15 +47,15 @@ class LeftOut:
 
     Attributes:
         table: name.
-        rows: per figure: `figure`, `published`, `low`, `median`, `high`, `prior_low`, `prior_high`,
-            `inside`.
+        rows: of each figure `figure`, `published`, `low`, `median`, `high`, `prior_low`,
+            `prior_high`, `inside`.
         density, prior_density, constant_density: logarithm of the joint density of its figures, per
             share of each: of the cars that the other tables leave, of the prior, and of a model
             that says of each figure what the other tables imply.
     """
 
     table: str
-    rows: pd.DataFrame
+    rows: list[Row]
     density: float
     prior_density: float
     constant_density: float
@@ -75,29 +75,20 @@ class Question(NamedTuple):
 
 def predictions(questions: Sequence[Question], runs: CachedRunner) -> list[LeftOut]:
     """Returns `leave_out` of each question, each once."""
-    keys = [
-        content_key("leave_out", hashlib.sha256(pickle.dumps(question)).hexdigest())
-        for question in questions
-    ]
-    return [
-        LeftOut(**row | {"rows": pd.DataFrame(row["rows"])})
-        for row in runs.map(_answer, questions, keys)
-    ]
+    import joblib  # type: ignore[import-untyped]
+
+    # Unlike a pickle, this hash does not depend on the order of sets, which every process has anew.
+    keys = [content_key("leave_out", joblib.hash(question)) for question in questions]
+    return [LeftOut(**row) for row in runs.map(_answer, questions, keys)]
 
 
-def _answer(question: Question) -> dict[str, Any]:
-    prediction = leave_out(*question)
-    return vars(prediction) | {"rows": prediction.rows.to_dict("records")}
+def _answer(question: Question) -> Row:
+    return vars(leave_out(question))
 
 
-def leave_out(
-    surrogate: Surrogate,
-    figures: Sequence[Figure],
-    table: str,
-    seed: int,
-    prior: CarPrior | None = None,
-) -> LeftOut:
-    """Predicts a table from the figures of the others; see `Question`."""
+def leave_out(question: Question) -> LeftOut:
+    """Predicts a table from the figures of the others."""
+    surrogate, figures, table, seed, prior = question
     own = [figure for figure in figures if figure.turn.table == table]
     others = [figure for figure in figures if figure not in own]
     cars = sample(surrogate, others, seed, prior).cars
@@ -105,23 +96,16 @@ def leave_out(
     rng = np.random.default_rng(seed)
     rows = []
     for figure in own:
-        low, median, high = np.quantile(predicted(surrogate, figure, cars, rng), BAND)
-        prior_low, _, prior_high = np.quantile(predicted(surrogate, figure, survivors, rng), BAND)
-        rows.append(
-            {
-                "figure": figure.name,
-                "published": figure.published,
-                "low": low,
-                "median": median,
-                "high": high,
-                "prior_low": prior_low,
-                "prior_high": prior_high,
-                "inside": low <= figure.published <= high,
-            }
-        )
+        row: Row = {"figure": figure.name, "published": figure.published}
+        band = np.quantile(predicted(surrogate, figure, cars, rng), BAND)
+        prior_band = np.quantile(predicted(surrogate, figure, survivors, rng), BAND)
+        row["low"], row["median"], row["high"] = band.tolist()
+        row["prior_low"], _, row["prior_high"] = prior_band.tolist()
+        row["inside"] = row["low"] <= figure.published <= row["high"]
+        rows.append(row)
     known = joint_density(surrogate, own, cars)
     guessed = joint_density(surrogate, own, survivors)
-    return LeftOut(table, pd.DataFrame(rows), known, guessed, _constant(own, figures))
+    return LeftOut(table, rows, known, guessed, _constant(own, figures))
 
 
 def predicted(
@@ -220,9 +204,8 @@ def perfect_model(
         ]
         questions += [Question(played, figures, table, seed + place) for table in tables]
     runs.stage = "tables of posterior cars that play the thesis"
-    return float(
-        np.mean(np.concatenate([left.rows["inside"] for left in predictions(questions, runs)]))
-    )
+    answers = predictions(questions, runs)
+    return float(np.mean([row["inside"] for left in answers for row in left.rows]))
 
 
 @dataclass(frozen=True)
@@ -242,16 +225,15 @@ class Measurement:
     value: Callable[[FloatArray], FloatArray]
 
 
-def information(measurement: Measurement, cars: FloatArray, seed: int, draws: int = 400) -> float:
+def information(measurement: Measurement, cars: FloatArray, seed: int) -> float:
     """Returns the expected gain of a measurement over what posterior cars (m, n) know: information,
     nats.
     """
     truth = measurement.value(cars)
     rng = np.random.default_rng(seed)
-    seen = rng.choice(truth, draws) + measurement.deviation * rng.standard_normal(draws)
-    logs = logsumexp(norm.logpdf(seen[:, None], truth, measurement.deviation), axis=1) - np.log(
-        len(truth)
-    )
+    seen = rng.choice(truth, DRAWS) + measurement.deviation * rng.standard_normal(DRAWS)
+    densities = norm.logpdf(seen[:, None], truth, measurement.deviation)
+    logs = logsumexp(densities, axis=1) - np.log(len(truth))
     own = -0.5 - np.log(measurement.deviation * np.sqrt(2.0 * np.pi))
     return float(own - np.mean(logs))
 
@@ -310,10 +292,7 @@ def brier(surrogate: Surrogate, cars: FloatArray) -> tuple[float, Mapping[str, f
     """Returns the Brier score of the published outcomes, and the probability of surviving each
     turn.
     """
-    chances = {}
-    misses = []
-    for turn in surrogate.prior.plan.turns:
-        chance = float(np.mean(surrogate.survival(cars, turn)))
-        chances[turn.name] = chance
-        misses.append(chance - (turn.ends == "survived"))
+    turns = surrogate.prior.plan.turns
+    chances = {turn.name: float(np.mean(surrogate.survival(cars, turn))) for turn in turns}
+    misses = [chances[turn.name] - (turn.ends == "survived") for turn in turns]
     return float(np.mean(np.square(misses))), chances

@@ -181,20 +181,18 @@ def calibrate(plan: CalibrationPlan, runs: CachedRunner, out: Path, played: int)
     """
     surrogate = fit_surrogate(plan, runs)
     seed = plan.seed
-    say = runs.say
     figures = figures_of(plan)
     tables = tuple(turn.table for turn in plan.turns if turn.table)
-    say("posterior of the cars ...")
+    runs.say("posterior of the cars ...")
     posterior = sample(surrogate, figures, seed, steps=FINAL * plan.size.steps)
-    say(f"effective sample size {posterior.size:.0f}")
+    runs.say(f"effective sample size {posterior.size:.0f}")
     asked = [Question(surrogate, figures, table, seed) for table in tables]
     asked.append(asked[-1]._replace(prior=rigid(surrogate.prior)))
     runs.stage = "tables from the others"
     *left_out, stiff = predictions(asked, runs)
+    perfect = np.nan
     if played:
         perfect = perfect_model(surrogate, posterior, tables[-2:], played, seed, runs)
-    else:
-        perfect = np.nan
     fine = run_fine(plan, posterior, runs)
     return write_pages(Result(surrogate, posterior, left_out, stiff.density, perfect, fine), out)
 
@@ -205,7 +203,7 @@ def write_pages(result: Result, out: Path) -> Path:
     """
     prior = result.surrogate.prior
     cars = result.posterior.cars
-    figures = pd.concat([left.rows for left in result.left_out], ignore_index=True)
+    figures = pd.DataFrame([row for left in result.left_out for row in left.rows])
     systems = dict.fromkeys(turn.system for turn in prior.plan.turns)
     ensembles = {
         f"{system}.yaml": ensemble_text(prior, result.fine, system, result.posterior.size)
@@ -242,7 +240,7 @@ def validation_page(
     reasons = [f"{name.replace('_', ' ')} ({why})" for name, why in plan.left_out.items()]
     missing = f"No car of the prior reaches these: {'; '.join(reasons) or 'none'}."
     intervals = Plot(_forest(figures), INTERVALS, "Predicted over published figures", "figures")
-    misses = np.flatnonzero(~figures.inside.to_numpy(bool)).tolist()
+    misses = np.flatnonzero(~figures.inside).tolist()
     shown = figures.assign(
         figure=figures.figure.str.replace("_", " "),
         inside=figures.inside.map({True: "yes", False: "no"}),
@@ -347,12 +345,13 @@ def _findings(
     posterior = result.posterior
     field = figures[figures.figure.str.startswith(FIELD_TABLES)]
     missing = sum(name.startswith(FIELD_TABLES) for name in plan.left_out)
-    low, median, high = np.quantile(posterior.cars[:, prior.column(DISCREPANCY)], BAND)
-    roll_low, roll, roll_high = np.quantile(posterior.cars[:, prior.column(ROLL_DISCREPANCY)], BAND)
+    bands = parameters.set_index("parameter")[["low", "median", "high"]]
+    low, median, high = bands.loc[DISCREPANCY]
+    roll_low, roll, roll_high = bands.loc[ROLL_DISCREPANCY]
     widths = (field.high - field.low) / (field.prior_high - field.prior_low)
     near = ", ".join(parameters[parameters.near_a_bound].parameter)
     sentences = [
-        f"Of {len(field) + missing} figures of the car on the field {int(field.inside.sum())} lie "
+        f"Of {len(field) + missing} figures of the car on the field {field.inside.sum()} lie "
         f"in their 90 % interval, each predicted without its own table; {missing} that no car "
         "reaches counts as a miss.",
         f"The discrepancy of the model is {median:.0%} of a rate or an acceleration (90 %: "
@@ -405,31 +404,26 @@ def parameter_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
     larger share of the cars near one end, and whether the prior decides.
     """
     reference = prior.draw(2000, prior.plan.seed)
-    rows = []
-    for index, name in enumerate(prior.names):
-        values = cars[:, index]
-        low, median, high = np.quantile(values, BAND)
-        first, last = prior.ranges[index]
-        places = (values - first) / (last - first)
-        near_low = np.mean(places < NEAR_A_BOUND)
-        near_high = np.mean(places > 1.0 - NEAR_A_BOUND)
-        at_a_bound = float(max(near_low, near_high))
-        near = name != "forward" and at_a_bound > MAX_AT_A_BOUND
-        learnt = float(np.std(values) / np.std(reference[:, index]))
-        rows.append(
-            {
-                "parameter": name,
-                "prior_low": first,
-                "prior_high": last,
-                "low": low,
-                "median": median,
-                "high": high,
-                "deviation_ratio": learnt,
-                "share_at_a_bound": at_a_bound,
-                "near_a_bound": near,
-            }
-        )
-    return pd.DataFrame(rows)
+    first, last = prior.ranges.T
+    low, median, high = np.quantile(cars, BAND, axis=0)
+    places = (cars - first) / (last - first)
+    near_low = np.mean(places < NEAR_A_BOUND, axis=0)
+    near_high = np.mean(places > 1.0 - NEAR_A_BOUND, axis=0)
+    at_a_bound = np.maximum(near_low, near_high)
+    is_switch = np.array(prior.names) == "forward"
+    return pd.DataFrame(
+        {
+            "parameter": prior.names,
+            "prior_low": first,
+            "prior_high": last,
+            "low": low,
+            "median": median,
+            "high": high,
+            "deviation_ratio": np.std(cars, axis=0) / np.std(reference, axis=0),
+            "share_at_a_bound": at_a_bound,
+            "near_a_bound": ~is_switch & (at_a_bound > MAX_AT_A_BOUND),
+        }
+    )
 
 
 def _forest(figures: pd.DataFrame) -> Drawing:

@@ -114,7 +114,7 @@ def threshold(
 
     Example: aerodima sweep threshold friction turn_swing --set manoeuvre.speed=4.44
     """
-    from aerodima.optimisation.studies.rollover_threshold import SEARCHES, Case, find_thresholds
+    from aerodima.optimisation.studies.rollover_threshold import SEARCHES, find_threshold
     from aerodima.optimisation.studies.runs import CachedRunner
 
     if factor not in SEARCHES:
@@ -123,10 +123,9 @@ def threshold(
     given = {name: value for name, value in changes.items() if value is not None}
     search = replace(SEARCHES[factor], **given)
     workbench.load_scenario(scenario, settings or ())
-    case = Case(scenario, scenario, tuple(settings or ()))
     with engine_for(None, workers, scheduler) as (engine, progress):
         runs = CachedRunner(engine, progress=progress)
-        (result,) = find_thresholds([case], search, runs)
+        result = find_threshold(scenario, settings or (), search, runs)
     row = result.summary
     typer.echo("\n".join(text_table(list(row), [list(row.values())])))
 

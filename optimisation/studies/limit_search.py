@@ -148,14 +148,12 @@ class LimitSearch:
         return [value for value in values if value not in verdicts]
 
     def _scan(self, bracket: Bracket, is_new: bool) -> list[float]:
-        held = bracket.held
-        lost = bracket.lost
         if is_new:
             steps = math.ceil((self.high - self.low) / self.scan - 1e-9)
             return [rounded(value) for value in np.linspace(self.low, self.high, steps + 1)]
-        if lost - held == math.inf or lost - held <= self.tolerance + 1e-9:
+        if not self.tolerance + 1e-9 < bracket.lost - bracket.held < math.inf:
             return []
-        cuts = np.linspace(held, lost, SCAN_SECTIONS + 1)[1:-1]
+        cuts = np.linspace(bracket.held, bracket.lost, SCAN_SECTIONS + 1)[1:-1]
         return [rounded(value) for value in cuts]
 
 

@@ -1,20 +1,20 @@
 """Where a car begins to roll over: highest speed survived at given grip, critical friction at given
 speed.
 
-A scan searches for survival and reports survivors beyond the first flip as islands; a climb
-searches for clean runs on a grid, on which different controllers meet (`limit_search`).
+A scan searches for survival and reports survivors beyond the first flip as islands
+(`limit_search`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from aerodima.optimisation.studies.limit_search import Bracket, LimitSearch, Start, run_rounds
+from aerodima.optimisation.studies.limit_search import Bracket, LimitSearch
 from aerodima.optimisation.studies.runs import CachedRunner, RunTask, tipped_before_turn
 from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.batch.row_store import Row
@@ -30,8 +30,6 @@ FRICTION_SEARCH = LimitSearch(FRICTION, 0.4, 1.1, 0.05, 0.01)
 """Scan of the friction coefficient; the last two numbers are its steps, coarse and fine."""
 SEARCHES = {"speed": LimitSearch(SPEED, 2.5, 6.5, 0.25, 0.05), "friction": FRICTION_SEARCH}
 """Name -> scan."""
-Judge = Callable[[Any], bool | None]
-"""Whether the result of a run counts as held or as lost; None says nothing."""
 
 
 @dataclass(frozen=True)
@@ -43,14 +41,14 @@ class Threshold:
         survived: highest value held below the first loss; None if the first value was lost.
         lost: first value that was lost; None if none was.
         islands: (first, last) value held of each stretch of a scan beyond the first loss.
-        rows: value -> result of its run, upwards.
+        rows: value -> row of its run, upwards.
     """
 
     search: LimitSearch
     survived: float | None
     lost: float | None
     islands: tuple[tuple[float, float], ...]
-    rows: dict[float, Any]
+    rows: dict[float, Row]
 
     @property
     def found(self) -> bool:
@@ -90,15 +88,6 @@ class Threshold:
         }
 
 
-@dataclass(frozen=True)
-class Case:
-    """One car and manoeuvre whose threshold is wanted."""
-
-    name: str
-    scenario: str
-    settings: tuple[str, ...] = ()
-
-
 def critical_friction(
     scenario: str | Path,
     settings: Sequence[str] = (),
@@ -113,9 +102,8 @@ def critical_friction(
         engine: where to run; None runs here, one after the other.
         changes: of `FRICTION_SEARCH`: `low`, `high`, `scan`, `tolerance`.
     """
-    case = Case("", str(scenario), tuple(settings))
     search = replace(FRICTION_SEARCH, **changes)
-    return find_thresholds([case], search, CachedRunner(engine))[0]
+    return find_threshold(str(scenario), settings, search, CachedRunner(engine))
 
 
 def is_clean(row: Facts) -> bool:
@@ -123,82 +111,40 @@ def is_clean(row: Facts) -> bool:
     return row["outcome"] == "survived" and bool(row["clean"])
 
 
-def find_thresholds(
-    cases: Sequence[Case],
-    search: LimitSearch,
-    runs: CachedRunner,
-    starts: Sequence[float] | None = None,
-) -> list[Threshold]:
-    """Searches the thresholds of several cases at once, so that all workers are busy.
+def find_threshold(
+    scenario: str, settings: Sequence[str], search: LimitSearch, runs: CachedRunner
+) -> Threshold:
+    """Scans for the threshold of survival of one car and manoeuvre.
 
     Args:
-        cases: what is searched.
-        search: range and steps of all of them.
+        scenario: name or path.
+        settings: overrides.
+        search: range and steps.
         runs: where they are made.
-        starts: where the climb of each case over clean runs begins; None scans for survival.
 
     Raises:
-        SweepError: the scenario of a scan cannot be resolved at all.
+        ScenarioError: the scenario cannot be resolved at all.
     """
-
-    def run(wanted: Sequence[tuple[int, float]]) -> list[Row]:
-        tasks = []
-        for index, value in wanted:
-            case = cases[index]
-            settings = (*case.settings, f"{search.factor}={value!r}")
-            tasks.append(RunTask(f"{case.name} {value:g}", case.scenario, settings))
-        return runs.rows(tasks)
-
-    if starts is not None:
-        return search_thresholds(search, starts, run, is_clean)
-    for case in cases:
-        load_scenario(case.scenario, case.settings)
-    return search_thresholds(search, ["scan"] * len(cases), run, _survival)
-
-
-def search_thresholds(
-    search: LimitSearch,
-    starts: Sequence[Start],
-    run: Callable[[Sequence[tuple[int, float]]], Sequence[Any]],
-    judge: Judge,
-) -> list[Threshold]:
-    """Searches the limits of several candidates at once.
-
-    Args:
-        search: range and steps of all of them.
-        starts: how, or where, each begins.
-        run: evaluates (index of the candidate, value), in order.
-        judge: of a result; in a climb never None.
-    """
-    rows: list[dict[float, Any]] = [{} for _ in starts]
-    verdicts: list[dict[float, bool | None]] = [{} for _ in starts]
-
-    def record(index: int, value: float, row: Any) -> None:
-        rows[index][value] = row
-        verdicts[index][value] = judge(row)
-
-    def next_values(index: int) -> list[float]:
-        return search.next_values(starts[index], verdicts[index])
-
-    run_rounds(range(len(starts)), next_values, run, record)
-    return [
-        _threshold(search, dict(sorted(own.items())), known)
-        for own, known in zip(rows, verdicts, strict=True)
-    ]
-
-
-def _threshold(
-    search: LimitSearch, rows: dict[float, Any], verdicts: Mapping[float, bool | None]
-) -> Threshold:
+    load_scenario(scenario, settings)
+    rows: dict[float, Row] = {}
+    verdicts: dict[float, bool | None] = {}
+    while values := search.next_values("scan", verdicts):
+        tasks = [
+            RunTask(f"{value:g}", scenario, (*settings, f"{search.factor}={value!r}"))
+            for value in values
+        ]
+        for value, row in zip(values, runs.rows(tasks), strict=True):
+            rows[value] = row
+            verdicts[value] = _survival(row)
     bracket = Bracket.from_verdicts(verdicts)
-    beyond = [value for value in rows if value > bracket.lost]
+    beyond = sorted(value for value in rows if value > bracket.lost)
     islands = []
     for holds, stretch in groupby(beyond, lambda value: bool(verdicts[value])):
-        values = list(stretch)
+        island = list(stretch)
         if holds:
-            islands.append((values[0], values[-1]))
-    ends = [end if math.isfinite(end) else None for end in (bracket.held, bracket.lost)]
-    return Threshold(search, ends[0], ends[1], tuple(islands), rows)
+            islands.append((island[0], island[-1]))
+    held, lost = (end if math.isfinite(end) else None for end in (bracket.held, bracket.lost))
+    return Threshold(search, held, lost, tuple(islands), dict(sorted(rows.items())))
 
 
 def _words(value: float | None) -> str:

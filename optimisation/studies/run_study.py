@@ -77,11 +77,12 @@ def run_study(
     out = Path(out)
     runs = plan_runs(study)
     identity = _identity(study, runs)
-    with open_store(out, identity, force=force) as store:
+    with RowStore(out / ROWS, identity, force=force, alone=True, error=SweepError) as store:
+        if force:
+            (out / TABLE).unlink(missing_ok=True)
+        tasks = [run.task for run in runs]
         if study.logs:
             tasks = _with_logs(out, runs, store, force)
-        else:
-            tasks = [run.task for run in runs]
         there = len(store.rows)
         number = len(runs)
         if there and (out / TABLE).is_file():
@@ -148,14 +149,6 @@ def _how_it_went(frame: pd.DataFrame, number: int, seconds: float, engine: Engin
     if failed.any():
         line += f"; {int(failed.sum())} failed, the first: {frame.loc[failed, 'error'].iloc[0]}"
     return line
-
-
-def open_store(folder: Path, identity: Facts, *, force: bool = False) -> RowStore:
-    """Opens the rows of a study in a folder of its own; SweepError as `RowStore`."""
-    store = RowStore(folder / ROWS, identity, force=force, alone=True, error=SweepError)
-    if force:
-        (folder / TABLE).unlink(missing_ok=True)
-    return store
 
 
 def write_table(folder: Path, frame: pd.DataFrame, identity: Facts, timing: Facts) -> None:

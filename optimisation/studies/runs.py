@@ -146,7 +146,7 @@ def tipped_before_turn(row: Mapping[Any, Any]) -> bool:
     commanded = row.get("commanded_speed_m_per_s")
     if row["outcome"] != "flipped" or speed is None or commanded is None:
         return False
-    return float(speed) < MIN_SPEED_SHARE * float(commanded)
+    return speed < MIN_SPEED_SHARE * commanded
 
 
 def failed_row(task: RunTask, error: str, scenario: Scenario | RigScenario | None = None) -> Row:

@@ -17,7 +17,6 @@ from scipy.stats import norm, qmc
 from aerodima.optimisation.studies.runs import RunTask, load_any_scenario
 from aerodima.workbench.core.errors import ScenarioError, SweepError
 from aerodima.workbench.core.file_reading import Json
-from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.core.yaml_files import StrictModel, checked, find_file, read_yaml
 from aerodima.workbench.scenario.ensemble import Member, load_ensemble
 from aerodima.workbench.scenario.scenario import Scenario
@@ -144,7 +143,9 @@ class Block(StrictModel):
         for index, sampled in enumerate(samples):
             point = dict(zip(self.grid, cells[index // self._samples], strict=True))
             for name, value in sampled.items():
-                point[name] = _sum(point.get(name, 0.0), value)
+                in_grid = point.get(name)
+                # A seed of the sample alone stays whole.
+                point[name] = float(in_grid) + float(value) if in_grid else value
             yield point
 
     @property
@@ -284,8 +285,7 @@ def _text(value: Value) -> str:
     """
     if isinstance(value, str):
         return value
-    text: str = yaml.safe_dump(value)
-    return text.splitlines()[0]
+    return yaml.safe_dump(value).splitlines()[0]
 
 
 def _in_blocks(data: Json) -> Json:
@@ -296,32 +296,14 @@ def _in_blocks(data: Json) -> Json:
     return rest | {"blocks": [{key: data[key] for key in own}]}
 
 
-def _sum(value: Value, added: Value) -> Value:
-    """Adds a number of the sample to that of the grid; a seed of the sample stays whole."""
-    if not value:
-        return added
-    return float(value) + float(added)
-
-
 def _check_factor(factor: str, scenario: type[ScenarioFile], where: str) -> None:
-    section, _, key = factor.partition(".")
-    sections = scenario.sections()
-    if not key:
-        known = [
-            name for name in scenario.model_fields if name not in sections and name != "schema_"
-        ]
-        if factor not in known:
-            raise SweepError(
-                f"{where}: factor {factor!r}: must be section.key, such as car.tyre_friction, "
-                "or seed"
-            )
+    if factor in ("name", "seed"):
         return
-    if section not in sections:
+    if "." not in factor:
         raise SweepError(
-            f"{where}: factor {factor!r}: {section!r} is no section; "
-            f"{nearest(section, list(sections))}"
+            f"{where}: factor {factor!r}: must be section.key, such as car.tyre_friction, or seed"
         )
-    keys = list(sections[section].model_fields)
-    if key not in keys:
-        close = nearest(factor, [f"{section}.{name}" for name in keys])
-        raise SweepError(f"{where}: factor {factor!r}: no such number; {close}")
+    try:
+        scenario.require_key(factor)
+    except ScenarioError as error:
+        raise SweepError(f"{where}: factor {error}") from None

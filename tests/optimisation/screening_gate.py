@@ -20,12 +20,8 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import spearmanr
 
-from aerodima.optimisation.studies.limit_search import LimitSearch
-from aerodima.optimisation.studies.rollover_threshold import (
-    FRICTION,
-    is_clean,
-    search_thresholds,
-)
+from aerodima.optimisation.studies.limit_search import Bracket, LimitSearch, run_rounds
+from aerodima.optimisation.studies.rollover_threshold import FRICTION, is_clean
 from aerodima.optimisation.studies.runs import CachedRunner, RunTask, open_run_engine
 from aerodima.workbench import load_ensemble, load_scenario
 from aerodima.workbench.batch.row_store import RowStore
@@ -85,8 +81,22 @@ def drawn_laws(number, seed=5):
     ]
 
 
+def clean_limits(number, run, search=SEARCH):
+    """The highest value at which each of so many candidates is clean (n), -inf where none is; `run`
+    says of (candidate, value) which are.
+    """
+    verdicts = [{} for _ in range(number)]
+    run_rounds(
+        range(number),
+        lambda index: search.next_values(MIDDLE, verdicts[index]),
+        run,
+        lambda index, value, clean: verdicts[index].update({value: bool(clean)}),
+    )
+    return np.array([Bracket.from_verdicts(known).held for known in verdicts])
+
+
 def screened_friction(scenarios, search):
-    """The threshold of clean runs of every scenario, all of them driven at once.
+    """The highest friction at which every scenario is clean, all of them driven at once.
 
     Args:
         scenarios: turns; their own friction does not matter.
@@ -104,27 +114,24 @@ def screened_friction(scenarios, search):
         turns = drive_turns(
             replace(cars.take(places), friction=np.array(frictions)), plans.take(places)
         )
-        return [bool(clean) for clean in turns.clean]
+        return turns.clean
 
-    return search_thresholds(search, [MIDDLE] * len(scenarios), run, bool)
+    return clean_limits(len(scenarios), run, search)
 
 
 def compared_friction(engine, cases):
     """Agreement of the critical friction of every case."""
 
     def run(wanted):
-        return engine.rows(
-            [
-                RunTask(f"{place}", SCENARIO, (*cases[place], f"{FRICTION}={value!r}"))
-                for place, value in wanted
-            ]
-        )
+        tasks = [
+            RunTask(f"{place}", SCENARIO, (*cases[place], f"{FRICTION}={value!r}"))
+            for place, value in wanted
+        ]
+        return [is_clean(row) for row in engine.rows(tasks)]
 
-    full = search_thresholds(SEARCH, [MIDDLE] * len(cases), run, is_clean)
+    full = clean_limits(len(cases), run)
     reduced = screened_friction([load_scenario(SCENARIO, case) for case in cases], SEARCH)
-    return agreement(
-        *(np.array([each.survived for each in found], float) for found in (full, reduced))
-    )
+    return agreement(full, reduced)
 
 
 def compared_heading(engine, cases):
@@ -153,7 +160,7 @@ def best_ranks(engine, car, seed):
     """
     laws = [(*car, *law) for law in drawn_laws(CANDIDATES, seed)]
     screened = screened_friction([load_scenario(SCENARIO, law) for law in laws], SEARCH)
-    order = np.argsort([-(found.survived or 0.0) for found in screened], kind="stable").tolist()
+    order = np.argsort(-screened, kind="stable").tolist()
 
     def clean(places, friction):
         tasks = [
@@ -167,8 +174,8 @@ def best_ranks(engine, car, seed):
     def run(wanted):
         return [bool(clean([order[0]], friction)) for _, friction in wanted]
 
-    limit = search_thresholds(SEARCH, [MIDDLE], run, bool)[0].survived
-    place = -1 if limit is None else SEARCH.index(limit)
+    (limit,) = clean_limits(1, run)
+    place = -1 if np.isinf(limit) else SEARCH.index(limit)
     best = order[:1]
     left = order[1:]
     while place < SEARCH.index(SEARCH.high) and (left := clean(left, SEARCH.value(place + 1))):

@@ -258,8 +258,7 @@ class DaskEngine(Engine):
         try:
             while future in self._pending:
                 if wait_for([gathering], timeout=POLL_PERIOD).done:
-                    fetched: Outcome = gathering.result()[0]
-                    return fetched
+                    return gathering.result()[0]
                 self._poll()
                 if future in self._pending and time.monotonic() > until:
                     text = (
@@ -356,21 +355,19 @@ class DaskEngine(Engine):
             self._replace_paused(address)
 
     def _replace_paused(self, address: str) -> None:
-        worker = self._workers[address]
-        if not worker.pieces:
-            self._count_failure(f"{worker} is paused before it has ended a single run")
-        if worker.has_nanny:
-            text = f"{worker} is replaced after {worker.pieces} runs: it was paused"
-            self._replace(address, text)
-        elif worker.idle % 60 == PAUSED_POLLS:
-            text = f"{worker} is paused and cannot be replaced: it was started without a nanny"
-            self._record_event("still", worker, text)
-
-    def _replace(self, address: str, text: str) -> None:
         """End a paused worker; its nanny starts another, which the next poll finds.
 
         What it worked on is done again.
         """
+        worker = self._workers[address]
+        if not worker.pieces:
+            self._count_failure(f"{worker} is paused before it has ended a single run")
+        if not worker.has_nanny:
+            if worker.idle % 60 == PAUSED_POLLS:
+                text = f"{worker} is paused and cannot be replaced: it was started without a nanny"
+                self._record_event("still", worker, text)
+            return
+        text = f"{worker} is replaced after {worker.pieces} runs: it was paused"
         self._retire(address, "replaced", text, self._withdrawn)
         self._ask(
             "restart_workers",

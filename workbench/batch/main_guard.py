@@ -4,7 +4,6 @@ import ast
 import sys
 import threading
 from pathlib import Path
-from types import FrameType
 
 from aerodima.workbench.core.errors import UserError
 
@@ -22,7 +21,9 @@ def refuse_unguarded_script() -> None:
     if getattr(main.__spec__, "name", "").rpartition(".")[2] == "__main__":
         script = None
     frame = sys._current_frames().get(threading.main_thread().ident or 0)
-    while frame is not None and not _is_top_level(frame, vars(main)):
+    while frame is not None:
+        if frame.f_code.co_name == "<module>" and frame.f_globals is vars(main):
+            break
         frame = frame.f_back
     if script is None or frame is None or not Path(script).is_file():
         return
@@ -36,10 +37,6 @@ def refuse_unguarded_script() -> None:
             f"{script}, line {line}: starts worker processes, which run the script again; put this "
             f"line, and what else is to run once, below {_GUARD}"
         )
-
-
-def _is_top_level(frame: FrameType, names: dict[str, object]) -> bool:
-    return frame.f_code.co_name == "<module>" and frame.f_globals is names
 
 
 def _guarded_lines(script: Path) -> list[range]:

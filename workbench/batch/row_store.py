@@ -215,7 +215,7 @@ def terminal_progress() -> ProgressLine:
     def progress(line: str) -> None:
         nonlocal shown
         if not sys.stderr.isatty():
-            print(line, file=sys.stderr, flush=True)
+            print_progress(line)
             return
         end = "" if line.startswith("[") or line.endswith("...") else "\n"
         print("\r" + line.ljust(shown), end=end, file=sys.stderr, flush=True)

@@ -68,8 +68,6 @@ def _take_name(temporary: Path, path: Path, force: bool, error: type[UserError])
         try:
             os.link(temporary, path)
             return
-        except FileExistsError:
-            refuse_existing(path, force, error)
         # Without hard links in the file system, the check and the rename are two steps.
         except OSError:
             refuse_existing(path, force, error)

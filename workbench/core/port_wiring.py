@@ -68,8 +68,7 @@ def declare_output(
 def vector_of(port: InputPort | OutputPort, context: Context) -> FloatArray:
     """Value (n,) of a vector port; of an input port an array that is not to be changed."""
     value: Any = port.Eval(context)
-    vector: FloatArray = value
-    return vector
+    return value
 
 
 class DiscreteVector:

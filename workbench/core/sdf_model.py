@@ -41,12 +41,6 @@ class Inertial:
     moments: Vector3
     products: Vector3 = (0.0, 0.0, 0.0)
 
-    @property
-    def matrix(self) -> FloatArray:
-        """Build the inertia about the centre of mass (3 x 3), kg m2."""
-        xy, xz, yz = self.products
-        return np.diag(self.moments) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
-
     @classmethod
     def solid(cls, mass: float, shape: UnitInertia, com: Vector3 = (0.0, 0.0, 0.0)) -> "Inertial":
         """Returns the inertia of a solid (kg) of a shape, such as `UnitInertia.SolidBox`, with its

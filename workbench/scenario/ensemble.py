@@ -21,7 +21,7 @@ from aerodima.workbench.core.errors import EnsembleError, ScenarioError
 from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.core.yaml_files import StrictModel, checked, find_file, read_yaml
-from aerodima.workbench.scenario.scenario import SECTIONS, Scenario, load_scenario
+from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 
 ENSEMBLE_SCHEMA = "aerodima/ensemble/1"
 
@@ -51,14 +51,10 @@ class Member:
     def _keys_exist(self) -> Self:
         """Refuse unknown keys; whether values go together is checked when a scenario is made."""
         for key in self.values:
-            section, _, name = key.partition(".")
-            where = f"member {self.name!r}: {key}"
-            if section not in SECTIONS:
-                near = nearest(section, SECTIONS)
-                raise ValueError(f"{where}: {section!r} is no section; {near}")
-            known = SECTIONS[section].model_fields
-            if name not in known:
-                raise ValueError(f"{where}: unknown key; {nearest(name, known)}")
+            try:
+                Scenario.require_key(key)
+            except ScenarioError as error:
+                raise ValueError(f"member {self.name!r}: {error}") from None
         return self
 
     def settings_on(self, scenario: str | Path) -> tuple[str, ...]:

@@ -38,6 +38,7 @@ class Scenario(ScenarioFile):
     """Resolved scenario, frozen. Lengths in m, angles in rad, times in s, speeds in m/s."""
 
     folder = "scenarios"
+    default_name = "turn"
     example = "car.com_height=0.21"
     rates = (
         "imu.rate",
@@ -50,9 +51,6 @@ class Scenario(ScenarioFile):
     retired: ClassVar = {"tail": {"sail_centre_of_pressure"}, "controller": {"tracking"}}
 
     schema_: Literal["aerodima/scenario/1"] = Field("aerodima/scenario/1", alias="schema")
-    name: str = Field(
-        "turn", description="what the run is called in reports", min_length=1, max_length=80
-    )
     car: CarParameters
     tail: TailParameters
     tail_motor: TailMotorParameters
@@ -110,11 +108,9 @@ class Scenario(ScenarioFile):
     @model_validator(mode="after")
     def _turn_is_possible(self) -> Self:
         turn = self.manoeuvre
-        self._require_at_most("manoeuvre.steer_angle", "servo.limit")
-        self._require_at_most("manoeuvre.first_angle", "servo.limit")
         self._require_at_most("manoeuvre.first_hold", "manoeuvre.turn_hold")
-        for level in ("level_1", "level_2", "level_3"):
-            self._require_at_most(f"manoeuvre.{level}", "servo.limit")
+        for angle in ("steer_angle", "first_angle", "level_1", "level_2", "level_3"):
+            self._require_at_most(f"manoeuvre.{angle}", "servo.limit")
         if turn.kind in ("turn", "fishhook", "path") and not turn.rolling_start:
             self._require_at_most("manoeuvre.speed_ramp", "manoeuvre.turn_start")
         if turn.kind == "path" and turn.path == "corner":
@@ -127,8 +123,6 @@ class Scenario(ScenarioFile):
         return self
 
 
-SECTIONS = Scenario.sections()
-load_parameter_entries = Scenario.parameters
 default_values = Scenario.defaults
 scenario_from_dict = Scenario.from_dict
 

@@ -33,30 +33,21 @@ from aerodima.workbench.core.yaml_files import (
 PARAMETER_SCHEMA = "aerodima/parameters/1"
 
 
-class Sourced(StrictModel):
-    """A number or range of a file with its unit, its source, and the reason of what was assumed or
-    chosen.
+class ParameterEntry(StrictModel):
+    """One number of `models/parameters` with its unit, its source, and the reason of what was
+    assumed or chosen; an assumed one has a prior range.
     """
 
+    value: float | int | bool | str
     unit: str
     source: str = Field(pattern=r"^(published: .+|datasheet: .+|assumed|calibrated: .+|chosen)$")
     reason: str | None = None
-
-    @model_validator(mode="after")
-    def _reason_is_given(self) -> Self:
-        if self.source in ("assumed", "chosen") and not self.reason:
-            raise ValueError(f"source {self.source!r} needs a reason")
-        return self
-
-
-class ParameterEntry(Sourced):
-    """One number of `models/parameters`; an assumed one has a prior range."""
-
-    value: float | int | bool | str
     prior: tuple[float, float] | None = None
 
     @model_validator(mode="after")
-    def _lies_in_its_prior(self) -> Self:
+    def _is_accounted_for(self) -> Self:
+        if self.source in ("assumed", "chosen") and not self.reason:
+            raise ValueError(f"source {self.source!r} needs a reason")
         if self.prior is None:
             if self.source == "assumed":
                 raise ValueError("source 'assumed' needs a prior range [low, high]")
@@ -98,19 +89,18 @@ def load_parameter_file(
     return entries
 
 
-def load_section(path: Path, model: type[ModelT], changes: Facts | None = None) -> ModelT:
+def load_section(path: Path, model: type[ModelT]) -> ModelT:
     """Read a parameter file into its model.
 
     Args:
         path: the file.
         model: of its numbers, with their units and ranges.
-        changes: values on top of those of the file.
 
     Raises:
         ScenarioError: as `load_parameter_file`; or a value is out of range.
     """
     values = {key: entry.value for key, entry in load_parameter_file(path, model).items()}
-    return checked(model, {**values, **(changes or {})}, str(path))
+    return checked(model, values, str(path))
 
 
 class ScenarioFile(StrictModel):
@@ -123,6 +113,8 @@ class ScenarioFile(StrictModel):
 
     folder: ClassVar[str]
     """Folder of `models/` where the scenarios ship."""
+    default_name: ClassVar[str]
+    """Name of a run whose scenario gives none."""
     example: ClassVar[str]
     """A setting, for the message about a malformed one."""
     rates: ClassVar[tuple[str, ...]]
@@ -159,7 +151,8 @@ class ScenarioFile(StrictModel):
             return
         section, _, name = key.partition(".")
         values = getattr(self, section)
-        value = f"{getattr(values, name):.9g}"
+        value = getattr(values, name)
+        value = repr(value) if isinstance(value, str) else f"{value:.9g}"
         unit = unit_of(type(values), name)
         if unit != NO_UNIT:
             value += f" {unit}"
@@ -173,6 +166,24 @@ class ScenarioFile(StrictModel):
             for name, field in cls.model_fields.items()
             if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel)
         }
+
+    @classmethod
+    def require_section(cls, section: str, where: str) -> None:
+        """Raise ScenarioError unless there is this section; names the nearest."""
+        sections = cls.sections()
+        if section not in sections:
+            near = nearest(section, sections)
+            raise ScenarioError(f"{where}: {section!r} is no section; {near}")
+
+    @classmethod
+    def require_key(cls, key: str) -> None:
+        """Raise ScenarioError unless there is this key, `section.name`; names the nearest."""
+        section, _, name = key.partition(".")
+        cls.require_section(section, key)
+        names = cls.sections()[section].model_fields
+        if name not in names:
+            near = nearest(key, [f"{section}.{known}" for known in names])
+            raise ScenarioError(f"{key}: unknown key; {near}")
 
     @classmethod
     def parameter_path(cls, section: str) -> Path:
@@ -242,16 +253,10 @@ class ScenarioFile(StrictModel):
         if base is None:
             return data
         path = find_file(str(base), cls.folder, "base")
-        joined = read_yaml(path)
-        if "base" in joined:
+        below = read_yaml(path)
+        if "base" in below:
             raise ScenarioError(f"{path}: base: a scenario that is a base must not have one")
-        for key, value in data.items():
-            below = joined.get(key)
-            if isinstance(value, dict) and isinstance(below, dict):
-                joined[key] = below | value
-            else:
-                joined[key] = value
-        return joined
+        return _merged(below, data)
 
     @classmethod
     def names(cls) -> list[str]:
@@ -293,22 +298,15 @@ class ScenarioFile(StrictModel):
         except yaml.YAMLError:
             raise ScenarioError(f"--set {setting}: {text!r} is not a value") from None
         for section in sections:
-            if section not in cls.sections():
-                near = nearest(section, cls.sections())
-                raise ScenarioError(f"--set {setting}: {section!r} is no section; {near}")
+            cls.require_section(section, f"--set {setting}")
             data = require_mapping(data.setdefault(section, {}), section, ScenarioError)
         data[key] = value
 
     @classmethod
-    def _resolve(cls, below: Mapping[str, Facts], overrides: Json, where: str) -> Self:
-        merged: Json = {name: dict(values) for name, values in below.items()}
-        for key, value in overrides.items():
-            if key in below and isinstance(value, dict):
-                merged[key] |= value
-            else:
-                merged[key] = value
+    def _resolve(cls, below: Facts, overrides: Json, where: str) -> Self:
         schema = cls.model_fields["schema_"].default
-        return checked(cls, {"schema": schema} | merged, where, schema=schema)
+        unnamed = {"schema": schema, "name": cls.default_name, **below}
+        return checked(cls, _merged(unnamed, overrides), where, schema=schema)
 
     @classmethod
     def _with_new_keys(cls, overrides: Json) -> Json:
@@ -330,6 +328,18 @@ class ScenarioFile(StrictModel):
                 names.get(key, key): value for key, value in values.items() if key not in retired
             }
         return result
+
+
+def _merged(below: Facts, above: Facts) -> Json:
+    """Join two scenarios section by section; where both have a value, that of `above` holds."""
+    merged = dict(below)
+    for key, value in above.items():
+        section = below.get(key)
+        if isinstance(section, dict) and isinstance(value, dict):
+            merged[key] = section | value
+        else:
+            merged[key] = value
+    return merged
 
 
 @lru_cache(maxsize=128)

@@ -146,7 +146,14 @@ class TailParameters(QuantityModel):
 
     @model_validator(mode="after")
     def _air_is_known(self) -> Self:
-        require_coefficient_name(self.coefficients)
+        known = [CONSTANT, *robot_tail_sets()]
+        is_file = Path(self.coefficients).suffix in COEFFICIENT_ENDINGS  # read with the car
+        if not is_file and self.coefficients not in known:
+            raise ValueError(
+                f"coefficients: {self.coefficients!r} is no set for the robot's tail; "
+                f"{nearest(self.coefficients, known)}; "
+                f"or the path of a file ({', '.join(COEFFICIENT_ENDINGS)})"
+            )
         if self.sail_shape not in SAIL_SHAPES:
             raise ValueError(
                 f"sail_shape: {self.sail_shape!r} is not allowed; "
@@ -188,21 +195,6 @@ def robot_tail_sets() -> tuple[str, ...]:
         path.stem
         for path in files
         if yaml.safe_load(path.read_text(encoding="utf-8")).get("law") in SAIL_LAWS
-    )
-
-
-def require_coefficient_name(name: str) -> None:
-    """Refuse (ValueError) what is neither `constant` nor a set for the robot's tail nor a path of
-    a YAML or CSV file.
-
-    A file is read when the car is built: a log stays readable where the file is not at hand.
-    """
-    if name == CONSTANT or Path(name).suffix in COEFFICIENT_ENDINGS or name in robot_tail_sets():
-        return
-    known = [CONSTANT, *robot_tail_sets()]
-    raise ValueError(
-        f"coefficients: {name!r} is no set for the robot's tail; {nearest(name, known)}; "
-        f"or the path of a file ({', '.join(COEFFICIENT_ENDINGS)})"
     )
 
 

@@ -299,13 +299,15 @@ def test_left_out_table_is_predicted_without_its_figures():
         for f in figures_of(PLAN)
     ]
     honest, far = (
-        validation.leave_out(emulator(), figures, table, 8) for figures in (figures_of(PLAN), moved)
+        validation.leave_out(validation.Question(emulator(), figures, table, 8))
+        for figures in (figures_of(PLAN), moved)
     )
-    assert honest.rows.inside.all()
-    assert not far.rows.inside.any()
+    assert all(row["inside"] for row in honest.rows)
+    assert not any(row["inside"] for row in far.rows)
     assert honest.density > far.density + 20.0
-    for name in ("low", "median", "high"):
-        assert honest.rows[name].to_numpy() == pytest.approx(far.rows[name].to_numpy(), rel=1e-9)
+    for row, other in zip(honest.rows, far.rows, strict=True):
+        for name in ("low", "median", "high"):
+            assert row[name] == pytest.approx(other[name], rel=1e-9)
 
 
 @pytest.mark.parametrize("name", ["tail mass", "angle of balance", "slip angle at the limit"])

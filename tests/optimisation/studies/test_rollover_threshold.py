@@ -7,11 +7,9 @@ import pytest
 from aerodima.optimisation.studies.limit_search import LimitSearch
 from aerodima.optimisation.studies.rollover_threshold import (
     FRICTION,
-    SPEED,
     TIPPED,
-    Case,
     critical_friction,
-    find_thresholds,
+    find_threshold,
 )
 from aerodima.optimisation.studies.runs import CachedRunner, tipped_before_turn
 from aerodima.workbench.batch.engine import Engine
@@ -60,9 +58,8 @@ def search(survives, **changes):
         "tolerance": 0.01,
     } | changes
     engine = MadeUp(survives, settings["factor"])
-    return find_thresholds([Case("", "turn_none")], LimitSearch(**settings), CachedRunner(engine))[
-        0
-    ], engine
+    runs = CachedRunner(engine)
+    return find_threshold("turn_none", (), LimitSearch(**settings), runs), engine
 
 
 def test_step_is_bracketed_within_the_tolerance_with_few_runs():
@@ -98,16 +95,6 @@ def test_tipping_over_before_the_turn_is_no_flip_in_the_turn():
     found, _ = search(lambda friction: "tipped" if abs(friction - 0.5) < 1e-6 else friction < 0.72)
     assert found.survived < 0.72 <= found.lost
     assert found.outcomes[0.5] == TIPPED
-
-
-def test_cases_are_searched_together_and_give_what_each_gives_alone():
-    engine = MadeUp(lambda speed: speed < 3.4, SPEED)
-    wanted = LimitSearch(SPEED, 3.0, 4.0, 0.25, 0.05)
-    both = find_thresholds(
-        [Case("a", "turn_none"), Case("a", "turn_held")], wanted, CachedRunner(engine)
-    )
-    assert both[0] == both[1]
-    assert both[0] == find_thresholds([Case("a", "turn_none")], wanted, CachedRunner(engine))[0]
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,8 @@ import pytest
 
 from aerodima.optimisation.studies.run_study import (
     METADATA_KEY,
+    ROWS,
     TABLE,
-    open_store,
     read_table,
     run_study,
 )
@@ -121,7 +121,7 @@ def test_member_that_makes_no_plant_is_a_row_with_its_reason(tmp_path):
 def test_a_folder_of_other_results_is_refused_and_made_anew_by_force(tmp_path, undisturbed):
     study = load_study(tiny_study(tmp_path))
     out = tmp_path / "out"
-    with open_store(out, {"runs": "others"}):
+    with RowStore(out / ROWS, {"runs": "others"}):
         assert_folder_refused(study, out)
     assert_folder_refused(study, out)
     run_study(study, out, Engine(), force=True)

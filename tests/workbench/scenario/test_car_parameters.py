@@ -13,13 +13,13 @@ from aerodima.workbench.core.resources import models_dir
 from aerodima.workbench.core.yaml_files import read_yaml
 from aerodima.workbench.scenario import scenario_file
 from aerodima.workbench.scenario.scenario import (
-    SECTIONS,
-    load_parameter_entries,
+    Scenario,
     scenario_from_dict,
 )
 from aerodima.workbench.scenario.scenario_file import ParameterEntry
 from tests.refusals import assert_refused
 
+SECTIONS = Scenario.sections()
 GOOD = {
     "value": 6.0,
     "unit": "kg",
@@ -38,7 +38,7 @@ def entry(**changes):
 @pytest.mark.parametrize("section", SECTIONS)
 def test_every_number_has_unit_and_source(section):
     raw = read_yaml(models_dir() / "parameters" / f"{section}.yaml")
-    entries = load_parameter_entries(section)
+    entries = Scenario.parameters(section)
     assert set(raw) - {"schema"} == set(SECTIONS[section].model_fields) == set(entries)
     for key, one in entries.items():
         assert one.unit == unit_of(SECTIONS[section], key) == raw[key]["unit"], key
@@ -51,7 +51,7 @@ def test_every_number_has_unit_and_source(section):
 
 @pytest.mark.parametrize("section", SECTIONS)
 def test_scenario_without_overrides_has_the_values_of_the_files(section):
-    values = {key: one.value for key, one in load_parameter_entries(section).items()}
+    values = {key: one.value for key, one in Scenario.parameters(section).items()}
     assert getattr(scenario_from_dict({}), section).model_dump() == values
 
 
@@ -128,4 +128,4 @@ def test_spoilt_parameter_file_is_refused_by_name(gps_file, good, bad, named):
     text = gps_file.read_text()
     assert good in text
     gps_file.write_text(text.replace(good, bad, 1))
-    assert_refused(lambda: load_parameter_entries("gps"), ScenarioError, "gps.yaml", *named)
+    assert_refused(lambda: Scenario.parameters("gps"), ScenarioError, "gps.yaml", *named)

@@ -114,7 +114,7 @@ def test_no_car_is_in_two_parts_of_the_split():
     [
         ("ensemble/1", "ensemble/0", ("schema", "aerodima/ensemble/0")),
         ("best: b", "best: c", ("best", "'c'")),
-        ("car.mass:", "car.masss:", ("'b'", "car.masss", "'mass'")),
+        ("car.mass:", "car.masss:", ("'b'", "car.masss", "'car.mass'")),
         ("car.mass:", "cart.mass:", ("'cart'", "'car'")),
         ("weight: 3.0", "weight: -3.0", ("weight", "-3.0")),
         ("weight: 3.0", "weight: .nan", ("weight", "nan")),

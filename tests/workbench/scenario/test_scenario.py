@@ -8,7 +8,6 @@ import pytest
 from aerodima.workbench.core.errors import ScenarioError, UserError
 from aerodima.workbench.core.yaml_files import parse_yaml
 from aerodima.workbench.scenario.scenario import (
-    SECTIONS,
     Scenario,
     load_scenario,
     scenario_from_dict,
@@ -52,7 +51,7 @@ def test_resolved_scenario_is_json_and_resolves_to_itself(name):
     text = json.dumps(scenario.resolved(), allow_nan=False)
     assert scenario_from_dict(json.loads(text)) == scenario
     assert json.loads(text)["schema"] == "aerodima/scenario/1"
-    assert set(SECTIONS) <= set(json.loads(text))
+    assert set(Scenario.sections()) <= set(json.loads(text))
 
 
 def test_empty_file_is_the_nominal_scenario(tmp_path):

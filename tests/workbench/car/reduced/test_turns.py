@@ -54,7 +54,7 @@ def test_critical_friction_is_that_of_the_full_car():
     scenarios = [load_scenario("turn_designed", (*HIGH_BODY, f"tail.mode={mode}")) for mode in full]
     found = screened_friction(scenarios, LimitSearch(FRICTION, 0.4, 1.0, 0.1, 0.0125))
     assert all(scenario.simulation.step == STEP for scenario in scenarios)
-    assert [each.survived for each in found] == pytest.approx(list(full.values()), rel=0.05)
+    assert found == pytest.approx(list(full.values()), rel=0.05)
 
 
 def courses(run, turns, after):
