@@ -142,27 +142,24 @@ class CandidateList(StrictModel):
     candidates: list[ListedCandidate] = Field(min_length=1)
 
 
-def read_candidates(
-    names: Iterable[str], known: Mapping[str, Candidate], scenario: str
-) -> list[Candidate]:
+def read_candidates(names: Iterable[str], known: Mapping[str, Candidate]) -> list[Candidate]:
     """Reads candidates by name or file; the car without tail is always the first one.
 
     Args:
         names: of `known`, of shipped swings, or paths of lists or swing files. A swing plays on
             whatever car is driven.
         known: by the name that asks for one.
-        scenario: that they are to drive.
 
     Raises:
         UserError: no such file or name; malformed; a setting that a candidate may not bring, or
-            that the scenario refuses; two candidates of one name.
+            that `swerve` refuses; two candidates of one name.
     """
     candidates = [NO_TAIL]
     for name in names:
         for candidate in _find(name, known):
             try:
                 for settings in ((), *candidate.by_speed.values()):
-                    load_scenario(scenario, (*candidate.settings, *settings))
+                    load_scenario(SWERVE, (*candidate.settings, *settings))
             except UserError as error:
                 raise SweepError(f"{name}: candidate {candidate.name!r}: {error}") from None
             if candidate is not NO_TAIL:
@@ -171,14 +168,14 @@ def read_candidates(
     return candidates
 
 
-def user_law(path_and_class: str, scenario: str) -> Candidate:
+def user_law(path_and_class: str) -> Candidate:
     """Makes the candidate of a tail law of the reader's, `my_law.py:MyLaw`, named after its class.
 
     Raises:
         UserError: no such file or class, the file fails, or what it holds is no tail law.
     """
     path, _, name = path_and_class.rpartition(":")
-    load_law(path_and_class, load_scenario(scenario, SWINGING))
+    load_law(path_and_class, load_scenario(SWERVE, SWINGING))
     return Candidate(name, SWINGING, law=f"{Path(path).resolve()}:{name}")
 
 
