@@ -250,10 +250,7 @@ def air_torque(scenario: RigScenario, law: SectionLaw | None = None) -> Torque |
         return None
 
     def torque(angle: float, rate: float) -> float:
-        total = 0.0
-        for strip in strips:
-            total += strip_load(pendulum, strip, angle, rate)[3]
-        return -total
+        return -sum(strip_load(pendulum, strip, angle, rate)[3] for strip in strips)
 
     return torque
 
