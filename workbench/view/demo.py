@@ -209,8 +209,6 @@ def do_run(run: DemoRun) -> RunSummary:
 
 def _claimed(out: Path, runs: Sequence[DemoRun], force: bool) -> RowStore:
     """Makes the folder this demo's, or says why it must not be."""
-    if out.exists() and not out.is_dir():
-        raise UserError(f"{out}: is a file, a folder is needed")
     scenarios = {run.name: run.scenario for run in runs}
     identity = {"schema": DEMO_SCHEMA, "versions": software_versions(), "scenarios": scenarios}
     store = RowStore(out / MARK, identity, force=force, alone=True)
