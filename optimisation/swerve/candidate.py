@@ -10,9 +10,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import yaml
-from pydantic import Field, field_validator
+from pydantic import AfterValidator, Field
 
 from aerodima.workbench.car.car_model import gearbox_height
 from aerodima.workbench.car.tail_plant import tail_geometry
@@ -98,37 +99,36 @@ LOW_BALLAST = Candidate(
 )
 
 
+def _check_section(setting: str) -> str:
+    """Refuses a setting of car, floor or driver."""
+    if not setting.strip().startswith(ALLOWED_SECTIONS) or "=" not in setting:
+        raise ValueError(
+            f"{setting!r} is no setting of a candidate; must be KEY=... of tail, controller, "
+            "feedback"
+        )
+    return setting
+
+
+ListedSettings = tuple[Annotated[str, AfterValidator(_check_section)], ...]
+"""Settings in a file, of `ALLOWED_SECTIONS` alone."""
+
+
 class ListedCandidate(StrictModel):
     """A candidate in a file.
 
     Attributes:
         name: in tables.
-        settings: of a scenario, such as `controller.swing_speed=9.0`; only of `ALLOWED_SECTIONS`.
+        settings: of a scenario, such as `controller.swing_speed=9.0`.
         by_speed: further settings by speed of the turn, m/s.
         words: what it does.
         chosen: how its numbers were found.
     """
 
     name: str = Field(min_length=1, max_length=80)
-    settings: Settings
-    by_speed: dict[float, Settings] = Field(default_factory=dict)
+    settings: ListedSettings
+    by_speed: dict[float, ListedSettings] = Field(default_factory=dict)
     words: str = ""
     chosen: str = ""
-
-    @field_validator("settings", "by_speed")
-    @classmethod
-    def _of_the_controller(
-        cls, value: Settings | dict[float, Settings]
-    ) -> Settings | dict[float, Settings]:
-        lists = value.values() if isinstance(value, dict) else [value]
-        for settings in lists:
-            for setting in settings:
-                if not setting.strip().startswith(ALLOWED_SECTIONS) or "=" not in setting:
-                    raise ValueError(
-                        f"{setting!r} is no setting of a candidate; must be KEY=... of tail, "
-                        "controller, feedback"
-                    )
-        return value
 
     def candidate(self) -> Candidate:
         """Returns the candidate."""
@@ -142,27 +142,24 @@ class CandidateList(StrictModel):
     candidates: list[ListedCandidate] = Field(min_length=1)
 
 
-def read_candidates(
-    names: Iterable[str], known: Mapping[str, Candidate], scenario: str
-) -> list[Candidate]:
+def read_candidates(names: Iterable[str], known: Mapping[str, Candidate]) -> list[Candidate]:
     """Reads candidates by name or file; the car without tail is always the first one.
 
     Args:
         names: of `known`, of shipped swings, or paths of lists or swing files. A swing plays on
             whatever car is driven.
         known: by the name that asks for one.
-        scenario: that they are to drive.
 
     Raises:
         UserError: no such file or name; malformed; a setting that a candidate may not bring, or
-            that the scenario refuses; two candidates of one name.
+            that `swerve` refuses; two candidates of one name.
     """
     candidates = [NO_TAIL]
     for name in names:
         for candidate in _find(name, known):
             try:
                 for settings in ((), *candidate.by_speed.values()):
-                    load_scenario(scenario, (*candidate.settings, *settings))
+                    load_scenario(SWERVE, (*candidate.settings, *settings))
             except UserError as error:
                 raise SweepError(f"{name}: candidate {candidate.name!r}: {error}") from None
             if candidate is not NO_TAIL:
@@ -171,34 +168,30 @@ def read_candidates(
     return candidates
 
 
-def user_law(path_and_class: str, scenario: str) -> Candidate:
+def user_law(path_and_class: str) -> Candidate:
     """Makes the candidate of a tail law of the reader's, `my_law.py:MyLaw`, named after its class.
 
     Raises:
         UserError: no such file or class, the file fails, or what it holds is no tail law.
     """
     path, _, name = path_and_class.rpartition(":")
-    load_law(path_and_class, load_scenario(scenario, SWINGING))
+    load_law(path_and_class, load_scenario(SWERVE, SWINGING))
     return Candidate(name, SWINGING, law=f"{Path(path).resolve()}:{name}")
 
 
-def write_candidates(
-    path: Path, candidates: Sequence[Candidate], chosen: str, *, force: bool = False
-) -> Path:
-    """Writes a list; `chosen` says how its numbers were found.
+def write_candidate(path: Path, candidate: Candidate, chosen: str, *, force: bool = False) -> Path:
+    """Writes a list of one candidate; `chosen` says how its numbers were found.
 
     SweepError when it cannot be written.
     """
-    entries = []
-    for candidate in candidates:
-        listed = ListedCandidate(
-            name=candidate.name,
-            settings=candidate.settings,
-            by_speed=dict(candidate.by_speed),
-            chosen=chosen,
-        )
-        entries.append(listed.model_dump(mode="json", exclude={"words"}))
-    text = yaml.safe_dump({"schema": SCHEMA, "candidates": entries}, sort_keys=False, width=110)
+    listed = ListedCandidate(
+        name=candidate.name,
+        settings=candidate.settings,
+        by_speed=dict(candidate.by_speed),
+        chosen=chosen,
+    )
+    entry = listed.model_dump(mode="json", exclude={"words"})
+    text = yaml.safe_dump({"schema": SCHEMA, "candidates": [entry]}, sort_keys=False, width=110)
     return write_atomically(path, text, force, SweepError)
 
 

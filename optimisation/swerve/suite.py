@@ -102,8 +102,8 @@ def tail_settings(tail: str) -> Settings:
 
 def select_candidates(names: Sequence[str], laws: Sequence[str] = ()) -> list[Candidate]:
     """Returns candidates of `read_candidates` and `user_law`; the car without tail comes first."""
-    chosen = read_candidates(names, NAMED_CANDIDATES, SWERVE)
-    chosen += [user_law(path, SWERVE) for path in laws]
+    chosen = read_candidates(names, NAMED_CANDIDATES)
+    chosen += [user_law(path) for path in laws]
     require_unique([one.name for one in chosen], "candidate")
     return chosen
 
@@ -133,9 +133,6 @@ def ensemble_cases(
     are.
     """
     cars = getattr(load_ensemble(ensemble).split(seed), part)
-    if not 1 <= number <= len(cars):
-        raise SweepError(
-            f"cars {number}: the {part} cars of {ensemble} are {len(cars)}: must be 1 to "
-            f"{len(cars)}"
-        )
+    unit = f"of the {part} cars of {ensemble}"
+    check_range("cars", number, 1, len(cars), unit, error=SweepError)
     return make_cases(cars[:number], tail, floors)

@@ -17,7 +17,7 @@ from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.text_table import text_table
 from aerodima.workbench.view.figure_style import BLUE, SKY, new_figure, styled
-from aerodima.workbench.view.report_page import Page, Plot, Section, Table
+from aerodima.workbench.view.report_page import Page, Plot, Section, Table, percent
 
 GROUP = ["plant", "tail", "floor", "aim", "speed_m_per_s"]
 """Columns that name a comparison."""
@@ -49,19 +49,19 @@ def summarise_swerves(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
     over_ballast = gains_over(table, LOW_BALLAST.name)
     rows: list[Row] = []
     for names, own in table.groupby([*GROUP, "candidate"], sort=False):
-        gains = over_none[own.index].dropna().to_numpy(dtype=np.float64)
-        low, high = median_interval(gains, seed)
+        gains = over_none[own.index].dropna().astype(float)
+        low, high = median_interval(gains.to_numpy(), seed)
         places: dict[str, Any] = dict(zip([*GROUP, "candidate"], names, strict=True))
         rows.append(
             {
                 **places,
                 "median": float(own["value"].median()),
                 "cars": len(own),
-                "with_value": int(own["value"].notna().sum()),
-                "gain": float(np.median(gains)) if gains.size else math.nan,
+                "with_value": int(own["value"].count()),
+                "gain": float(gains.median()),
                 "gain_low": low,
                 "gain_high": high,
-                "gain_worst": float(gains.min()) if gains.size else math.nan,
+                "gain_worst": float(gains.min()),
                 "above_low_ballast": int((over_ballast[own.index] > 0.0).sum()),
             }
         )
@@ -140,7 +140,7 @@ def _cells(summary: pd.DataFrame) -> list[tuple[str, ...]]:
 
 
 def _percent(share: float) -> str:
-    return "–" if math.isnan(share) else f"{100.0 * share:+.0f} %"
+    return "–" if math.isnan(share) else percent(share)
 
 
 @styled()
@@ -150,7 +150,7 @@ def swerve_figure(table: pd.DataFrame, title: str) -> Figure:
     """
     gains = 100.0 * gains_over(table, NO_TAIL.name)
     candidates = [name for name in dict.fromkeys(table["candidate"]) if name != NO_TAIL.name][::-1]
-    figure, axes = new_figure(9.0, 1.1 + 0.34 * len(candidates), 1)
+    figure, axes = new_figure(9.0, 1.1 + 0.34 * len(candidates))
     axis = axes[0, 0]
     for index, candidate in enumerate(candidates):
         values = gains[table["candidate"] == candidate].dropna().to_numpy(dtype=np.float64)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -30,7 +31,13 @@ from aerodima.optimisation.swing.swerve_nlp import (
     best_of,
     steering_of,
 )
-from aerodima.optimisation.swing.swerve_shooting import KNOTS, Limit, SwerveShooting, within_reach
+from aerodima.optimisation.swing.swerve_shooting import (
+    KNOTS,
+    Limit,
+    SwerveShooting,
+    SwerveVariables,
+    within_reach,
+)
 from aerodima.workbench.car.reduced.swerves import STEERING
 from aerodima.workbench.car.swerve import Swerve
 from aerodima.workbench.core.array_types import FloatArray
@@ -83,22 +90,19 @@ class Bound:
     def table(self) -> pd.DataFrame:
         """A row per car: aim, steering (rad and s), and what the search took."""
         solution = self.solution
-        rows = []
-        for member, scenario in enumerate(self.scenarios):
-            steering = steering_of(self.program, solution.x, member)
-            rows.append(
-                {
-                    "car": scenario.name,
-                    "speed_m_per_s": scenario.manoeuvre.speed,
-                    "aim": solution.aims[member],
-                    **dict(zip(STEERING_KEYS, steering.tolist(), strict=True)),
-                    "violation": solution.violation,
-                    "worst": solution.worst,
-                    "evaluations": solution.evaluations,
-                    "wall_time_s": solution.wall_time,
-                }
-            )
-        return pd.DataFrame(rows)
+        members = range(len(self.scenarios))
+        steerings = [steering_of(self.program, solution.x, member) for member in members]
+        columns: dict[str, Any] = {
+            "car": [scenario.name for scenario in self.scenarios],
+            "speed_m_per_s": [scenario.manoeuvre.speed for scenario in self.scenarios],
+            "aim": solution.aims,
+            **dict(zip(STEERING_KEYS, np.transpose(steerings), strict=True)),
+            "violation": solution.violation,
+            "worst": solution.worst,
+            "evaluations": solution.evaluations,
+            "wall_time_s": solution.wall_time,
+        }
+        return pd.DataFrame(columns)
 
 
 def find_bound(
@@ -129,8 +133,9 @@ def find_bound(
     program = SwerveNlp(shooting, chosen.size)
     if extend is not None:
         extend(program)
-    starts = [_start_of(shooting, tail, steering) for tail, steering in candidates]
-    starts += _first_search(shooting, effort)
+    points = [np.concatenate([steering, tail]) for tail, steering in candidates]
+    points += _first_search(shooting, effort)
+    starts = _with_one_steering(shooting.variables, np.array(points))
     solutions = [program.solve(start, effort.iterations, effort.solver) for start in starts]
     best = best_of(solutions)
     if best.violation > FEASIBILITY_TOL:
@@ -138,16 +143,19 @@ def find_bound(
     return Bound(tuple(scenarios), program, best)
 
 
-def _start_of(shooting: SwerveShooting, tail: FloatArray, steering: FloatArray) -> FloatArray:
-    """Returns the scaled variables of a motion of the tail, and one steering of all cars."""
-    variables = shooting.variables
-    pitch, rolls = tail[:1], within_reach(tail[None, 1:], variables.max_roll)[0]
-    return np.concatenate([pitch, rolls, *[steering] * variables.members]) / variables.units
+def _with_one_steering(variables: SwerveVariables, points: FloatArray) -> FloatArray:
+    """Returns the scaled variables (n, size) of points (n, `STEERING` + knots): a steering of all
+    cars, rad and s, and a motion of the tail, rad, smaller where it would leave its range.
+    """
+    steering, pitch, rolls = np.split(points, [STEERING, STEERING + 1], axis=1)
+    rolls = within_reach(rolls, variables.max_roll)
+    columns = [pitch, rolls, *[steering] * variables.members]
+    return np.concatenate(columns, axis=1) / variables.units
 
 
 def _first_search(shooting: SwerveShooting, effort: BoundEffort) -> list[FloatArray]:
-    """Returns starts (size,) of the program: the best point of a search with one steering for all
-    cars, and the best ones of its first generation.
+    """Returns points of `_with_one_steering`: the best one of a search, and the best ones of its
+    first generation.
     """
     variables = shooting.variables
     generator = np.random.default_rng(effort.seed)
@@ -159,20 +167,17 @@ def _first_search(shooting: SwerveShooting, effort: BoundEffort) -> list[FloatAr
         result = possible_steering(points, variables.max_angle)
         tail = result[:, STEERING:]
         tail[:, 0] = np.clip(tail[:, 0], *variables.pitches)
-        tail[:, 1:] = within_reach(tail[:, 1:], variables.max_roll)
         return result
 
-    def scaled(points: FloatArray) -> FloatArray:
-        steering, tail = np.split(points, [STEERING], axis=1)
-        return np.concatenate([tail, *[steering] * variables.members], axis=1) / variables.units
+    upper = np.array([limit.upper / limit.size for limit in shooting.row_limits])[:, None]
 
     def evaluate(points: FloatArray) -> FloatArray:
-        columns = scaled(points).T
+        columns = _with_one_steering(variables, points).T
         total = np.zeros(len(points))
         for member in range(variables.members):
             chosen = np.full(len(points), member)
             swerve = shooting.drive(columns[variables.own(member)], chosen)
-            behind = np.maximum(shooting.rows(swerve) - _upper(shooting), 0.0).max(axis=0)
+            behind = np.maximum(shooting.rows(swerve) - upper, 0.0).max(axis=0)
             total += score(swerve, shooting.aim) - np.where(behind > 0.0, 1e2 + behind, 0.0)
         return total / variables.members
 
@@ -189,12 +194,7 @@ def _first_search(shooting: SwerveShooting, effort: BoundEffort) -> list[FloatAr
     spread = np.clip((possible(first) - low) / (high - low), 0.0, 1.0)
     _, shares = evolve(cost, spread, effort.generations, effort.seed)
     best = possible((low + shares * (high - low))[None])
-    return [*scaled(np.concatenate([best, best_first]))]
-
-
-def _upper(shooting: SwerveShooting) -> FloatArray:
-    """Returns the largest scaled value of each row (rows, 1)."""
-    return np.array([limit.upper / limit.size for limit in shooting.row_limits])[:, None]
+    return [*best, *best_first]
 
 
 def _draw_tails(generator: np.random.Generator, members: int) -> FloatArray:

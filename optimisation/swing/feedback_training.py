@@ -190,20 +190,15 @@ def search_laws(
     Raises:
         UserError: no score is above 0.
     """
-    best = start
     best_score = 0.0
     tried = 0
     bar = ProgressBar(progress, search.generations + 1)
 
     def cost(shares: FloatArray) -> FloatArray:
-        nonlocal best, best_score, tried
-        laws = laws_at(shares.T)
-        scores = score_laws(laws)
-        index = int(np.argmax(scores))
-        if scores[index] > best_score:
-            best = laws[index]
-            best_score = float(scores[index])
-        tried += len(laws)
+        nonlocal best_score, tried
+        scores = score_laws(laws_at(shares.T))
+        best_score = max(best_score, float(np.max(scores)))
+        tried += len(scores)
         bar.advance(f"{tried} laws tried on reduced cars, the best {best_score - 1.0:+.1%}")
         return -scores
 
@@ -212,9 +207,10 @@ def search_laws(
     drawn = qmc.LatinHypercube(numbers, rng=search.seed).random(search.laws * numbers)
     first = np.clip(centre + search.around * (drawn - centre), 0.0, 1.0)
     first[0] = centre
-    evolve(cost, first, search.generations, search.seed)
-    if best_score <= 0.0:
+    least, shares = evolve(cost, first, search.generations, search.seed)
+    if least >= 0.0:
         raise SweepError("no law that was tried keeps a training car upright at any speed")
+    (best,) = laws_at(shares[None])
     return best
 
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue
+from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import IpoptSolver, MathematicalProgram, SnoptSolver, SolverOptions
 
 from aerodima.optimisation.swerve.steering import TICK
@@ -52,7 +52,6 @@ class SwerveSolution:
         aims: of every car (members,).
         cost: of the program, all costs that were added included.
         violation: largest of any constraint of the program, scaled, and `worst` whose it is.
-        converged: the solver says so, and nothing is violated by more than `FEASIBILITY_TOL`.
         evaluations: batches of swerves; `wall_time` s.
     """
 
@@ -61,7 +60,6 @@ class SwerveSolution:
     cost: float
     violation: float
     worst: str
-    converged: bool
     evaluations: int
     wall_time: float
 
@@ -122,21 +120,20 @@ class SwerveNlp:
         begun = time.perf_counter()
         before = self.evaluations
         low, high = self.shooting.variables.bounds
-        x, _ = self._solve(np.clip(start, low, high), iterations, solver)
+        x = self._solve(np.clip(start, low, high), iterations, solver)
         ends = np.concatenate([[first, first + 1] for first in self._first_ends()])
         x = np.clip(x, low, high)
         x[ends] = TICK * np.rint(TIME_SCALE * x[ends] / TICK) / TIME_SCALE
         binding = self.prog.AddBoundingBoxConstraint(x[ends], x[ends], self.x[ends])
         try:
-            x, converged = self._solve(x, iterations, solver)
+            x = self._solve(x, iterations, solver)
         finally:
             self.prog.RemoveConstraint(binding)
         violation, worst = self._violation(x)
         spent = self.evaluations - before
-        good = converged and violation <= FEASIBILITY_TOL
         wall_time = time.perf_counter() - begun
         aims = self.at(x).aims
-        return SwerveSolution(x, aims, self._cost(x), violation, worst, good, spent, wall_time)
+        return SwerveSolution(x, aims, self._cost(x), violation, worst, spent, wall_time)
 
     def at(self, x: FloatArray) -> Evaluation:
         """Evaluates aims, limits and slopes at scaled variables (size,); the last point is
@@ -153,29 +150,35 @@ class SwerveNlp:
         variables = self.shooting.variables
         return range(variables.tail + LEVELS, variables.size, STEERING)
 
-    def _solve(self, start: FloatArray, iterations: int, solver: Solver) -> tuple[FloatArray, bool]:
+    def _solve(self, start: FloatArray, iterations: int, solver: Solver) -> FloatArray:
         """Returns the best point that was visited and keeps all constraints, else where the solver
-        ended; whether it converged.
+        ended.
         """
+        engine: SnoptSolver | IpoptSolver
+        settings: dict[str, Any]
+        if solver == "snopt":
+            engine = SnoptSolver()
+            settings = {
+                "Major iterations limit": iterations,
+                "Major optimality tolerance": OPTIMALITY_TOL,
+                "Major feasibility tolerance": 0.1 * FEASIBILITY_TOL,
+                "Linesearch tolerance": LINE_SEARCH_TOL,
+            }
+        else:
+            engine = IpoptSolver()
+            settings = {
+                "max_iter": iterations,
+                "tol": OPTIMALITY_TOL,
+                "constr_viol_tol": 0.1 * FEASIBILITY_TOL,
+            }
         options = SolverOptions()
+        for name, value in settings.items():
+            options.SetOption(engine.solver_id(), name, value)
         self._best = None
         self._keep(start)
-        if solver == "snopt":
-            name = SnoptSolver.id()
-            options.SetOption(name, "Major iterations limit", iterations)
-            options.SetOption(name, "Major optimality tolerance", OPTIMALITY_TOL)
-            options.SetOption(name, "Major feasibility tolerance", 0.1 * FEASIBILITY_TOL)
-            options.SetOption(name, "Linesearch tolerance", LINE_SEARCH_TOL)
-            result = SnoptSolver().Solve(self.prog, start, options)
-        else:
-            name = IpoptSolver.id()
-            options.SetOption(name, "max_iter", iterations)
-            options.SetOption(name, "tol", OPTIMALITY_TOL)
-            options.SetOption(name, "constr_viol_tol", 0.1 * FEASIBILITY_TOL)
-            result = IpoptSolver().Solve(self.prog, start, options)
-        x = result.GetSolution(self.x)
+        x = engine.Solve(self.prog, start, options).GetSolution(self.x)
         self._keep(x)
-        return x if self._best is None else self._best[1], bool(result.is_success())
+        return x if self._best is None else self._best[1]
 
     def _keep(self, x: FloatArray) -> None:
         """Remembers a point if it keeps all constraints and costs less than those before; called by
@@ -261,6 +264,4 @@ def _joined(values: FloatArray, slopes: FloatArray, gradient: FloatArray | None)
     """
     if gradient is None or not gradient.size:
         return values
-    return np.array(
-        [AutoDiffXd(value, own) for value, own in zip(values, slopes @ gradient, strict=True)]
-    )
+    return np.ravel(InitializeAutoDiff(values, slopes @ gradient))

@@ -24,12 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aerodima.optimisation.swerve.steering import (
-    FIRST_ENDS,
-    MIN_FIRST_LEVEL,
-    SECOND_ENDS,
-    TICK,
-)
+from aerodima.optimisation.swerve.steering import TICK, steering_ranges
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.swerves import LEVELS, STEERING, PlayedSwerve, drive_swerves
 from aerodima.workbench.car.swerve import Swerve, end_yaw_rate, energy
@@ -176,22 +171,19 @@ class SwerveVariables(NamedTuple):
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Least and largest scaled values (size,)."""
-        rolls = [self.max_roll] * (self.tail - 1)
-        angle = self.max_angle
-        starts = [MIN_FIRST_LEVEL, -angle, -angle, FIRST_ENDS[0], SECOND_ENDS[0]]
-        ends = [angle, angle, angle, FIRST_ENDS[1], SECOND_ENDS[1]]
-        low = [self.pitches[0], *(-roll for roll in rolls), *starts * self.members]
-        high = [self.pitches[1], *rolls, *ends * self.members]
+        rolls = np.full(self.tail - 1, self.max_roll)
+        steering = steering_ranges(self.max_angle)
+        low = [self.pitches[0], *-rolls, *np.tile(steering[0], self.members)]
+        high = [self.pitches[1], *rolls, *np.tile(steering[1], self.members)]
         return np.array(low) / self.units, np.array(high) / self.units
 
 
 def knot_rates() -> FloatArray:
     """Returns the matrix (knots, knots) of the rates at knots from the rolls there."""
     times = np.array(KNOTS)
-    rates = np.zeros((len(times), len(times)))
-    for knot in range(1, len(times) - 1):
-        between = times[knot + 1] - times[knot - 1]
-        rates[knot, [knot - 1, knot + 1]] = [-1.0 / between, 1.0 / between]
+    unit = np.eye(len(times))
+    rates = np.zeros_like(unit)
+    rates[1:-1] = (unit[2:] - unit[:-2]) / (times[2:] - times[:-2])[:, None]
     return rates
 
 

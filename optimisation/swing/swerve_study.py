@@ -15,7 +15,7 @@ from aerodima.optimisation.studies.runs import (
     cached_runs,
     open_run_engine,
 )
-from aerodima.optimisation.swerve.candidate import LIMITED, Candidate, write_candidates
+from aerodima.optimisation.swerve.candidate import LIMITED, Candidate, write_candidate
 from aerodima.optimisation.swerve.steering import SearchEffort
 from aerodima.optimisation.swerve.steering_limit import tune_limit
 from aerodima.optimisation.swerve.suite import SUITE, ensemble_cases, select_candidates
@@ -140,7 +140,7 @@ def train_law(
         f"aerodima swing train: {search}, {cars} training cars of {ensemble}, {tail} tail, floors "
         f"{list(floors)}, speeds {list(speeds)}"
     )
-    write_candidates(folder / TRAINED, [trained], chosen, force=force)
+    write_candidate(folder / TRAINED, trained, chosen, force=force)
     return pd.DataFrame([one.split("=") for one in trained.settings], columns=["key", "value"])
 
 

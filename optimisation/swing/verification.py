@@ -211,12 +211,9 @@ def write_verification(folder: Path, result: Verification, *, force: bool = Fals
         "versions": software_versions(),
     }
     verdict = yaml.safe_dump(content, sort_keys=False, width=110)
-    rows = []
-    broken = []
-    for index, check in enumerate(result.checks):
-        rows.append([check.name, f"{check.value:.4g}", check.unit, check.allowed])
-        if not check.is_kept:
-            broken.append(index)
+    checks = result.checks
+    rows = [[one.name, f"{one.value:.4g}", one.unit, one.allowed] for one in checks]
+    broken = [index for index, one in enumerate(checks) if not one.is_kept]
     table = Table(["check", "value", "unit", "allowed"], rows, broken)
     picture = plot_overlay([result.log], [name])
     motion = zoomable(picture, "Six signals of the run over time")

@@ -8,7 +8,6 @@ import importlib
 import os
 import platform
 import shutil
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from glob import glob
@@ -24,8 +23,6 @@ from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.realtime import permitted
 from aerodima.workbench.core.resources import models_dir
 
-MIN_PYTHON = (3, 11)
-"""Oldest version of Python that the workbench runs on."""
 MIN_DRAKE = (1, 51)
 """Oldest version of Drake that the workbench runs on."""
 MIN_DISK = 1e9
@@ -126,9 +123,8 @@ def examine() -> list[Finding]:
 
 
 def _python() -> Iterator[Finding]:
-    advice = "install Python {}.{} or newer".format(*MIN_PYTHON)
-    is_new = sys.version_info[:2] >= MIN_PYTHON
-    yield Finding("Python", platform.python_version(), is_new, advice, True)
+    # An older one than the package needs could not have read these files.
+    yield Finding("Python", platform.python_version(), True)
 
 
 def _drake() -> Iterator[Finding]:

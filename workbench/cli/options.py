@@ -184,22 +184,24 @@ class WorkOptions:
     force: Anew = False
 
 
+def _keyword_parameters(owner: Callable[..., Any]) -> list[Parameter]:
+    """List the parameters of a function or a dataclass by keyword, their annotations evaluated."""
+    hints = get_type_hints(owner, include_extras=True)
+    parameters = signature(owner).parameters.values()
+    keyword = Parameter.KEYWORD_ONLY
+    return [one.replace(kind=keyword, annotation=hints[one.name]) for one in parameters]
+
+
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
     """Replace the dataclass parameters of a command by an option for each of their fields."""
     parameters: list[Parameter] = []
     groups: dict[str, Any] = {}
-
-    def add(owner: Callable[..., Any], name: str, hint: Any) -> None:
-        parameter = signature(owner).parameters[name]
-        parameters.append(parameter.replace(kind=Parameter.KEYWORD_ONLY, annotation=hint))
-
-    for name, hint in get_type_hints(command, include_extras=True).items():
-        if is_dataclass(hint):
-            groups[name] = hint
-            for field, kind in get_type_hints(hint, include_extras=True).items():
-                add(groups[name], field, kind)
-        elif name != "return":
-            add(command, name, hint)
+    for parameter in _keyword_parameters(command):
+        if is_dataclass(parameter.annotation):
+            groups[parameter.name] = parameter.annotation
+            parameters += _keyword_parameters(parameter.annotation)
+        else:
+            parameters.append(parameter)
 
     @wraps(command)
     def call(**given: Any) -> None:

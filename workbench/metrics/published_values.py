@@ -1,8 +1,7 @@
 """The published manoeuvre values (thesis Tables 7.1-7.4) and how a run compares with them."""
 
 from dataclasses import dataclass, fields
-from functools import cache
-from typing import Literal
+from typing import Any, Literal
 
 from aerodima.workbench.core.resources import published_rows
 
@@ -44,6 +43,10 @@ class TurnMetrics:
     roll_integral_rad: float
 
 
+_DIRECT = [field.name for field in fields(TurnMetrics) if field.name != "roll_integral_rad"]
+"""Metrics that are columns of the published table."""
+
+
 @dataclass(frozen=True)
 class PublishedValues:
     """One published row.
@@ -64,7 +67,14 @@ class PublishedValues:
 
 def published_values() -> tuple[PublishedValues, ...]:
     """Returns the four published rows, as in `models/published/manoeuvre_metrics.csv`."""
-    return tuple(_figures(row) for row in published_rows("manoeuvre_metrics"))
+    values = []
+    for row in published_rows("manoeuvre_metrics"):
+        platform: Any = row["platform"]
+        roll_integral = float(row[_ROLL_SUM]) * SAMPLE_TIMES[platform]
+        direct = {name: float(row[name]) for name in _DIRECT}
+        metrics = TurnMetrics(**direct, roll_integral_rad=roll_integral)
+        values.append(PublishedValues(platform, row["configuration"], metrics, row["source_table"]))
+    return tuple(values)
 
 
 @dataclass(frozen=True)
@@ -91,26 +101,11 @@ def flip_bracket(configuration: Literal["tailless", "tailed"]) -> FlipBracket:
     )
 
 
-@cache
 def inner_lift_yaw_rate() -> float:
     """Returns the yaw rate up to which both inner wheels of the thesis' simulated car stay on the
     ground, rad/s (thesis 6.3.4).
     """
     return _constant("tail_trigger_yaw_rate")
-
-
-def _figures(row: dict[str, str]) -> PublishedValues:
-    direct = {
-        field.name: float(row[field.name]) for field in fields(TurnMetrics) if field.name in row
-    }
-    return PublishedValues(
-        platform=row["platform"],  # type: ignore[arg-type]  # the file holds these two
-        configuration=row["configuration"],
-        metrics=TurnMetrics(
-            **direct, roll_integral_rad=float(row[_ROLL_SUM]) * SAMPLE_TIMES[row["platform"]]
-        ),
-        source=row["source_table"],
-    )
 
 
 def _constant(name: str) -> float:

@@ -143,10 +143,7 @@ def metrics_of(run_log: RunLog) -> RunMetrics:
             before the turn does.
     """
     signals = turn_signals(run_log)
-    if signals.source == "sensors":
-        reported = signals
-    else:
-        reported = turn_signals(run_log, "sensors")
+    reported = turn_signals(run_log, "sensors")
     after = signals.from_start
     time = signals.time
     loads = signals.wheel_loads

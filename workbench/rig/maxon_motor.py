@@ -1,10 +1,7 @@
 """The Maxon motor of the cheetah rig, driven by current."""
 
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    LeafSystem,
-)
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from aerodima.workbench.core.port_wiring import declare_output, vector_of
 from aerodima.workbench.scenario.rig_scenario import MaxonParameters
@@ -34,9 +31,7 @@ class MaxonMotor(LeafSystem):
     def current(self, command: float) -> float:
         """Current that flows at a command, A."""
         limit = self._settings.current_limit
-        if command == command:
-            return min(max(command, -limit), limit)
-        return 0.0
+        return float(np.clip(np.nan_to_num(command), -limit, limit))
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
         command = vector_of(self._command, context)

@@ -13,6 +13,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from pydrake.math import RotationMatrix
+from pydrake.multibody.tree import SpatialInertia
 
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.section_laws import LineMotion, SectionLaw, cross
@@ -21,7 +23,6 @@ from aerodima.workbench.car.laws import joint_friction
 from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS
 from aerodima.workbench.core.array_types import FloatArray, Vector3
 from aerodima.workbench.core.errors import FitError
-from aerodima.workbench.core.sdf_model import Inertial
 from aerodima.workbench.rig.rig_layout import (
     bar_layout,
     pivot_position,
@@ -47,31 +48,6 @@ _UNIT_DRAG = PolarLaw(1.0, 0.0)
 """Drag alone, with a coefficient of 1."""
 _UNIT_LIFT = PolarLaw(0.0, 1.0, lift_blend=0.0)
 """Lift alone, with a coefficient of 1."""
-
-
-@dataclass(frozen=True)
-class PendulumBody:
-    """A rigid body on the pendulum.
-
-    Attributes:
-        mass: kg.
-        along, across: of its centre of mass from the pivot, down the hanging bar and downstream of
-            it, m.
-        inertia: about its centre of mass, kg m2.
-    """
-
-    mass: float
-    along: float
-    across: float
-    inertia: float
-
-    @classmethod
-    def on_bar(cls, properties: Inertial, root: float = 0.0, tilt: float = 0.0) -> PendulumBody:
-        """Makes the body whose origin is `root` (m) down the bar, its axis tilted (rad) from it."""
-        beyond = -properties.com[2]
-        along = root + beyond * math.cos(tilt)
-        across = beyond * math.sin(tilt)
-        return cls(properties.mass, along, across, properties.moments[0])
 
 
 @dataclass(frozen=True)
@@ -130,17 +106,14 @@ class PendulumModel:
             law: of the tail; that of the scenario by default.
             sections: of the tail; `aero.sections` by default.
         """
-        bodies = _bodies(scenario)
+        swinging = _swinging_inertia(scenario)
         strips = _strips(scenario, law, sections)
         rotor = scenario.maxon.reflected_inertia
         if scenario.is_robot:
             rotor = scenario.robot_motor.reflected_inertia
-        inertia = along = across = 0.0
-        for body in bodies:
-            inertia += body.inertia + body.mass * (body.along**2 + body.across**2)
-            along += body.mass * body.along
-            across += body.mass * body.across
-        gravity = scenario.environment.gravity
+        mass = swinging.get_mass()
+        _, com_y, com_z = swinging.get_com().tolist()
+        weight = scenario.environment.gravity * mass
         part_distances: list[float] = []
         if strips:
             root = strips[-1].root * math.cos(strips[-1].tilt)
@@ -148,10 +121,10 @@ class PendulumModel:
             part_distances += [root + distance for distance in parts.distances]
         x, y, z = pivot_position(scenario.mount).tolist()
         return cls(
-            mass=sum(body.mass for body in bodies),
-            inertia=inertia + rotor,
-            weight_sine=-gravity * along,
-            weight_cosine=-gravity * across,
+            mass=mass,
+            inertia=float(swinging.CalcRotationalInertia().get_moments()[0]) + rotor,
+            weight_sine=weight * com_z,
+            weight_cosine=weight * com_y,
             part_distances=tuple(part_distances),
             strips=strips,
             jet=rig_jet(scenario),
@@ -190,17 +163,20 @@ class PendulumModel:
         return self.weight_sine * math.sin(angle) + self.weight_cosine * math.cos(angle)
 
 
-def _bodies(scenario: RigScenario) -> list[PendulumBody]:
-    """Bodies that swing: the robot's tail, or the bar with the tail of the experiment."""
+def _swinging_inertia(scenario: RigScenario) -> SpatialInertia:
+    """Inertia of the robot's tail, or of the hanging bar with the tail of the experiment, about the
+    pivot, W axes.
+    """
     if scenario.is_robot:
-        return [PendulumBody.on_bar(robot_tail_properties(scenario.robot_tail))]
-    bodies = [PendulumBody.on_bar(bar_properties(scenario.bar))]
+        return robot_tail_properties(scenario.robot_tail).about_origin()
+    swinging = bar_properties(scenario.bar).about_origin()
     if scenario.has_cheetah_tail:
         tail = scenario.cheetah_tail
         root = scenario.bar.tail_distance + tail.gap
-        tilt = scenario.tunnel.misalignment
-        bodies.append(PendulumBody.on_bar(cheetah_tail_properties(tail), root, tilt))
-    return bodies
+        R_WT = RotationMatrix.MakeXRotation(-scenario.tunnel.misalignment)
+        about_root = cheetah_tail_properties(tail).about_origin().ReExpress(R_WT)
+        swinging += about_root.Shift(np.array([0.0, 0.0, root]))
+    return swinging
 
 
 def _strips(
@@ -274,10 +250,7 @@ def air_torque(scenario: RigScenario, law: SectionLaw | None = None) -> Torque |
         return None
 
     def torque(angle: float, rate: float) -> float:
-        total = 0.0
-        for strip in strips:
-            total += strip_load(pendulum, strip, angle, rate)[3]
-        return -total
+        return -sum(strip_load(pendulum, strip, angle, rate)[3] for strip in strips)
 
     return torque
 

@@ -6,7 +6,9 @@ section 4.
 """
 
 import numpy as np
+from pydrake.multibody.tree import UnitInertia
 
+from aerodima.workbench.aero.tail_mass import inertial_of_inertia, total_inertia
 from aerodima.workbench.car.tail_plant import ROD_RADIUS
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.sdf_model import Inertial, SdfModel
@@ -50,21 +52,15 @@ def cheetah_tail_properties(tail: CheetahTailParameters) -> Inertial:
 
 
 def robot_tail_properties(tail: TailParameters) -> Inertial:
-    """The robot's rod and sail as one body, from the motor axis; the same rod and plate as on the
-    car, hanging.
-    """
-    sail = tail.mass * tail.sail_mass_fraction
-    rod = tail.mass - sail
-    rod_centre = tail.length / 2
-    sail_centre = tail.length - tail.sail_length / 2
-    centre = (rod * rod_centre + sail * sail_centre) / tail.mass
-    rod_across = rod * (tail.length**2 / 12 + (rod_centre - centre) ** 2)
-    spread = rod_across + sail * (sail_centre - centre) ** 2
-    along = sail * tail.sail_length**2 / 12
-    across = sail * tail.sail_width**2 / 12
-    rod_along = 0.5 * rod * ROD_RADIUS**2
-    moments = (spread + along, spread + along + across, rod_along + across)
-    return Inertial(tail.mass, (0.0, 0.0, -centre), moments)
+    """The robot's rod and sail, a plate without thickness, as one body from the motor axis."""
+    sail_mass = tail.mass * tail.sail_mass_fraction
+    rod_mass = tail.mass - sail_mass
+    across = rod_mass * tail.length**2 / 12
+    moments = (across, across, 0.5 * rod_mass * ROD_RADIUS**2)
+    rod = Inertial(rod_mass, (0.0, 0.0, -tail.length / 2), moments)
+    plate = UnitInertia.SolidBox(tail.sail_width, 0.0, tail.sail_length)
+    sail = Inertial.solid(sail_mass, plate, (0.0, 0.0, tail.sail_length / 2 - tail.length))
+    return inertial_of_inertia(total_inertia((rod.about_origin(), sail.about_origin())))
 
 
 def cheetah_rig_sdf(scenario: RigScenario) -> SdfModel:

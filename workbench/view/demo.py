@@ -39,8 +39,6 @@ from aerodima.workbench.view.report_page import (
     Preformatted,
     Section,
     Table,
-    metric_name,
-    metric_unit,
     percent,
     write_files,
 )
@@ -53,7 +51,17 @@ MARK = "demo.json"
 """This file says of which scenarios a folder's logs are, and whether the demo is finished."""
 FINISHED = "finished"
 """Key in that file."""
-
+_METRICS = {
+    "speed_m_per_s": ("speed at the start of the turn", "m/s"),
+    "max_yaw_rate_rad_per_s": ("largest yaw rate", "rad/s"),
+    "average_yaw_rate_rad_per_s": ("mean yaw rate", "rad/s"),
+    "max_linear_acceleration_m_per_s2": ("largest lateral acceleration", "m/s²"),
+    "average_linear_acceleration_m_per_s2": ("mean lateral acceleration", "m/s²"),
+    "max_kohut_deg_m_per_s2": ("largest Kohut", "deg m/s²"),
+    "average_kohut_deg_m_per_s2": ("mean Kohut", "deg m/s²"),
+    "roll_integral_rad": ("roll integral", "rad"),
+}
+"""Published metric -> its words and its unit on the page."""
 
 Turns = tuple[tuple[str, float], ...]
 """Tail mode and commanded speed, m/s, of several turns."""
@@ -98,11 +106,6 @@ class DemoRun:
     log: Path
     replay: Path | None = None
     opening: str = ""
-
-    @property
-    def files(self) -> list[Path]:
-        """Lists everything that is made of the run."""
-        return [path for path in (self.log, self.replay) if path]
 
 
 def make_demo(
@@ -206,8 +209,6 @@ def do_run(run: DemoRun) -> RunSummary:
 
 def _claimed(out: Path, runs: Sequence[DemoRun], force: bool) -> RowStore:
     """Makes the folder this demo's, or says why it must not be."""
-    if out.exists() and not out.is_dir():
-        raise UserError(f"{out}: is a file, a folder is needed")
     scenarios = {run.name: run.scenario for run in runs}
     identity = {"schema": DEMO_SCHEMA, "versions": software_versions(), "scenarios": scenarios}
     store = RowStore(out / MARK, identity, force=force, alone=True)
@@ -219,8 +220,10 @@ def _claimed(out: Path, runs: Sequence[DemoRun], force: bool) -> RowStore:
         )
     make_folder(out / "logs", UserError)
     if force:
-        files = [path for run in runs for path in run.files]
-        for path in (out / PAGE, out / SUMMARY, *files):
+        made = [out / PAGE, out / SUMMARY]
+        for run in runs:
+            made += [path for path in (run.log, run.replay) if path]
+        for path in made:
             path.unlink(missing_ok=True)
     return store
 
@@ -313,10 +316,9 @@ def _metric_table(summaries: Sequence[RunSummary]) -> Folded:
         for platform, row in published_for(run).items():
             metrics = asdict(run.metrics.like(platform))
             for name, published in asdict(row.metrics).items():
-                words = (metric_name(name), metric_unit(name))
                 ours = metrics[name]
                 numbers = (f"{ours:.2f}", f"{published:.2f}", percent(ours / published - 1.0))
-                rows.append((run.name, row.source, platform, *words, *numbers))
+                rows.append((run.name, row.source, platform, *_METRICS[name], *numbers))
     header = "run, published in, platform, metric, unit, this run, published, difference"
     return Folded("Metrics beside the published ones", [Table(header.split(", "), rows)])
 

@@ -4,7 +4,6 @@ The moments tell the run: before, at the start of the turn, at its peak, on the 
 a tail that swings, the way over the top is shown in place of the way back.
 """
 
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -45,17 +44,9 @@ _DPI = 100
 """Pixels per inch."""
 
 
-@dataclass(frozen=True)
-class KeyFrame:
-    """A row of the log and what happens there."""
-
-    row: int
-    label: str
-
-
-def key_frames(run_log: RunLog) -> list[KeyFrame]:
-    """Chooses the moments of a strip, in the order of time; evenly spread for a log that ends
-    before its turn does.
+def key_frames(run_log: RunLog) -> dict[str, int]:
+    """Chooses the moments of a strip, what happens there -> row of the log, in the order of time;
+    evenly spread for a log that ends before its turn does.
     """
     time = run_log.time
     try:
@@ -71,7 +62,7 @@ def key_frames(run_log: RunLog) -> list[KeyFrame]:
         labels = list(times)
         spread = _spread(np.array([*times.values()]), time[0], time[-1])
         rows = nearest_rows(time, spread)
-    return [KeyFrame(int(row), label) for row, label in zip(rows, labels, strict=True)]
+    return dict(zip(labels, rows.tolist(), strict=True))
 
 
 def _tail_on_top(run_log: RunLog, signals: TurnSignals) -> float | None:
@@ -170,16 +161,16 @@ def filmstrip_figure(run_log: RunLog) -> Figure:
     figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI, facecolor="white")
     FigureCanvasAgg(figure)
     label = partial(figure.text, ha="center", va="center", fontsize=13)
-    for index, moment in enumerate(key_frames(logged.run_log)):
+    for index, (moment, row) in enumerate(key_frames(logged.run_log).items()):
         left = _GAP + index * (FRAME[0] + _GAP)
         size = (FRAME[0] / width, FRAME[1] / height)
         axes = figure.add_axes((left / width, _LABEL / height, *size))
-        camera = shown.camera(moment.row, logged.camera_azimuth, logged.camera_place, FRAME)
-        axes.imshow(shown.picture(moment.row, camera), interpolation="nearest")
+        camera = shown.camera(row, logged.camera_azimuth, logged.camera_place, FRAME)
+        axes.imshow(shown.picture(row, camera), interpolation="nearest")
         axes.set_axis_off()
         middle = (left + FRAME[0] / 2) / width
-        label(middle, 58 / height, moment.label, weight="bold")
-        label(middle, 26 / height, state_caption(logged.run_log, moment.row))
+        label(middle, 58 / height, moment, weight="bold")
+        label(middle, 26 / height, state_caption(logged.run_log, row))
     caption = run_caption(logged.run_log)
     title = partial(
         figure.text, y=1 - 0.5 * _TITLE / height, va="center", fontsize=16, weight="bold"

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pydrake.common.eigen_geometry import Quaternion
 from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 
@@ -151,19 +150,8 @@ class DrawnArrow:
         tip = np.array([0.0, 0.0, shaft + HEAD_LENGTH])
         # The cone has its point at the origin and opens along z.
         turned = RotationMatrix.MakeXRotation(np.pi)
-        X_WA = RigidTransform(shortest_turn(length / whole), point)
+        X_WA = RigidTransform(RotationMatrix.MakeFromOneVector(length / whole, 2), point)
         scene.SetTransform(*frame, self.path, X_WA)
         scene.SetTransform(*frame, f"{self.path}/shaft", RigidTransform(middle))
         scene.SetTransform(*frame, f"{self.path}/head", RigidTransform(turned, tip))
         scene.SetProperty(*frame, f"{self.path}/shaft", "scale", [1.0, 1.0, shaft])
-
-
-def shortest_turn(direction: FloatArray) -> RotationMatrix:
-    """Finds the rotation that turns z to a unit vector (3,) about the axis across both; half a turn
-    about x for -z.
-    """
-    w = 1.0 + float(direction[2])
-    if w < 1e-9:
-        return RotationMatrix.MakeXRotation(np.pi)
-    wxyz = np.array([w, -direction[1], direction[0], 0.0])
-    return RotationMatrix(Quaternion(wxyz / np.sqrt(2.0 * w)))

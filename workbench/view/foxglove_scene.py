@@ -23,7 +23,6 @@ from aerodima.workbench.view.force_arrows import (
     HEAD_RADIUS,
     SHAFT_RADIUS,
     ForceArrow,
-    shortest_turn,
 )
 from aerodima.workbench.view.logged_run import LoggedRun, add_logged_run
 from aerodima.workbench.view.recording import frame_rows
@@ -152,9 +151,8 @@ def _forces(arrows: list[ForceArrow], row: int, time: float) -> Any:
             gone.timestamp.FromNanoseconds(stamp_of(time))
             continue
         length = float(np.linalg.norm(arrow.lengths[row]))
-        # Foxglove's arrows point along x, `shortest_turn` turns z.
-        along_x = RotationMatrix.MakeYRotation(-np.pi / 2.0)
-        turn = shortest_turn(arrow.lengths[row] / length) @ along_x
+        # Foxglove's arrows point along x.
+        turn = RotationMatrix.MakeFromOneVector(arrow.lengths[row] / length, 0)
         look = _look(RigidTransform(turn, arrow.points[row]), arrow.colour)
         entity = _entity(update, arrow.name, WORLD_FRAME, time)
         entity.arrows.add(

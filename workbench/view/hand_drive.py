@@ -105,31 +105,21 @@ class ManualInput:
     over: bool = False
 
 
-@dataclass(frozen=True)
-class DisplayState:
-    """State of the run that the driver sees.
-
-    Attributes:
-        time: simulated since this attempt began, s.
-        speed: over ground, m/s.
-        heading: since the start, rad, positive to the left, from -pi to pi.
-        pace: seconds of the run per second.
-    """
-
-    time: float
-    speed: float
-    heading: float
-    pace: float
-
-
 class Controls(Protocol):
     """Source of the driver's commands, and display of what became of them."""
 
     def poll(self) -> ManualInput:
         """Reads what the driver asks for now."""
 
-    def show(self, now: DisplayState) -> None:
-        """Shows the state, every `DISPLAY_PERIOD` s of the run."""
+    def show(self, time: float, speed: float, heading: float, pace: float) -> None:
+        """Shows the state of the run, every `DISPLAY_PERIOD` s of it.
+
+        Args:
+            time: simulated since this attempt began, s.
+            speed: over ground, m/s.
+            heading: since the start, rad, positive to the left, from -pi to pi.
+            pace: seconds of the run per second.
+        """
 
 
 @dataclass
@@ -306,7 +296,7 @@ def _drive(
                 )
         if time - shown >= DISPLAY_PERIOD - CONTROL_PERIOD / 2:
             shown = time
-            controls.show(DisplayState(time, speed, heading, pace))
+            controls.show(time, speed, heading, pace)
     return False
 
 
@@ -372,14 +362,14 @@ class MeshcatControls:
             over=meshcat.GetButtonClicks(END) > 0,
         )
 
-    def show(self, now: DisplayState) -> None:
-        """Shows each on its slider, the pace in Meshcat's own chart too."""
+    def show(self, time: float, speed: float, heading: float, pace: float) -> None:
+        """Shows each on its slider, the pace in Meshcat's own chart too; see `Controls`."""
         meshcat = self._meshcat
-        meshcat.SetSliderValue(PACE_NOW, min(now.pace, 1.0))
-        meshcat.SetSliderValue(SPEED_NOW, now.speed)
-        meshcat.SetSliderValue(HEADING_NOW, math.degrees(now.heading))
-        meshcat.SetSliderValue(TIME_NOW, min(now.time, MAX_TIME))
-        meshcat.SetRealtimeRate(now.pace)
+        meshcat.SetSliderValue(PACE_NOW, min(pace, 1.0))
+        meshcat.SetSliderValue(SPEED_NOW, speed)
+        meshcat.SetSliderValue(HEADING_NOW, math.degrees(heading))
+        meshcat.SetSliderValue(TIME_NOW, min(time, MAX_TIME))
+        meshcat.SetRealtimeRate(pace)
 
     def _read_pad(self) -> bool:
         """Takes what a gamepad says; whether one is there."""

@@ -163,24 +163,19 @@ def _line_share(points: FloatArray, step: float, half: float, pixel: FloatArray)
     return np.minimum(cover, 2 * half / np.maximum(pixel, 2 * half))
 
 
+@cache
 def check_renderer() -> None:
-    """Lets a process of its own draw one picture.
+    """Lets a process of its own draw one picture, unless one has come through already.
 
     Raises:
         UserError: it did not come through: no EGL driver.
     """
-    if not _renderer_works():
+    done = subprocess.run([sys.executable, "-c", _RENDERER_TEST], capture_output=True, check=False)
+    if done.returncode != 0:
         raise UserError(
             "no off-screen renderer: Drake's VTK finds no OpenGL through EGL here; install Mesa's "
             "(libegl1, libgl1-mesa-dri), or use `aerodima replay --html`, which needs none"
         )
-
-
-@cache
-def _renderer_works() -> bool:
-    """Says whether a process of its own could draw."""
-    done = subprocess.run([sys.executable, "-c", _RENDERER_TEST], capture_output=True, check=False)
-    return done.returncode == 0
 
 
 def try_renderer() -> None:

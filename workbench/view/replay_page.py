@@ -10,9 +10,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.core.errors import LogError, UserError
-from aerodima.workbench.core.file_reading import Facts, Json
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.core.text_table import value_rows
 from aerodima.workbench.logs.schema import PLANT_RUN, TAIL_LAW, RunLog
@@ -154,9 +156,10 @@ def scenario_differences(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
         LogError: fewer than 2 or more than `MAX_RUNS` runs.
     """
     check_range("number of runs", len(run_logs), 2, MAX_RUNS, NO_UNIT, error=LogError)
-    flat = [
-        _flat(run_log.scenario) | {TAIL_LAW: run_log.extra.get(TAIL_LAW)} for run_log in run_logs
-    ]
+    flat = []
+    for run_log in run_logs:
+        (scenario,) = pd.json_normalize(dict(run_log.scenario)).to_dict("records")
+        flat.append(scenario | {TAIL_LAW: run_log.extra.get(TAIL_LAW)})
     keys = {key for scenario in flat for key in scenario}
     differences = {}
     for key in sorted(keys, key=lambda key: (key.split(".")[0] not in _CAR_SECTIONS, key)):
@@ -164,17 +167,6 @@ def scenario_differences(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
         if len(set(map(json.dumps, values))) > 1:
             differences[key] = values
     return differences
-
-
-def _flat(scenario: Facts, prefix: str = "") -> Json:
-    """Joins the keys of nested sections by points."""
-    flat: Json = {}
-    for key, value in scenario.items():
-        if isinstance(value, Mapping):
-            flat |= _flat(value, f"{prefix}{key}.")
-        else:
-            flat[prefix + key] = value
-    return flat
 
 
 def different_cars(differences: Mapping[str, Sequence[Any]]) -> list[str]:
@@ -197,18 +189,13 @@ def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> Page:
     text = "Raw metrics of each run; units are at the end of the names."
     if not plants:
         text += " The turn is positive."
-    metrics = _value_table("metric", names, metrics_rows(run_logs))
+    metrics = Table(["metric", *names], value_rows(metrics_rows(run_logs).items()))
     sections = (
         Section("What was set differently", _settings(differences, names, plants)),
         Section("Replays and signals in step", [replays_in_step(run_logs, names)]),
         Section("Metrics", [text, metrics]),
     )
     return Page("Comparison of runs: " + ", ".join(names), "", sections)
-
-
-def _value_table(what: str, names: Sequence[str], rows: Mapping[str, Sequence[Any]]) -> Table:
-    """Makes a table with a column per run."""
-    return Table([what, *names], value_rows(rows.items()))
 
 
 def replays_in_step(
@@ -253,7 +240,7 @@ def _settings(
     """Shows what was set differently, and warns where that makes it another car."""
     if not differences:
         return ["Nothing: the scenarios are equal, the seed included."]
-    rows = _value_table("key", names, differences)
+    rows = Table(["key", *names], value_rows(differences.items()))
     other = different_cars(differences)
     if plants or not other:
         return [rows]

@@ -19,7 +19,6 @@ from matplotlib.figure import Figure
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.file_reading import Facts, Json
-from aerodima.workbench.logs.mapping import unit_in_name
 from aerodima.workbench.view.chart_panels import chart_panels
 from aerodima.workbench.view.figure_style import png
 
@@ -235,30 +234,6 @@ def write_files(
     return [
         write_atomically(folder / name, content, force, error) for name, content in made.items()
     ]
-
-
-def metric_name(metric: str) -> str:
-    """Names a metric in words: `max_yaw_rate_rad_per_s` is the `largest yaw rate`."""
-    return {
-        "speed_m_per_s": "speed at the start of the turn",
-        "max_yaw_rate_rad_per_s": "largest yaw rate",
-        "average_yaw_rate_rad_per_s": "mean yaw rate",
-        "max_linear_acceleration_m_per_s2": "largest lateral acceleration",
-        "average_linear_acceleration_m_per_s2": "mean lateral acceleration",
-        "max_kohut_deg_m_per_s2": "largest Kohut",
-        "average_kohut_deg_m_per_s2": "mean Kohut",
-        "roll_integral_rad": "roll integral",
-        "speed_in_turn_m_per_s": "speed in the turn",
-        "lift_yaw_rate_rad_per_s": "yaw rate at which an inner wheel lifts",
-        "integral_of_roll_rate_as_printed": "sum of roll-rate samples as printed",
-    }[metric]
-
-
-def metric_unit(metric: str) -> str:
-    """Gives the unit of a metric as it is printed."""
-    if "kohut" in metric:
-        return "deg m/s²"
-    return unit_in_name(metric.replace("as_printed", "rad_per_s")).replace("2", "²")
 
 
 def percent(ratio: float) -> str:

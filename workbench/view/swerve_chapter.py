@@ -103,8 +103,8 @@ def swerve_medians(plant: str = "reduced") -> pd.DataFrame:
         for candidate, row in values.iterrows():
             name = str(candidate)
             cells[name] = "–"
-            if row.notna().any():
-                cars = f"({row.notna().sum()} of {row.size})"
+            if row.count():
+                cars = f"({row.count()} of {row.size})"
                 cells[name] = f"{row.median():.3f}, {gains[name]:+.0%} {cars}"
         columns[f"friction {floor}, {speed:g} m/s"] = cells
     return pd.DataFrame(columns).reindex(table["candidate"].unique())

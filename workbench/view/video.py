@@ -8,6 +8,7 @@ their logs; a run that is over stays where it ended until the longest is.
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
 from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -207,20 +208,18 @@ def _save(path: Path, frames: Iterator[Image.Image], **how: object) -> None:
 def _write_mp4(path: Path, film: Film, progress: Progress | None) -> None:
     import imageio_ffmpeg
 
-    made = path.with_name(f"{path.name}.mp4")  # ffmpeg goes by the ending
-    try:
-        writer = imageio_ffmpeg.write_frames(
-            str(made), film.size, fps=FRAMES_PER_SECOND, macro_block_size=2, quality=7
-        )
-        writer.send(None)
-        try:
-            for frame in film.frames(progress):
-                writer.send(frame.tobytes())
-        finally:
-            writer.close()
-        made.replace(path)
-    finally:
-        made.unlink(missing_ok=True)
+    writer = imageio_ffmpeg.write_frames(
+        str(path),
+        film.size,
+        fps=FRAMES_PER_SECOND,
+        macro_block_size=2,
+        quality=7,
+        output_params=["-f", "mp4"],  # the path is a temporary one, with another ending
+    )
+    writer.send(None)
+    with closing(writer):
+        for frame in film.frames(progress):
+            writer.send(frame.tobytes())
 
 
 _ENCODERS: dict[str, Encoder] = {".mp4": _write_mp4, ".gif": _write_gif, ".webp": _write_webp}

@@ -8,6 +8,7 @@ stays with the car.
 import ctypes
 import logging
 import math
+from itertools import product
 
 import numpy as np
 from pydrake.geometry import Box, Meshcat, MeshcatParams, Rgba
@@ -147,24 +148,14 @@ def _grid_lines(area: Area, step: float, height: float) -> tuple[FloatArray, Flo
     drop lines that pass the eye.
     """
     x0, x1, y0, y1 = area
-    along_y = _line_starts(x0, x1, y0, y1, step)
-    along_x = _line_starts(y0, y1, x0, x1, step)[::-1]
-    start = np.hstack([along_y, along_x])
-    ends_along_y = along_y + np.c_[[0.0, 1.0]]
-    ends_along_x = along_x + np.c_[[1.0, 0.0]]
-    end = np.hstack([ends_along_y, ends_along_x])
-    heights = np.full((1, start.shape[1]), height)
-    start = np.vstack([start, heights])
-    end = np.vstack([end, heights])
-    return np.asfortranarray(start), np.asfortranarray(end)
-
-
-def _line_starts(low: float, high: float, first: float, last: float, step: float) -> FloatArray:
-    """Gives the starts, shape (2, n), of pieces of 1 m of lines that lie `step` (m) apart from
-    `low` to `high` and reach from `first` to `last`.
-    """
-    places = low + step * np.arange(round((high - low) / step) + 1)
-    return np.stack(np.meshgrid(places, np.arange(first, last), indexing="ij")).reshape(2, -1)
+    across_x = x0 + step * np.arange(round((x1 - x0) / step) + 1)
+    across_y = y0 + step * np.arange(round((y1 - y0) / step) + 1)
+    along_y = np.array(list(product(across_x, np.arange(y0, y1), [height])))
+    along_x = np.array(list(product(across_y, np.arange(x0, x1), [height])))[:, [1, 0, 2]]
+    x, y, _ = np.eye(3)
+    start = np.vstack([along_y, along_x])
+    end = np.vstack([along_y + y, along_x + x])
+    return start.T, end.T
 
 
 class ChaseCamera:

@@ -8,7 +8,7 @@ import pytest
 from aerodima.optimisation import SearchEffort
 from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.optimisation.swerve.aims import AIMS
-from aerodima.optimisation.swerve.candidate import write_candidates
+from aerodima.optimisation.swerve.candidate import write_candidate
 from aerodima.optimisation.swerve.reduced_swerves import ReducedSwerve
 from aerodima.optimisation.swerve.steering import steering_settings
 from aerodima.optimisation.swerve.suite import FEEDBACK, ensemble_cases, select_candidates
@@ -72,7 +72,7 @@ def test_search_finds_a_law_that_a_file_of_candidates_brings_back(tmp_path):
     search = LawSearch(laws=3, generations=0)
     found = train_feedback(CASES, [6.0], search, CachedRunner(), SearchEffort(24, 2))
     assert {setting.split("=")[0] for setting in found.settings} >= set(RANGES)
-    path = write_candidates(tmp_path / "laws.yaml", [found], "test")
+    path = write_candidate(tmp_path / "laws.yaml", found, "test")
     assert select_candidates([str(path)])[1].settings == found.settings
 
 

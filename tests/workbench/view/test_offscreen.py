@@ -11,7 +11,6 @@ from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench import observe
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.view import offscreen
 from aerodima.workbench.view.offscreen import Camera, OffscreenRun, check_renderer, floor_picture
 from tests.refusals import assert_refused
 
@@ -79,9 +78,9 @@ def without_driver(monkeypatch):
     """EGL looks for its drivers where there are none; VTK then takes its process down."""
     monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere.json")
     monkeypatch.delenv("DISPLAY", raising=False)
-    offscreen._renderer_works.cache_clear()
+    check_renderer.cache_clear()
     yield
-    offscreen._renderer_works.cache_clear()
+    check_renderer.cache_clear()
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.view.force_arrows import ForceArrow, shortest_turn
+from aerodima.workbench.view.force_arrows import ForceArrow
 from aerodima.workbench.view.logged_run import add_logged_run
 from aerodima.workbench.view.recording import (
     FRAMES_PER_SECOND,
@@ -73,13 +73,6 @@ def test_replay_keeps_its_length(length, rate, frames, expected):
 def test_rate_out_of_range_is_refused(tailed, rate):
     work = partial(record_run, tailed, None, rate)
     assert_refused(work, UserError, "--rate", f"{rate:g}", "0.02", "20")
-
-
-@pytest.mark.parametrize(
-    "direction", [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.6, 0.0, 0.8], [0.0, -0.8, -0.6]]
-)
-def test_shortest_turn_takes_z_to_the_direction(direction):
-    assert shortest_turn(np.array(direction)).matrix()[:, 2] == pytest.approx(np.array(direction))
 
 
 def test_point_of_an_arrow_is_force_times_scale_from_its_foot():
