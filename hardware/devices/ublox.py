@@ -11,6 +11,7 @@ from typing import Any
 from aerodima.hardware.protocol.byte_stream import cut_frames
 from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.extras import require
 
 _START = b"\xb5"
 """First byte of a frame."""
@@ -133,10 +134,7 @@ def make_nav_pvt(sample: GpsSample) -> bytes:
 
 
 def _ubx_library() -> Any:
-    try:
-        import pyubx2
-    except ImportError:
-        raise HardwareError(
-            "the GPS needs pyubx2: pip install 'aerodima-workbench[hardware]'"
-        ) from None
+    require("hardware", "GPS", "pyubx2", error=HardwareError)
+    import pyubx2
+
     return pyubx2

@@ -19,6 +19,7 @@ from pydantic import Field
 
 from aerodima.hardware.transport.serial_link import reason_of
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.extras import install_command
 from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.yaml_files import StrictModel
 
@@ -28,7 +29,7 @@ try:
     from can.interfaces.slcan import slcanBus
 except ImportError:
     raise HardwareError(
-        "the CAN bus of the car needs python-can: pip install 'aerodima-workbench[hardware]'"
+        f"the CAN bus of the car needs python-can: {install_command('hardware')}"
     ) from None
 
 BITRATE = 1_000_000

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from pydantic import Field
 
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.extras import require
 from aerodima.workbench.core.yaml_files import StrictModel
 
 if TYPE_CHECKING:
@@ -53,12 +54,9 @@ def open_serial(settings: SerialSettings, timeout: float = _READ_TIMEOUT) -> Ser
     Raises:
         HardwareError: pyserial is not installed, or the device is missing, not permitted or in use.
     """
-    try:
-        import serial
-    except ImportError:
-        raise HardwareError(
-            "serial ports need pyserial: pip install 'aerodima-workbench[hardware]'"
-        ) from None
+    require("hardware", "serial ports", "serial", error=HardwareError)
+    import serial
+
     try:
         return serial.Serial(
             settings.path,

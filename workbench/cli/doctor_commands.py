@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from glob import glob
 from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
 from pathlib import Path
 
 import typer
@@ -21,6 +20,7 @@ import typer
 from aerodima import workbench
 from aerodima.workbench.cli import options as cli
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.extras import install_command, packages_of_extras
 from aerodima.workbench.core.realtime import permitted
 from aerodima.workbench.core.resources import models_dir
 
@@ -31,19 +31,16 @@ MIN_DRAKE = (1, 51)
 MIN_DISK = 1e9
 """Free bytes below which logs and reports of a day's work may not fit; a turn's log has 2 MB, its
 replay 4 MB."""
-EXTRAS = {
-    "hardware": (("serial", "the Teensy and CAN adapters on serial ports"),),
-    "logs": (
-        ("h5py", "MAT files of version 7.3"),
-        ("mcap", "MCAP logs"),
-        ("mcap_protobuf", "writing MCAP logs"),
-        ("foxglove_schemas_protobuf", "the scene in MCAP logs"),
-    ),
-    "console": (("starlette", "the operator's page"), ("uvicorn", "the operator's page")),
-    "notebooks": (("nbclient", "the notebooks"),),
-    "bench": (("mujoco", "comparing in `make bench`"),),
+USES_OF_EXTRAS = {
+    "calibration": "`aerodima calibrate`",
+    "console": "the operator's page",
+    "hardware": "the real car and the emulated one",
+    "logs": "MAT files of version 7.3, MCAP logs and their scene",
+    "notebooks": "the notebooks",
+    "search": "compiled steps of reduced cars, 80 times faster",
+    "video": "MP4 videos",
 }
-"""Extra -> the modules it brings and what they are for."""
+"""Extra -> what needs it."""
 PROGRAMS = {
     "browser": (
         ("chromium", "chromium-browser", "google-chrome", "firefox"),
@@ -70,6 +67,8 @@ def doctor() -> None:
 
     Python, Drake, solvers, extras, browser, CAN, serial ports and disk. Exits with 1 when a
     required one is missing.
+
+    Example: aerodima doctor
     """
     findings = examine()
     for finding in findings:
@@ -167,11 +166,18 @@ def _models() -> Iterator[Finding]:
 
 
 def _extras() -> Iterator[Finding]:
-    for extra, modules in EXTRAS.items():
-        missing = [f"{module} ({use})" for module, use in modules if find_spec(module) is None]
-        found = f"not there: {', '.join(missing)}" if missing else "installed"
-        advice = f"pip install 'aerodima-workbench[{extra}]'"
-        yield Finding(f"extra {extra}", found, not missing, advice)
+    for extra, packages in packages_of_extras().items():
+        missing = ", ".join(package for package in packages if not _is_installed(package))
+        use = USES_OF_EXTRAS.get(extra, "commands of other packages")
+        found = f"for {use}; not there: {missing}" if missing else f"for {use}"
+        yield Finding(f"extra {extra}", found, not missing, install_command(extra))
+
+
+def _is_installed(package: str) -> bool:
+    try:
+        return bool(version(package))
+    except PackageNotFoundError:
+        return False
 
 
 def _programs() -> Iterator[Finding]:

@@ -15,6 +15,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from scipy.spatial import ConvexHull
 
 from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.core.extras import require
 from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.logs.exporters import SceneMessage, stamp_of
 from aerodima.workbench.logs.schema import RunLog
@@ -51,12 +52,7 @@ def foxglove_scene(run_log: RunLog) -> Iterator[SceneMessage]:
         LogError: the log cannot be replayed (see `replayable`), or `foxglove_schemas_protobuf` is
             not installed.
     """
-    try:
-        import foxglove_schemas_protobuf  # noqa: F401
-    except ImportError:
-        raise LogError(
-            "a scene needs foxglove_schemas_protobuf: pip install 'aerodima-workbench[logs]'"
-        ) from None
+    require("logs", "the scene", "foxglove_schemas_protobuf", error=LogError)
     builder = DiagramBuilder()
     logged = add_logged_run(builder, run_log)
     diagram = builder.Build()
