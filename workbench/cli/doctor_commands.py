@@ -8,7 +8,6 @@ import importlib
 import os
 import platform
 import shutil
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from glob import glob
@@ -24,8 +23,6 @@ from aerodima.workbench.core.extras import install_command, packages_of_extras
 from aerodima.workbench.core.realtime import permitted
 from aerodima.workbench.core.resources import models_dir
 
-MIN_PYTHON = (3, 11)
-"""Oldest version of Python that the workbench runs on."""
 MIN_DRAKE = (1, 51)
 """Oldest version of Drake that the workbench runs on."""
 MIN_DISK = 1e9
@@ -74,8 +71,8 @@ def doctor() -> None:
     for finding in findings:
         mark = "ok" if finding.ok else "FAIL" if finding.required else "none"
         typer.echo(f"{mark:<4} {finding.subject + ':':<18} {finding.found}")
-        if finding.remedy:
-            typer.echo(f"     {'':<18} -> {finding.remedy}")
+        if finding.advice and not finding.ok:
+            typer.echo(f"     {'':<18} -> {finding.advice}")
     broken = [finding.subject for finding in findings if finding.required and not finding.ok]
     if broken:
         typer.echo(f"nothing works without: {', '.join(broken)}", err=True)
@@ -101,11 +98,6 @@ class Finding:
     advice: str = ""
     required: bool = False
 
-    @property
-    def remedy(self) -> str:
-        """Return the advice if it is needed."""
-        return "" if self.ok else self.advice
-
 
 def examine() -> list[Finding]:
     """Examine what can be seen without changing anything; importing Drake takes a second or two."""
@@ -125,9 +117,7 @@ def examine() -> list[Finding]:
 
 
 def _python() -> Iterator[Finding]:
-    advice = "install Python {}.{} or newer".format(*MIN_PYTHON)
-    is_new = sys.version_info[:2] >= MIN_PYTHON
-    yield Finding("Python", platform.python_version(), is_new, advice, True)
+    yield Finding("Python", platform.python_version(), True)
 
 
 def _drake() -> Iterator[Finding]:

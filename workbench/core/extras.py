@@ -13,7 +13,7 @@ DISTRIBUTION = "aerodima-workbench"
 """Name in `pyproject.toml`."""
 ROOT = Path(__file__).resolve().parents[2]
 """The checkout, or the package `aerodima` of an installed wheel; both have `constraints.txt`."""
-_REQUIREMENT = re.compile(r"([\w.-]+).*; extra == ['\"]([\w-]+)['\"]")
+_REQUIREMENT = re.compile(r"^([\w.-]+).*; extra == ['\"]([\w-]+)", re.MULTILINE)
 
 
 def require(extra: str, subject: object, *modules: str, error: type[UserError] = UserError) -> None:
@@ -46,9 +46,8 @@ def install_command(extra: str) -> str:
 def packages_of_extras() -> dict[str, list[str]]:
     """Read from the installed metadata which distributions each extra brings, by its name."""
     packages: dict[str, list[str]] = {}
-    for line in requires(DISTRIBUTION) or ():
-        if requirement := _REQUIREMENT.fullmatch(line):
-            packages.setdefault(requirement[2], []).append(requirement[1])
+    for package, extra in _REQUIREMENT.findall("\n".join(requires(DISTRIBUTION) or ())):
+        packages.setdefault(extra, []).append(package)
     return packages
 
 

@@ -14,8 +14,6 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context, DiagramBuilder
 from scipy.spatial import ConvexHull
 
-from aerodima.workbench.core.errors import LogError
-from aerodima.workbench.core.extras import require
 from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.logs.exporters import SceneMessage, stamp_of
 from aerodima.workbench.logs.schema import RunLog
@@ -49,10 +47,8 @@ def foxglove_scene(run_log: RunLog) -> Iterator[SceneMessage]:
         run_log: the run.
 
     Raises:
-        LogError: the log cannot be replayed (see `replayable`), or `foxglove_schemas_protobuf` is
-            not installed.
+        LogError: the log cannot be replayed (see `replayable`).
     """
-    require("logs", "the scene", "foxglove_schemas_protobuf", error=LogError)
     builder = DiagramBuilder()
     logged = add_logged_run(builder, run_log)
     diagram = builder.Build()

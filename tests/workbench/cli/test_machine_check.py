@@ -42,7 +42,7 @@ def test_missing_package_of_an_extra_is_named_with_its_use(monkeypatch):
     logs = finding("extra logs")
     assert logs.found.endswith("not there: mcap")
     assert "MCAP" in logs.found
-    assert logs.remedy == install_command("logs")
+    assert logs.advice == install_command("logs")
     assert finding("extra hardware").ok
 
 
