@@ -6,7 +6,11 @@ from tests.code_measure import PACKAGES, ROOT
 
 TEXTS = [
     *ROOT.glob("*.md"),
-    *(path for name in (*PACKAGES, "docs", "models", "tests") for path in (ROOT / name).rglob("*.md")),
+    *(
+        path
+        for name in (*PACKAGES, "docs", "models", "tests")
+        for path in (ROOT / name).rglob("*.md")
+    ),
 ]
 CODE = re.compile(r"^(```|~~~).*?^\1", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\((?!\w+:|#)([^)\s#]+)")

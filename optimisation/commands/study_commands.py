@@ -149,6 +149,8 @@ def calibrate(
 
     `index.html` says what holds, and what to measure next. Needs the extra `calibration`. The same
     command goes on after Ctrl-C.
+
+    Example: aerodima calibrate --workers 2 --out out/calibration
     """
     # Before NumPy is loaded: with another number of BLAS threads the last digits differ, other cars
     # are drawn, and an interrupted calibration would not go on with its own runs.
