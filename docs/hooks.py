@@ -62,7 +62,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     from tests.built.statements import statements_page
 
     texts = {name: (ROOT / path).read_text(encoding="utf-8") for name, path in TEXTS.items()}
-    texts["safety.md"] += _fault_table()
+    texts["safety.md"] = texts["safety.md"].replace(
+        "\n## When the computer dies", f"{_fault_table()}\n## When the computer dies"
+    )
     texts["errata.md"] = re.sub(
         r"^### (E\d+)\. (.*)$", r"### \1. \2 { #\1 }", texts["errata.md"], flags=re.MULTILINE
     )
@@ -154,7 +156,7 @@ def _fault_table() -> str:
     ]
     head = [f"| fault | {wirings[0]} | {wirings[1]} | what acts |", "|---|---|---|---|"]
     said = "Cells: motors off, ms / throttle neutral, ms / exit frames."
-    return "\n".join(["", "## Table of faults", "", said, "", *head, *lines, ""])
+    return "\n".join(["", "### Table of faults", "", said, "", *head, *lines, ""])
 
 
 def _pictures() -> dict[str, bytes]:
