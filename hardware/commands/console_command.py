@@ -24,9 +24,6 @@ if TYPE_CHECKING:
     from aerodima.hardware.console.emulated_car import EmulatedCarProcess
     from aerodima.workbench.scenario.scenario import Scenario
 
-_PACKAGES = ("starlette", "uvicorn", "websockets", "serial")
-"""Packages that the console needs."""
-
 
 def register(app: typer.Typer) -> None:
     """Adds the command `console`."""
@@ -70,7 +67,8 @@ def console(scenario: cli.OtherScenario = None, *, options: ConsoleOptions) -> N
     """
     if sum(given is not None for given in (scenario, options.ports, options.radio)) != 1:
         raise HardwareError("console: give one of SCENARIO, --ports and --radio")
-    require("console,hardware", "console", *_PACKAGES, error=HardwareError)
+    modules = ("starlette", "uvicorn", "websockets", "serial")
+    require("console,hardware", "console", *modules, error=HardwareError)
     from aerodima.hardware.car.wiring import wiring_name
     from aerodima.hardware.console.console import ConsoleRecord
     from aerodima.hardware.console.console_server import open_socket

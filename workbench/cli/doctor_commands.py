@@ -102,8 +102,7 @@ class Finding:
 def examine() -> list[Finding]:
     """Examine what can be seen without changing anything; importing Drake takes a second or two."""
     checks = (
-        _python,
-        _drake,
+        _python_and_drake,
         _solvers,
         _models,
         _extras,
@@ -116,11 +115,8 @@ def examine() -> list[Finding]:
     return [finding for check in checks for finding in check()]
 
 
-def _python() -> Iterator[Finding]:
+def _python_and_drake() -> Iterator[Finding]:
     yield Finding("Python", platform.python_version(), True)
-
-
-def _drake() -> Iterator[Finding]:
     try:
         importlib.import_module("pydrake.all")
         found = version("drake")
@@ -157,9 +153,8 @@ def _models() -> Iterator[Finding]:
 
 def _extras() -> Iterator[Finding]:
     for extra, packages in packages_of_extras().items():
-        missing = ", ".join(package for package in packages if not _is_installed(package))
-        use = USES_OF_EXTRAS.get(extra, "commands of other packages")
-        found = f"for {use}; not there: {missing}" if missing else f"for {use}"
+        missing = "".join(f"; no {package}" for package in packages if not _is_installed(package))
+        found = f"for {USES_OF_EXTRAS.get(extra, 'other versions')}{missing}"
         yield Finding(f"extra {extra}", found, not missing, install_command(extra))
 
 
@@ -180,8 +175,12 @@ def _programs() -> Iterator[Finding]:
 def _can() -> Iterator[Finding]:
     types = sorted(Path("/sys/class/net").glob("*/type"))
     interfaces = [path.parent.name for path in types if path.read_text().strip() == _ARPHRD_CAN]
-    advice = "for a real car: docs/deployment.md; simulation and the emulated car need none"
-    yield Finding("CAN interface", ", ".join(interfaces) or "none", bool(interfaces), advice)
+    yield Finding(
+        "CAN interface",
+        ", ".join(interfaces) or "none",
+        bool(interfaces),
+        "for a real car: docs/deployment.md; simulation and the emulated car need none",
+    )
 
 
 def _serial() -> Iterator[Finding]:
@@ -190,22 +189,30 @@ def _serial() -> Iterator[Finding]:
     found = ", ".join(ports) or "none"
     if closed:
         found = f"no permission for {', '.join(closed)}"
-    advice = (
-        "for a real car: plug in the Teensy; add yourself to the group `dialout` and log in again"
+    yield Finding(
+        "serial ports",
+        found,
+        bool(ports) and not closed,
+        "for a real car: plug in the Teensy; add yourself to the group `dialout` and log in again",
     )
-    yield Finding("serial ports", found, bool(ports) and not closed, advice)
 
 
 def _realtime() -> Iterator[Finding]:
-    rights = dict(zip(("priority", "locked memory"), permitted(), strict=True))
-    refused = [name for name, is_permitted in rights.items() if not is_permitted]
-    found = f"not permitted: {', '.join(refused)}" if refused else "permitted"
-    advice = "for a real car: hardware/deploy/95-aerodima.conf has the limits to set"
-    yield Finding("real time", found, not refused, advice)
+    rights = zip(("priority", "locked memory"), permitted(), strict=True)
+    refused = [name for name, is_permitted in rights if not is_permitted]
+    yield Finding(
+        "real time",
+        f"not permitted: {', '.join(refused)}" if refused else "permitted",
+        not refused,
+        "for a real car: hardware/deploy/95-aerodima.conf has the limits to set",
+    )
 
 
 def _disk() -> Iterator[Finding]:
     free = shutil.disk_usage(Path.cwd()).free
-    found = f"{free / 1e9:.1f} GB free in {Path.cwd()}"
-    advice = f"free some: runs stop when it is full; wanted {MIN_DISK / 1e9:g} GB"
-    yield Finding("disk", found, free >= MIN_DISK, advice)
+    yield Finding(
+        "disk",
+        f"{free / 1e9:.1f} GB free in {Path.cwd()}",
+        free >= MIN_DISK,
+        f"free some: runs stop when it is full; wanted {MIN_DISK / 1e9:g} GB",
+    )

@@ -40,7 +40,7 @@ def test_missing_package_of_an_extra_is_named_with_its_use(monkeypatch):
 
     monkeypatch.setattr(doctor, "version", version_without_mcap)
     logs = finding("extra logs")
-    assert logs.found.endswith("not there: mcap")
+    assert logs.found.endswith("; no mcap")
     assert "MCAP" in logs.found
     assert logs.advice == install_command("logs")
     assert finding("extra hardware").ok

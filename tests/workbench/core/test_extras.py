@@ -2,15 +2,12 @@
 
 import json
 import os
-import sys
 from pathlib import Path
 
 import pytest
 
 from aerodima.workbench.core import extras
-from aerodima.workbench.core.errors import HardwareError
 from tests.code_measure import ROOT
-from tests.refusals import assert_refused
 
 
 def test_a_checkout_is_installed_by_its_folder(monkeypatch, tmp_path):
@@ -40,11 +37,3 @@ def test_a_wheel_is_named_by_where_it_came_from(monkeypatch, tmp_path, record, s
     monkeypatch.setattr(extras, "ROOT", tmp_path)
     constraints = os.path.relpath(tmp_path / "constraints.txt")
     assert extras.install_command("logs") == f"pip install {source} -c {constraints}"
-
-
-def test_a_missing_module_is_named_with_the_command(monkeypatch):
-    monkeypatch.setitem(sys.modules, "serial", None)
-    assert_refused(
-        lambda: extras.require("hardware", "port", "json", "serial", error=HardwareError),
-        HardwareError, "port", "serial", extras.install_command("hardware"),
-    )  # fmt: skip
