@@ -33,6 +33,7 @@ TEXTS = {
     "optimiser.md": "optimisation/swing/README.md",
     "safety.md": "hardware/README.md",
     "reduced_cars.md": "workbench/car/reduced/README.md",
+    "logs.md": "workbench/logs/README.md",
     "contributing.md": "CONTRIBUTING.md",
     "errata.md": "models/published/ERRATA.md",
 }
