@@ -2,11 +2,11 @@
 
 `pyproject.toml` has the version. VERSION is written there, into `CITATION.cff` and over the
 changelog's section `Unreleased`; without VERSION these must agree already. The archives are built
-from a copy of the last commit with these changes in which links have become absolute and
-`[project.urls]` stand, so that the page of the package index works. They are checked with twine in
-an environment of its own, the wheel is installed into an empty environment with the tested
-versions, and the demo runs there, out of reach of the checkout. Nothing is uploaded or tagged: the
-last lines say what a person has to do.
+from a copy of the last commit in which links have become absolute and `[project.urls]` stand, so
+that the page of the package index works. They are checked with twine in an environment of its own,
+the wheel is installed into an empty environment with the tested versions, and the demo runs there,
+out of reach of the checkout. Only then the version is written into the checkout. Nothing is
+uploaded or tagged: the last lines say what a person has to do.
 """
 
 from __future__ import annotations
@@ -26,7 +26,6 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 OUT = ROOT / "out" / "release"
-VERSIONED = ("pyproject.toml", "CITATION.cff", "CHANGELOG.md")
 _VERSION = re.compile(r"\d+\.\d+\.\d+")
 _HEADING = re.compile(r"^## (\S+)(?: \((\d{4}-\d\d-\d\d)\))?$", re.MULTILINE)
 _LINK = re.compile(r"(!?\[[^\]]*\])\((?!\w+:|#)([^)\s]+)\)")
@@ -36,19 +35,20 @@ def main() -> None:
     """Carries out all steps; the first that fails ends it with one line."""
     options = _options()
     version = options.version or _project(ROOT)["version"]
-    if options.version:
-        _write_version(ROOT, version, datetime.date.today().isoformat())
-    check_version(ROOT, version)
+    date = datetime.date.today().isoformat()
     url = options.url or _remote()
     shutil.rmtree(OUT, ignore_errors=True)
     source = OUT / "source"
     _copy_commit(source)
-    for name in VERSIONED:
-        shutil.copy(ROOT / name, source / name)
+    if options.version:
+        write_version(source, version, date)
+    check_version(source, version)
     point_to(source, url, f"v{version}")
     wheel = _build(source)
     if not options.build_only:
         _try_wheel(wheel)
+        if options.version:
+            write_version(ROOT, version, date)
     print(_what_is_left(version, url, options.build_only))
 
 
@@ -125,7 +125,7 @@ def _project(root: Path) -> dict[str, str]:
     return tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
-def _write_version(root: Path, version: str, date: str) -> None:
+def write_version(root: Path, version: str, date: str) -> None:
     """Writes version and date where they stand; a changelog without `Unreleased` stays."""
     for name, replacements in {
         "pyproject.toml": [(r'^version = ".*"$', f'version = "{version}"')],
@@ -154,11 +154,10 @@ def _remote() -> str:
 
 
 def _copy_commit(folder: Path) -> None:
-    """Copies the last commit; refuses changes that are not in it, beside those of the version."""
-    changed = _output("git", "status", "--porcelain", "--untracked-files=all").splitlines()
-    other = [line for line in changed if line[3:] not in VERSIONED]
-    if other:
-        sys.exit("error: commit or remove these first:\n" + "\n".join(other))
+    """Copies the last commit; refuses changes that are not in it."""
+    changed = _output("git", "status", "--porcelain", "--untracked-files=all")
+    if changed:
+        sys.exit(f"error: commit or remove these first:\n{changed}")
     folder.mkdir(parents=True)
     archive = OUT / "source.tar"
     _run("git", "archive", "--output", str(archive), "HEAD")
