@@ -14,7 +14,7 @@ PYTEST_ARGS ?= -q -n 2 --dist loadfile
 INSTALL_EXTRAS ?=
 INSTALL_GROUPS ?= --group dev
 
-.PHONY: demo test test-all realtime emulated nightly soak bench docs notebooks lint clean install
+.PHONY: demo test test-all realtime emulated nightly soak bench docs notebooks lint release clean install
 .DEFAULT_GOAL := install
 
 install: $(STAMP)
@@ -37,13 +37,16 @@ $(STAMP): $(CORE)
 
 demo: $(CORE)
 	@$(BIN)/aerodima demo --out out/demo --force
+	@echo 'next: export PATH="$$PWD/$(BIN):$$PATH", then docs/index.md; `aerodima doctor` names what its pages need besides'
 
-# Whether the software is right on this machine, in some four minutes.
+# Whether the software is right on this machine.
 test: $(STAMP)
+	@echo "the fast tests: about four minutes on two quiet cores ..."
 	@$(BIN)/python -m pytest $(PYTEST_ARGS) -m "not slow and not realtime and not emulated and not nightly"
 
-# The slow tests and the full draws as well: a quarter of an hour.
+# The slow tests and the full draws as well.
 test-all: $(STAMP)
+	@echo "the fast and the slow tests: about a quarter of an hour on two quiet cores ..."
 	@$(BIN)/python -m pytest $(PYTEST_ARGS) -m "not realtime and not emulated"
 
 # One process, nothing beside it; two more tries for what a disturbed machine has made miss its deadline. Each further
@@ -71,6 +74,7 @@ nightly:
 # Strict: a broken link or a reference that cannot be read fails it.
 docs: $(STAMP)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e . --group docs -c constraints.txt
+	@echo "building the documentation: less than a minute on a quiet machine ..."
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 	@echo "open out/docs/index.html"
 
@@ -85,6 +89,10 @@ lint: $(STAMP)
 	@if $(BIN)/python -c 'from importlib.metadata import version; import sys; sys.exit(tuple(map(int, version("drake").split("."))) < (1, 58))'; \
 	then $(BIN)/mypy --no-error-summary; \
 	else echo "types not checked: the stubs of this Drake are wrong (see pyproject.toml); .ci/run checks on the newest Python"; fi
+
+# Archives of a release, checked, and the demo of the wheel in an empty environment; the head of .ci/release.py says more.
+release:
+	@$(PYTHON) .ci/release.py $(if $(VERSION),--version $(VERSION)) $(if $(URL),--url $(URL)) $(RELEASE_ARGS)
 
 clean:
 	@rm -rf .venv out dist .mypy_cache .pytest_cache .ruff_cache .hypothesis

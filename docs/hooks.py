@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import csv
 import io
+import posixpath
 import re
 import sys
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 import yaml
@@ -32,10 +33,24 @@ TEXTS = {
     "optimiser.md": "optimisation/swing/README.md",
     "safety.md": "hardware/README.md",
     "reduced_cars.md": "workbench/car/reduced/README.md",
+    "logs.md": "workbench/logs/README.md",
     "contributing.md": "CONTRIBUTING.md",
     "errata.md": "models/published/ERRATA.md",
 }
 """Page -> text of the repository; what it names of the repository stays a name."""
+MADE = {
+    "models/parameters": "parameters/parameters.md",
+    "models/coefficients": "parameters/coefficients.md",
+    "models/published/statements.yaml": "built.md",
+    "hardware/emulator/fault_table.csv": "safety.md#table-of-faults",
+    "workbench/aero/signs.png": "signs.png",
+}
+"""Folder or file of the repository -> page that is made of it."""
+_LINK = re.compile(
+    r"^ *(?P<fence>```|~~~).*?^ *(?P=fence)|`[^`\n]*`|"  # code, which is left as it is
+    r"!?\[(?P<text>[^\[\]]*)\]\((?!\w+:|#)(?P<path>[^)\s#]+)(?P<anchor>#[^)\s]*)?\)",
+    re.MULTILINE | re.DOTALL,
+)
 _ERRATUM = re.compile(r"\bERRATA ((?:E\d+)(?:(?:, | and )E\d+)*)")
 _NUMBER = re.compile(r"E(\d+)")
 
@@ -48,7 +63,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     from tests.built.statements import statements_page
 
     texts = {name: (ROOT / path).read_text(encoding="utf-8") for name, path in TEXTS.items()}
-    texts["safety.md"] += _fault_table()
+    texts["safety.md"] = texts["safety.md"].replace(
+        "\n## When the computer dies", f"{_fault_table()}\n## When the computer dies"
+    )
     texts["errata.md"] = re.sub(
         r"^### (E\d+)\. (.*)$", r"### \1. \2 { #\1 }", texts["errata.md"], flags=re.MULTILINE
     )
@@ -61,14 +78,61 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Makes a link of every number of the errata that a text names as `ERRATA E28`."""
-    if page.file.src_uri == "errata.md" or page.file.src_uri.startswith("reference/"):
+    """Leads links to pages, and makes a link of every number of the errata (`ERRATA E28`)."""
+    uri = page.file.src_uri
+    if uri.startswith("reference/"):
         return markdown
-    up = "../" * page.file.src_uri.count("/")
+    up = "../" * uri.count("/")
+    if uri.endswith(".md") and "parameters/" not in uri:
+        home = PurePosixPath(_home_of(uri)).parent
+
+        def lead(link: re.Match[str]) -> str:
+            if link["path"] is None:
+                return link[0]
+            path = posixpath.normpath(home / link["path"])
+            target, _, anchor = _page_of(path, link["anchor"] or "").partition("#")
+            if files.get_file_from_path(target) is None:  # a file of the repository only
+                return link["text"]
+            mark = link[0].partition("(")[0]
+            return f"{mark}({up}{target}{'#' if anchor else ''}{anchor})"
+
+        markdown = _LINK.sub(lead, markdown)
+    if uri == "errata.md":
+        return markdown
     return _ERRATUM.sub(
         lambda found: "ERRATA " + _NUMBER.sub(rf"[E\1]({up}errata.md#E\1)", found.group(1)),
         markdown,
     )
+
+
+def _home_of(uri: str) -> str:
+    """Names the file of the repository that a page is made of."""
+    if uri.startswith("notebooks/"):
+        return f"{uri.removesuffix('.md')}.ipynb"
+    return TEXTS.get(uri, f"docs/{uri}")
+
+
+def _page_of(path: str, anchor: str) -> str:
+    """Names the page, with its anchor, of what a text links to in the repository.
+
+    Links of all texts lead to files of the repository, so that they work where this documentation
+    is not built. A text and a notebook become their pages, and a module its place in the reference.
+    """
+    pages = {home: page for page, home in TEXTS.items()} | MADE
+    *folders, name = path.split("/")
+    if path in pages:
+        page = pages[path]
+    elif path.startswith("docs/"):
+        page = path.removeprefix("docs/")
+    elif name.endswith(".ipynb"):
+        page = f"{path.removesuffix('.ipynb')}.md"
+    elif name == "__init__.pyi":
+        page = f"reference/aerodima.{folders[0]}.md"
+    elif name.endswith(".py"):
+        page = f"reference/aerodima.{'.'.join(folders[:2])}.md#{name.removesuffix('.py')}"
+    else:
+        page = path
+    return page + anchor
 
 
 def _fault_table() -> str:
@@ -93,7 +157,7 @@ def _fault_table() -> str:
     ]
     head = [f"| fault | {wirings[0]} | {wirings[1]} | what acts |", "|---|---|---|---|"]
     said = "Cells: motors off, ms / throttle neutral, ms / exit frames."
-    return "\n".join(["", "## Table of faults", "", said, "", *head, *lines, ""])
+    return "\n".join(["", "### Table of faults", "", said, "", *head, *lines, ""])
 
 
 def _pictures() -> dict[str, bytes]:

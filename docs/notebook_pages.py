@@ -41,7 +41,7 @@ def page(path: Path) -> dict[str, str | bytes]:
     for place, cell in enumerate(json.loads(path.read_text(encoding="utf-8"))["cells"]):
         text = "".join(cell["source"])
         if cell["cell_type"] == "markdown":
-            lines.append(text.replace("](../docs/", "](../"))
+            lines.append(text)
             continue
         solution = "solution" in cell["metadata"].get("tags", ())
         block = [_fenced(text, "python")]

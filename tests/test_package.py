@@ -1,5 +1,6 @@
 """What is installed: packages, data, versions, dependencies, and how little an import costs."""
 
+import re
 import subprocess
 import sys
 import tomllib
@@ -58,6 +59,7 @@ def test_wheel_lists_every_package_and_the_models():
         if path.is_file()
     }
     assert set(WHEEL["only-include"]) == {*PACKAGES, "models", *own}
+    assert WHEEL["force-include"] == {"constraints.txt": "aerodima/constraints.txt"}
 
 
 def test_wheel_puts_models_where_the_package_looks_for_them():
@@ -78,6 +80,16 @@ def test_package_is_typed(package):
 def test_version_is_that_of_the_distribution_and_in_the_changelog():
     assert workbench.__version__ == PROJECT["version"]
     assert f"## {PROJECT['version']}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert f"\nversion: {PROJECT['version']}\n" in (ROOT / "CITATION.cff").read_text(
+        encoding="utf-8"
+    )
+
+
+def test_constraints_name_no_extra_and_no_group_that_does_not_exist():
+    text = (ROOT / "constraints.txt").read_text(encoding="utf-8")
+    named = set(re.findall(r"^#.*?[`\[](\w+)[`\]]", text, re.MULTILINE))
+    assert "hardware" in named
+    assert named <= {*PROJECT["optional-dependencies"], *GROUPS}
 
 
 @pytest.mark.parametrize("package", PACKAGES)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 from contextlib import closing
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from pathlib import Path
 from socket import socket
 from typing import TYPE_CHECKING, Annotated
@@ -16,6 +15,7 @@ from aerodima import workbench
 from aerodima.hardware.commands.car_options import Wiring
 from aerodima.workbench.cli import options as cli
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.extras import require
 from aerodima.workbench.core.terminal import say
 
 if TYPE_CHECKING:
@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from aerodima.hardware.console.console import ConsoleRecord
     from aerodima.hardware.console.emulated_car import EmulatedCarProcess
     from aerodima.workbench.scenario.scenario import Scenario
-
-_PACKAGES = ("starlette", "uvicorn", "websockets", "serial")
-"""Packages that the console needs."""
 
 
 def register(app: typer.Typer) -> None:
@@ -70,11 +67,8 @@ def console(scenario: cli.OtherScenario = None, *, options: ConsoleOptions) -> N
     """
     if sum(given is not None for given in (scenario, options.ports, options.radio)) != 1:
         raise HardwareError("console: give one of SCENARIO, --ports and --radio")
-    missing = [name for name in _PACKAGES if find_spec(name) is None]
-    if missing:
-        raise HardwareError(
-            f"console: {missing[0]} is missing: pip install 'aerodima-workbench[console,hardware]'"
-        )
+    modules = ("starlette", "uvicorn", "websockets", "serial")
+    require("console,hardware", "console", *modules, error=HardwareError)
     from aerodima.hardware.car.wiring import wiring_name
     from aerodima.hardware.console.console import ConsoleRecord
     from aerodima.hardware.console.console_server import open_socket

@@ -18,6 +18,7 @@ from typing import BinaryIO, cast
 from pydantic import Field
 
 from aerodima.workbench.core.errors import HardwareError
+from aerodima.workbench.core.extras import install_command
 from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.yaml_files import StrictModel
 
@@ -29,8 +30,8 @@ try:
     from aerodima.hardware.transport.serial_link import READ_TIMEOUT, reason_of
 except ImportError:
     raise HardwareError(
-        "the ports of the car need python-can, pyserial and pyubx2: pip install "
-        "'aerodima-workbench[hardware]'"
+        "the ports of the car need python-can, pyserial and pyubx2: "
+        f"{install_command('hardware')}"
     ) from None
 
 BITRATE = 1_000_000

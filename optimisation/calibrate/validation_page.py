@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +45,6 @@ from aerodima.optimisation.calibrate.validation import (
 from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.view.figure_style import BLUE, GREY, VERMILION, new_figure, styled
 from aerodima.workbench.view.report_page import (
@@ -154,15 +152,6 @@ class Result:
     rigid_density: float
     perfect: float
     fine: FineRuns
-
-
-def require_extra() -> None:
-    """Raises UserError when a library of the extra `calibration` is missing."""
-    for library in ("emcee", "sklearn"):
-        if find_spec(library) is None:
-            raise UserError(
-                f"{library} is not installed; pip install 'aerodima-workbench[calibration]'"
-            )
 
 
 def calibrate(plan: CalibrationPlan, runs: CachedRunner, out: Path, played: int) -> Path:

@@ -15,6 +15,7 @@ from aerodima import optimisation, workbench
 from aerodima.workbench.batch.dask_cluster import THREAD_VARIABLES
 from aerodima.workbench.cli import options as cli
 from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.core.extras import require
 from aerodima.workbench.core.text_table import text_table
 
 if TYPE_CHECKING:
@@ -147,15 +148,16 @@ def calibrate(
 
     `index.html` says what holds, and what to measure next. Needs the extra `calibration`. The same
     command goes on after Ctrl-C.
+
+    Example: aerodima calibrate --workers 2 --out out/calibration
     """
     # Before NumPy is loaded: with another number of BLAS threads the last digits differ, other cars
     # are drawn, and an interrupted calibration would not go on with its own runs.
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     from aerodima.optimisation.calibrate.calibration_plan import load_plan
     from aerodima.optimisation.calibrate.validation_page import calibrate as carry_out
-    from aerodima.optimisation.calibrate.validation_page import require_extra
 
-    require_extra()
+    require("calibration", "calibrate", "emcee", "sklearn")
     chosen = load_plan(plan)
     if seed is not None:
         chosen = chosen.model_copy(update={"seed": seed})

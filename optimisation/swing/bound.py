@@ -133,7 +133,10 @@ def find_bound(
     program = SwerveNlp(shooting, chosen.size)
     if extend is not None:
         extend(program)
-    points = [np.concatenate([steering, tail]) for tail, steering in candidates]
+    points = []
+    for (pitch, *rolls), steering in candidates:
+        kept = within_reach(np.array([rolls]), shooting.variables.max_roll)[0]
+        points.append(np.concatenate([steering, [pitch], kept]))
     points += _first_search(shooting, effort)
     starts = _with_one_steering(shooting.variables, np.array(points))
     solutions = [program.solve(start, effort.iterations, effort.solver) for start in starts]
@@ -145,12 +148,10 @@ def find_bound(
 
 def _with_one_steering(variables: SwerveVariables, points: FloatArray) -> FloatArray:
     """Returns the scaled variables (n, size) of points (n, `STEERING` + knots): a steering of all
-    cars, rad and s, and a motion of the tail, rad, smaller where it would leave its range.
+    cars, rad and s, and a motion of the tail, rad.
     """
-    steering, pitch, rolls = np.split(points, [STEERING, STEERING + 1], axis=1)
-    rolls = within_reach(rolls, variables.max_roll)
-    columns = [pitch, rolls, *[steering] * variables.members]
-    return np.concatenate(columns, axis=1) / variables.units
+    steering, tail = np.split(points, [STEERING], axis=1)
+    return np.concatenate([tail, *[steering] * variables.members], axis=1) / variables.units
 
 
 def _first_search(shooting: SwerveShooting, effort: BoundEffort) -> list[FloatArray]:
@@ -167,6 +168,7 @@ def _first_search(shooting: SwerveShooting, effort: BoundEffort) -> list[FloatAr
         result = possible_steering(points, variables.max_angle)
         tail = result[:, STEERING:]
         tail[:, 0] = np.clip(tail[:, 0], *variables.pitches)
+        tail[:, 1:] = within_reach(tail[:, 1:], variables.max_roll)
         return result
 
     upper = np.array([limit.upper / limit.size for limit in shooting.row_limits])[:, None]

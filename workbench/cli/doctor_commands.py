@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from glob import glob
 from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
 from pathlib import Path
 
 import typer
@@ -20,6 +19,7 @@ import typer
 from aerodima import workbench
 from aerodima.workbench.cli import options as cli
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.extras import install_command, packages_of_extras
 from aerodima.workbench.core.realtime import permitted
 from aerodima.workbench.core.resources import models_dir
 
@@ -28,19 +28,16 @@ MIN_DRAKE = (1, 51)
 MIN_DISK = 1e9
 """Free bytes below which logs and reports of a day's work may not fit; a turn's log has 2 MB, its
 replay 4 MB."""
-EXTRAS = {
-    "hardware": (("serial", "the Teensy and CAN adapters on serial ports"),),
-    "logs": (
-        ("h5py", "MAT files of version 7.3"),
-        ("mcap", "MCAP logs"),
-        ("mcap_protobuf", "writing MCAP logs"),
-        ("foxglove_schemas_protobuf", "the scene in MCAP logs"),
-    ),
-    "console": (("starlette", "the operator's page"), ("uvicorn", "the operator's page")),
-    "notebooks": (("nbclient", "the notebooks"),),
-    "bench": (("mujoco", "comparing in `make bench`"),),
+USES_OF_EXTRAS = {
+    "calibration": "`aerodima calibrate`",
+    "console": "the operator's page",
+    "hardware": "the real car and the emulated one",
+    "logs": "MAT files of version 7.3, MCAP logs and their scene",
+    "notebooks": "the notebooks",
+    "search": "compiled steps of reduced cars, 80 times faster",
+    "video": "MP4 videos",
 }
-"""Extra -> the modules it brings and what they are for."""
+"""Extra -> what needs it."""
 PROGRAMS = {
     "browser": (
         ("chromium", "chromium-browser", "google-chrome", "firefox"),
@@ -67,13 +64,15 @@ def doctor() -> None:
 
     Python, Drake, solvers, extras, browser, CAN, serial ports and disk. Exits with 1 when a
     required one is missing.
+
+    Example: aerodima doctor
     """
     findings = examine()
     for finding in findings:
         mark = "ok" if finding.ok else "FAIL" if finding.required else "none"
         typer.echo(f"{mark:<4} {finding.subject + ':':<18} {finding.found}")
-        if finding.remedy:
-            typer.echo(f"     {'':<18} -> {finding.remedy}")
+        if finding.advice and not finding.ok:
+            typer.echo(f"     {'':<18} -> {finding.advice}")
     broken = [finding.subject for finding in findings if finding.required and not finding.ok]
     if broken:
         typer.echo(f"nothing works without: {', '.join(broken)}", err=True)
@@ -99,17 +98,11 @@ class Finding:
     advice: str = ""
     required: bool = False
 
-    @property
-    def remedy(self) -> str:
-        """Return the advice if it is needed."""
-        return "" if self.ok else self.advice
-
 
 def examine() -> list[Finding]:
     """Examine what can be seen without changing anything; importing Drake takes a second or two."""
     checks = (
-        _python,
-        _drake,
+        _python_and_drake,
         _solvers,
         _models,
         _extras,
@@ -122,12 +115,8 @@ def examine() -> list[Finding]:
     return [finding for check in checks for finding in check()]
 
 
-def _python() -> Iterator[Finding]:
-    # An older one than the package needs could not have read these files.
+def _python_and_drake() -> Iterator[Finding]:
     yield Finding("Python", platform.python_version(), True)
-
-
-def _drake() -> Iterator[Finding]:
     try:
         importlib.import_module("pydrake.all")
         found = version("drake")
@@ -163,11 +152,17 @@ def _models() -> Iterator[Finding]:
 
 
 def _extras() -> Iterator[Finding]:
-    for extra, modules in EXTRAS.items():
-        missing = [f"{module} ({use})" for module, use in modules if find_spec(module) is None]
-        found = f"not there: {', '.join(missing)}" if missing else "installed"
-        advice = f"pip install 'aerodima-workbench[{extra}]'"
-        yield Finding(f"extra {extra}", found, not missing, advice)
+    for extra, packages in packages_of_extras().items():
+        missing = "".join(f"; no {package}" for package in packages if not _is_installed(package))
+        found = f"for {USES_OF_EXTRAS.get(extra, 'other versions')}{missing}"
+        yield Finding(f"extra {extra}", found, not missing, install_command(extra))
+
+
+def _is_installed(package: str) -> bool:
+    try:
+        return bool(version(package))
+    except PackageNotFoundError:
+        return False
 
 
 def _programs() -> Iterator[Finding]:
@@ -180,8 +175,12 @@ def _programs() -> Iterator[Finding]:
 def _can() -> Iterator[Finding]:
     types = sorted(Path("/sys/class/net").glob("*/type"))
     interfaces = [path.parent.name for path in types if path.read_text().strip() == _ARPHRD_CAN]
-    advice = "for a real car: docs/deployment.md; simulation and the emulated car need none"
-    yield Finding("CAN interface", ", ".join(interfaces) or "none", bool(interfaces), advice)
+    yield Finding(
+        "CAN interface",
+        ", ".join(interfaces) or "none",
+        bool(interfaces),
+        "for a real car: docs/deployment.md; simulation and the emulated car need none",
+    )
 
 
 def _serial() -> Iterator[Finding]:
@@ -190,22 +189,30 @@ def _serial() -> Iterator[Finding]:
     found = ", ".join(ports) or "none"
     if closed:
         found = f"no permission for {', '.join(closed)}"
-    advice = (
-        "for a real car: plug in the Teensy; add yourself to the group `dialout` and log in again"
+    yield Finding(
+        "serial ports",
+        found,
+        bool(ports) and not closed,
+        "for a real car: plug in the Teensy; add yourself to the group `dialout` and log in again",
     )
-    yield Finding("serial ports", found, bool(ports) and not closed, advice)
 
 
 def _realtime() -> Iterator[Finding]:
-    rights = dict(zip(("priority", "locked memory"), permitted(), strict=True))
-    refused = [name for name, is_permitted in rights.items() if not is_permitted]
-    found = f"not permitted: {', '.join(refused)}" if refused else "permitted"
-    advice = "for a real car: hardware/deploy/95-aerodima.conf has the limits to set"
-    yield Finding("real time", found, not refused, advice)
+    rights = zip(("priority", "locked memory"), permitted(), strict=True)
+    refused = [name for name, is_permitted in rights if not is_permitted]
+    yield Finding(
+        "real time",
+        f"not permitted: {', '.join(refused)}" if refused else "permitted",
+        not refused,
+        "for a real car: hardware/deploy/95-aerodima.conf has the limits to set",
+    )
 
 
 def _disk() -> Iterator[Finding]:
     free = shutil.disk_usage(Path.cwd()).free
-    found = f"{free / 1e9:.1f} GB free in {Path.cwd()}"
-    advice = f"free some: runs stop when it is full; wanted {MIN_DISK / 1e9:g} GB"
-    yield Finding("disk", found, free >= MIN_DISK, advice)
+    yield Finding(
+        "disk",
+        f"{free / 1e9:.1f} GB free in {Path.cwd()}",
+        free >= MIN_DISK,
+        f"free some: runs stop when it is full; wanted {MIN_DISK / 1e9:g} GB",
+    )

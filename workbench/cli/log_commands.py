@@ -39,6 +39,8 @@ def metrics(
 
     Logs that `observe` wrote of another plant have its motion, the air on its tails, and the
     outcome where defined.
+
+    Example: aerodima log metrics none.parquet swing.parquet --out metrics.csv
     """
     _refuse_twice(runs)
     run_logs = [workbench.read_run_log(path) for path in runs]
@@ -67,6 +69,8 @@ def recover(
 
     Rows of damaged batches are left out; what is damaged or missing is printed, and kept in the
     log's metadata.
+
+    Example: aerodima log recover run.parquet.journal --out run.parquet
     """
     from aerodima.workbench.logs.journal import recover as recover_journal
 
@@ -122,6 +126,8 @@ def export(
 
     Metadata goes with it. MCAP has the signals and, of a car, the scene that Foxglove draws:
     bodies, poses and forces.
+
+    Example: aerodima log export run.parquet --to csv
     """
     from aerodima.workbench.logs.exporters import FORMATS, export_log
 

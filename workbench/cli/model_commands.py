@@ -54,6 +54,8 @@ def check(
 
     They load, nothing that Drake would ignore is in them, and their numbers equal the parameters.
     Exits with 1 when a check fails.
+
+    Example: aerodima models check
     """
     from aerodima.workbench.cli.model_check import (
         check_model_file,
@@ -147,7 +149,10 @@ def _vector(values: Iterable[float]) -> str:
 
 
 def list_sets() -> None:
-    """List the embedded sets with their measured range and source."""
+    """List the embedded sets with their measured range and source.
+
+    Example: aerodima models coefficients list
+    """
     for name in workbench.embedded_sets():
         coefficients = workbench.load_coefficients(name)
         low, high = coefficients.speed_range
@@ -181,7 +186,10 @@ def diagram(
     settings: cli.Settings = None,
     force: cli.Force = False,
 ) -> None:
-    """Draw the block diagram of a scenario; needs Graphviz."""
+    """Draw the block diagram of a scenario; needs Graphviz.
+
+    Example: aerodima models diagram turn_swing --depth 1 --out diagram.svg
+    """
     built = workbench.assemble(workbench.load_scenario(scenario, settings or ())).builder.Build()
     picture = workbench.draw_diagram(built, depth)
     write_atomically(out, picture.render(out.suffix[1:].lower()), force, UserError)
@@ -197,6 +205,8 @@ def range_of_motion(
     """Draw where the tail is clear of the car and the ground.
 
     Rod and sail, over pitch and roll, against cage, deck, wheels and ground.
+
+    Example: aerodima models range-of-motion --out range_of_motion.png
     """
     motion = workbench.make_range_of_motion(workbench.load_scenario(scenario, settings or ()))
     _write_picture(workbench.plot_range_of_motion(motion), out, force)
@@ -213,6 +223,8 @@ def export(
     """Write a resolved scenario as one JSON bundle.
 
     Every number and its swing are in it; it needs no other file.
+
+    Example: aerodima models export auto_turn --out bundle.json
     """
     from aerodima.workbench.control.controller_bundle import make_bundle
 

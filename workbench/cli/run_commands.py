@@ -211,7 +211,10 @@ def _user_law(place: str, scenario: Scenario) -> TailLaw:
 
 
 def list_scenarios() -> None:
-    """List the scenarios of the car, for `run`, and of the rigs, for `rig`."""
+    """List the scenarios of the car, for `run`, and of the rigs, for `rig`.
+
+    Example: aerodima scenarios list
+    """
     from aerodima.workbench.scenario.rig_scenario import RigScenario
     from aerodima.workbench.scenario.scenario import Scenario
 

@@ -17,7 +17,8 @@ import pandas as pd
 
 from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.core.errors import LogError
-from aerodima.workbench.logs.foreign_files import NANOSECOND, require_packages
+from aerodima.workbench.core.extras import require
+from aerodima.workbench.logs.foreign_files import NANOSECOND
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.scenario.signal_table import PLANT_POSITION_PREFIX, TIME
 
@@ -71,7 +72,7 @@ def export_log(
         write_atomically(path, run_log.table.to_csv(index=False), force, LogError)
         write_atomically(beside, metadata + "\n", force, LogError)
         return [path, beside]
-    require_packages(path, "mcap", "mcap_protobuf", "foxglove_schemas_protobuf")
+    require("logs", path, "mcap", "mcap_protobuf", "foxglove_schemas_protobuf", error=LogError)
     if not np.all(np.isfinite(run_log.time)) or run_log.time.min(initial=0.0) < 0.0:
         raise LogError(f"column {TIME!r}: MCAP needs finite times from 0 s on")
     write = partial(_write_mcap, table=run_log.table, metadata=metadata, scene=scene)

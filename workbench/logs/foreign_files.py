@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.core.extras import require
 from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.logs.hdf5_reading import read_hdf5
 from aerodima.workbench.logs.mapping import CsvFormat
@@ -222,7 +223,7 @@ def read_mat(path: Path) -> ForeignLog:
         LogError: h5py is not installed and the file is of version 7.3.
     """
     if is_version_7_3(path):
-        require_packages(path, "h5py")
+        require("logs", path, "h5py", error=LogError)
         struct = read_hdf5(path)
     else:
         from scipy.io import loadmat
@@ -280,7 +281,7 @@ def read_mcap(path: Path) -> ForeignLog:
     Raises:
         LogError: a package is not installed, a message is missing.
     """
-    require_packages(path, "mcap")
+    require("logs", path, "mcap", error=LogError)
     from mcap.records import Channel, Message, Statistics
     from mcap.stream_reader import StreamReader
 
@@ -343,17 +344,3 @@ def _add_numbers(table: pd.DataFrame, columns: Columns, unreadable: Texts) -> No
             columns[str(name)] = cells
         else:
             unreadable[str(name)] = f"no number, but {stated.iloc[0]!r}"
-
-
-def require_packages(path: Path | str, *packages: str) -> None:
-    """Raises LogError, naming the extra, for a package that a kind of file needs and that is not
-    installed.
-    """
-    for package in packages:
-        try:
-            __import__(package)
-        except ImportError:
-            raise LogError(
-                f"{path}: this kind of file needs the package {package}: pip install "
-                "'aerodima-workbench[logs]'"
-            ) from None

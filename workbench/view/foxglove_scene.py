@@ -14,7 +14,6 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context, DiagramBuilder
 from scipy.spatial import ConvexHull
 
-from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.logs.exporters import SceneMessage, stamp_of
 from aerodima.workbench.logs.schema import RunLog
@@ -47,15 +46,8 @@ def foxglove_scene(run_log: RunLog) -> Iterator[SceneMessage]:
         run_log: the run.
 
     Raises:
-        LogError: the log cannot be replayed (see `replayable`), or `foxglove_schemas_protobuf` is
-            not installed.
+        LogError: the log cannot be replayed (see `replayable`).
     """
-    try:
-        import foxglove_schemas_protobuf  # noqa: F401
-    except ImportError:
-        raise LogError(
-            "a scene needs foxglove_schemas_protobuf: pip install 'aerodima-workbench[logs]'"
-        ) from None
     builder = DiagramBuilder()
     logged = add_logged_run(builder, run_log)
     diagram = builder.Build()

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.extras import install_command
 from aerodima.workbench.core.ranges import check_range
 
 if TYPE_CHECKING:
@@ -92,8 +93,8 @@ def sliders(function: Callable[..., Any], **ranges: tuple[float, float, float]) 
         from ipywidgets import FloatSlider, interact
     except ImportError:
         print(
-            "sliders need ipywidgets: pip install 'aerodima-workbench[notebooks]'; here with the "
-            "values at the start"
+            f"sliders need ipywidgets: {install_command('notebooks')}; here with the values at the "
+            "start"
         )
         function(**{name: start for name, (_, _, start) in ranges.items()})
         return

@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from functools import cache, partial
-from importlib.util import find_spec
 from pathlib import Path
 
 import matplotlib
@@ -20,6 +19,7 @@ from PIL import Image, ImageDraw, ImageFont
 from aerodima.workbench.car.run_view import Progress
 from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.extras import require
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.view.captions import RESULT_COLOURS, run_caption, state_caption
@@ -176,11 +176,8 @@ def _encoder(path: Path) -> Encoder:
     ending = path.suffix.lower()
     if ending not in _ENCODERS:
         raise UserError(f"--video {path}: ending {path.suffix!r}; must be {', '.join(_ENCODERS)}")
-    if ending == ".mp4" and find_spec("imageio_ffmpeg") is None:
-        raise UserError(
-            f"--video {path}: no encoder for MP4; install it with `pip install "
-            "'aerodima-workbench[video]'`, or write .webp or .gif"
-        )
+    if ending == ".mp4":
+        require("video", f"--video {path}, which may also be .webp or .gif", "imageio_ffmpeg")
     return _ENCODERS[ending]
 
 

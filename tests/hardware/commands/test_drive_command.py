@@ -13,6 +13,7 @@ from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.control.controller_bundle import load_drive, make_bundle
 from aerodima.workbench.control.swing_library import find_swing
 from aerodima.workbench.control.swing_player import SwingPlayer
+from aerodima.workbench.core.extras import install_command
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.swing_file import write_swing
@@ -139,7 +140,7 @@ def test_a_missing_can_library_is_named_with_what_to_install(words):
     )
     done = subprocess.run([sys.executable, "-c", blocked, *words], capture_output=True, text=True)
     assert done.returncode == 2
-    assert "aerodima-workbench[hardware]" in done.stderr.splitlines()[-1]
+    assert install_command("hardware") in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
 
 

@@ -1,6 +1,11 @@
 """What the doctor finds, and what it says when something is missing."""
 
+import tomllib
+from importlib.metadata import PackageNotFoundError, metadata, version
+
 from aerodima.workbench.cli import doctor_commands as doctor
+from aerodima.workbench.core.extras import install_command
+from tests.code_measure import ROOT
 
 
 def finding(subject):
@@ -19,11 +24,25 @@ def test_missing_browser_is_named_but_not_fatal(monkeypatch):
     assert "chromium" in browser.found
 
 
-def test_missing_module_of_an_extra_is_named_with_its_use(monkeypatch):
-    monkeypatch.setattr(doctor, "find_spec", lambda name: None if name == "mcap" else object())
+def test_extras_are_those_of_the_installed_distribution_and_each_has_its_use():
+    extras = metadata("aerodima-workbench").get_all("Provides-Extra")
+    found = [f.subject for f in doctor.examine() if f.subject.startswith("extra ")]
+    assert sorted(found) == sorted(f"extra {extra}" for extra in extras)
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert set(doctor.USES_OF_EXTRAS) == set(declared["optional-dependencies"])
+
+
+def test_missing_package_of_an_extra_is_named_with_its_use(monkeypatch):
+    def version_without_mcap(name):
+        if name == "mcap":
+            raise PackageNotFoundError
+        return version(name)
+
+    monkeypatch.setattr(doctor, "version", version_without_mcap)
     logs = finding("extra logs")
-    assert "mcap" in logs.found
-    assert "aerodima-workbench[logs]" in logs.remedy
+    assert logs.found.endswith("; no mcap")
+    assert "MCAP" in logs.found
+    assert logs.advice == install_command("logs")
     assert finding("extra hardware").ok
 
 

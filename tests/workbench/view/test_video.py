@@ -2,6 +2,7 @@
 missing.
 """
 
+import sys
 from dataclasses import replace
 from functools import partial
 
@@ -10,7 +11,7 @@ import pytest
 from PIL import Image
 
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.view import video
+from aerodima.workbench.core.extras import install_command
 from aerodima.workbench.view.video import FRAMES_PER_SECOND, Film, write_video
 from tests.refusals import assert_refused
 
@@ -85,9 +86,9 @@ def test_mp4_has_every_frame(brief, tmp_path):
 
 
 def test_missing_encoder_is_one_line(brief, tmp_path, monkeypatch):
-    monkeypatch.setattr(video, "find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     work = partial(write_video, {"run": brief["tailed"]}, tmp_path / "run.mp4")
-    assert_refused(work, UserError, "MP4", "aerodima-workbench[video]")
+    assert_refused(work, UserError, "run.mp4", install_command("video"))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from aerodima.workbench.car.reduced.compiled.batch_arrays import attributes
 from aerodima.workbench.core.array_types import BoolArray, FloatArray
+from aerodima.workbench.core.extras import install_command
 
 _COMPILED: dict[tuple[Any, ...], Any] = {}
 """Code by class, shapes and constants of a batch."""
@@ -75,7 +76,8 @@ def _has_llvm() -> bool:
         import llvmlite  # noqa: F401
     except ImportError:
         print(
-            "reduced cars run in NumPy, some 80 times slower: llvmlite is missing (extra: search)",
+            "reduced cars run in NumPy, some 80 times slower, without llvmlite: "
+            f"{install_command('search')}",
             file=sys.stderr,
         )
         return False
