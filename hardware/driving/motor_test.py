@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -88,7 +89,8 @@ def run_motor_test(
         def command(since: float) -> CarCommand:
             target = start + step * min(max(since / _MOVE_TIME, 0.0), 1.0)
             row = np.array([target, 0.0, _KP, _KD, 0.0])
-            return replace(CarCommand(), **{joint: row})
+            joints: dict[str, Any] = {joint: row}
+            return replace(CarCommand(), **joints)
 
         run_cycles(car, command, _MOVE_TIME + _SETTLE_TIME)
         reported = []

@@ -30,8 +30,7 @@ try:
     from aerodima.hardware.transport.serial_link import READ_TIMEOUT, reason_of
 except ImportError:
     raise HardwareError(
-        "the ports of the car need python-can, pyserial and pyubx2: "
-        f"{install_command('hardware')}"
+        f"the ports of the car need python-can, pyserial and pyubx2: {install_command('hardware')}"
     ) from None
 
 BITRATE = 1_000_000

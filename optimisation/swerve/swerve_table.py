@@ -49,8 +49,8 @@ def summarise_swerves(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
     over_ballast = gains_over(table, LOW_BALLAST.name)
     rows: list[Row] = []
     for names, own in table.groupby([*GROUP, "candidate"], sort=False):
-        gains = over_none[own.index].dropna().astype(float)
-        low, high = median_interval(gains.to_numpy(), seed)
+        gains = over_none[own.index].dropna()
+        low, high = median_interval(gains.to_numpy(dtype=np.float64), seed)
         places: dict[str, Any] = dict(zip([*GROUP, "candidate"], names, strict=True))
         rows.append(
             {

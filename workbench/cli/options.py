@@ -198,8 +198,9 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
     groups: dict[str, Any] = {}
     for parameter in _keyword_parameters(command):
         if is_dataclass(parameter.annotation):
-            groups[parameter.name] = parameter.annotation
-            parameters += _keyword_parameters(parameter.annotation)
+            group: Any = parameter.annotation
+            groups[parameter.name] = group
+            parameters += _keyword_parameters(group)
         else:
             parameters.append(parameter)
 

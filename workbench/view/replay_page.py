@@ -156,7 +156,7 @@ def scenario_differences(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
         LogError: fewer than 2 or more than `MAX_RUNS` runs.
     """
     check_range("number of runs", len(run_logs), 2, MAX_RUNS, NO_UNIT, error=LogError)
-    flat = []
+    flat: list[dict[Any, Any]] = []
     for run_log in run_logs:
         (scenario,) = pd.json_normalize(dict(run_log.scenario)).to_dict("records")
         flat.append(scenario | {TAIL_LAW: run_log.extra.get(TAIL_LAW)})
