@@ -36,6 +36,7 @@ EXTRAS = {
     "logs": (
         ("h5py", "MAT files of version 7.3"),
         ("mcap", "MCAP logs"),
+        ("rosbags", "ROS bags"),
         ("mcap_protobuf", "writing MCAP logs"),
         ("foxglove_schemas_protobuf", "the scene in MCAP logs"),
     ),

@@ -172,17 +172,6 @@ def low_pass(
     return np.interp(time, grid, filtered)
 
 
-def resting_line(
-    time: FloatArray, signal: FloatArray, resting: BoolArray
-) -> tuple[float, float, float]:
-    """Fits a line to the resting samples: slope (per s), level at the mean resting time,
-    and that time (s).
-    """
-    centre = float(np.mean(time[resting]))
-    slope, level = np.polyfit(time[resting] - centre, signal[resting], 1)
-    return float(slope), float(level), centre
-
-
 def hold_last(time: FloatArray, sample_time: FloatArray, samples: FloatArray) -> FloatArray:
     """Holds samples (m,) taken at `sample_time` until the next one, at the times `time` (n,); NaN
     before the first.
@@ -214,14 +203,14 @@ class RowUnwrapper:
 
     def __init__(self, columns: Sequence[str]) -> None:
         self._angles = [columns.index(name) for name in UNWRAPPED if name in columns]
-        self._before: list[float] | None = None
+        self._before: FloatArray | None = None
 
     def apply(self, row: np.ndarray) -> np.ndarray:
         """Changes the headings of a row (columns,) in place and returns it."""
+        angles = row[self._angles]
         if self._before is not None:
-            for index, earlier in zip(self._angles, self._before, strict=True):
-                row[index] += 2 * np.pi * round((earlier - row[index]) / (2 * np.pi))
-        self._before = [row[index] for index in self._angles]
+            angles += 2 * np.pi * np.round((self._before - angles) / (2 * np.pi))
+        row[self._angles] = self._before = angles
         return row
 
 
@@ -287,13 +276,14 @@ def remove_drift(
             f"{run_log.name}: no resting part with at least {MIN_REST_SAMPLES} samples, so no "
             f"drift line for {', '.join(columns)}"
         )
+    centre = float(np.mean(time[resting]))
     table = run_log.table.copy()
     notes = []
     for name in columns:
         signal = run_log.signal(name)
         with naming(run_log.name):
             check_signals(time, {name: signal}, largest_step=np.inf)
-        slope, mean, centre = resting_line(time, signal, resting)
+        slope, mean = np.polyfit(time[resting] - centre, signal[resting], 1)
         note = f"drift of {name}: {slope:.3g} per s, {mean:.4g} at rest"
         kept = 0.0
         if level == "keep":
