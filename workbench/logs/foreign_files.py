@@ -118,6 +118,7 @@ class ForeignLog:
         time_of = dict(self.time_of)
         for name, (first, second) in stamps.items():
             date = self._series(first)
+            time_of[name] = time_of.get(first, "")
             if _has_numbers(date):
                 columns[name] = pd.Series(self.numbers(first)) + NANOSECOND * self.numbers(second)
             else:
@@ -382,8 +383,8 @@ def _row(topic: str, message: Any, time: int) -> dict[str, Any]:
     """Makes the row of a message: single values, and the time (ns) at which it was logged, in s."""
     row = {f"{topic}@log_time": time * NANOSECOND}
     for name, value in _leaves(topic, message):
-        if np.size(value) > MAX_COLUMNS:
-            row[name] = f"{np.size(value)} values"
+        if isinstance(value, list) or np.size(value) > MAX_COLUMNS:
+            row[name] = f"{len(value)} values"
         elif isinstance(value, np.ndarray):
             for index, number in np.ndenumerate(value):
                 row[name + "".join(f"({place + 1})" for place in index)] = number

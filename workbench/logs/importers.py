@@ -181,7 +181,9 @@ def _column(
         return np.full(time.size, float(source.constant or 0.0)), False
     factor = source.scale * mapping.unit_factor(name)
     values = factor * (foreign.numbers(source.from_) - source.zero)
-    own = source.time or foreign.time_of.get(source.from_) or mapping.time.from_
+    own = source.time or foreign.time_of.get(source.from_, "")
+    if own in ("", foreign.time_of.get(mapping.time.from_)):  # of the same messages as the rows
+        own = mapping.time.from_
     sample_time = time
     if own != mapping.time.from_:
         unit = source.time_unit or (mapping.time.unit if source.time else "s")
@@ -268,13 +270,12 @@ def _unused(foreign: ForeignLog, mapping: Mapping) -> Findings:
 
 def _from_first_samples(table: pd.DataFrame, held: list[str]) -> tuple[pd.DataFrame, Findings]:
     """Drops the rows before every held column has had a sample."""
-    first = {name: int(table[name].first_valid_index() or 0) for name in held}
-    name = max(first, key=first.__getitem__, default="")
-    start = first.get(name, 0)
+    first = table[held].notna().idxmax()
+    start = int(first.max()) if held else 0
     if start == 0:
         return table, []
     text = f"its first sample is here; the {start} earlier rows of the log are left out"
-    finding = LogFinding(name, float(table[TIME].iloc[start]), text)
+    finding = LogFinding(str(first.idxmax()), float(table[TIME].iloc[start]), text)
     return table.iloc[start:].reset_index(drop=True), [finding]
 
 

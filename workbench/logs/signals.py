@@ -96,8 +96,10 @@ def median_step(time: FloatArray) -> float:
     return float(np.median(np.diff(time)))
 
 
-def check_gaps(time: FloatArray, largest_step: float | None = None) -> None:
-    """Raises LogError with the first step above `largest_step` (s; default 1.5 median steps)."""
+def check_gaps(time: FloatArray, largest_step: float | None = None, column: str = TIME) -> None:
+    """Raises LogError with the first step above `largest_step` (s; default 1.5 median steps)
+    between the samples of a column.
+    """
     steps = np.diff(time)
     if largest_step is None:
         largest_step = GAP_FACTOR * median_step(time)
@@ -105,7 +107,7 @@ def check_gaps(time: FloatArray, largest_step: float | None = None) -> None:
     if wide.size:
         first = wide[0]
         raise LogError(
-            f"column {TIME!r}: {wide.size} gap(s), the first of {steps[first]:.6g} s after "
+            f"column {column!r}: {wide.size} gap(s), the first of {steps[first]:.6g} s after "
             f"{time[first]:g} s; at most {largest_step:.6g} s is allowed"
         )
 
@@ -244,7 +246,7 @@ def fill_gaps(run_log: RunLog, longest: float) -> RunLog:
         signal = run_log.signal(name)
         good = np.isfinite(signal)
         if not good.all():
-            notes.append(_check_nan(run_log, name, good, longest, max_step))
+            notes.append(_check_nan(run_log, name, good, max_step))
         fill = hold_last if _is_held(name) else np.interp
         table[name] = fill(grid, time[good], signal[good])
     return _noted(replace(run_log, table=table), notes)
@@ -339,22 +341,16 @@ def _is_held(column: str) -> bool:
     )
 
 
-def _check_nan(run_log: RunLog, name: str, good: BoolArray, longest: float, max_step: float) -> str:
+def _check_nan(run_log: RunLog, name: str, good: BoolArray, max_step: float) -> str:
     """Notes the NaN of a column; LogError when they last too long or stand at an end."""
-    time = run_log.time
-    lost = time[~good]
-    where = f"{run_log.name}: column {name!r}"
+    lost = run_log.time[~good]
     if not (good[0] and good[-1]):
         raise LogError(
-            f"{where}: not a number at {lost[0]:g} s, with no sample on both sides; cut the log"
+            f"{run_log.name}: column {name!r}: not a number at {lost[0]:g} s, with no sample on "
+            "both sides; cut the log"
         )
-    steps = np.diff(time[good])
-    widest = np.argmax(steps)
-    if steps[widest] > max_step:
-        raise LogError(
-            f"{where}: no numbers for {steps[widest]:.4g} s after {time[good][widest]:g} s; at "
-            f"most {longest:g} s is filled"
-        )
+    with naming(run_log.name):
+        check_gaps(run_log.time[good], max_step, name)
     return f"{lost.size} lost sample(s) of {name} filled, the first at {lost[0]:g} s"
 
 

@@ -78,7 +78,7 @@ def test_a_preamble_of_other_widths_stands_above_names_and_units(tmp_path):
     path = write_csv(tmp_path / "log.csv", [*lines, '"s","km/h"', ""], header=False, t=TIME, v=TIME)
     form = {"skip_lines": 4, "skip_after_names": 2}
     assert len(import_log(path, car_mapping({"from": "t"}, csv=form)).run_log.table) == 200
-    assert_refused(lambda: import_log(path, car_mapping({"from": "t"})), LogError, "csv.skip_lines")
+    assert_refused(lambda: import_log(path, car_mapping({"from": "t"})), LogError, "'t'", "Format")
 
 
 ATTITUDE = {f"imu_{name}_rad": {"from": f"imu.{name}"} for name in ("roll", "pitch", "yaw")}
