@@ -102,7 +102,8 @@ class ForeignLog:
         if factor and series.dtype.kind != "M" and _has_numbers(series):
             return factor * self.numbers(name)
         form = "ISO8601" if factor else unit
-        dates = pd.to_datetime(series, utc=True, format=form, errors="coerce")
+        texts = series.astype(str).str.strip()
+        dates = pd.to_datetime(texts, utc=True, format=form, errors="coerce")
         self._refuse_cells(name, series, dates.isna(), f"a date of the form {form}")
         return np.asarray((dates - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1), float)
 

@@ -44,7 +44,7 @@ DATE, CLOCK = DATES.strftime("%d/%m/%Y"), DATES.strftime("%H:%M:%S.%f")
 @pytest.mark.parametrize(
     ("time", "columns", "more"),
     [
-        ({"from": "a", "unit": "%d/%m/%Y %H:%M:%S.%f"}, {"a": DATE + " " + CLOCK}, {}),
+        ({"from": "a", "unit": "%d/%m/%Y %H:%M:%S.%f"}, {"a": DATE + " " + CLOCK + " "}, {}),
         ({"from": "stamp", "unit": "%d/%m/%Y %H:%M:%S.%f"}, {"a": DATE, "b": CLOCK}, PAIR),
         ({"from": "stamp"}, {"a": DATES.strftime("%Y-%m-%d"), "b": CLOCK}, PAIR),
         ({"from": "stamp"}, {"a": START + TIME // 1, "b": (TIME % 1 * 1e9).round()}, PAIR),
