@@ -159,10 +159,16 @@ def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, F
     if all(mapping.columns[name].constant is not None for name in columns if name != TIME):
         raise LogError(f"{foreign.path}: none of the mapped columns is there; it has {there}")
     findings += _unused(foreign, mapping)
-    table, late = _from_first_samples(pd.DataFrame(columns), held)
+    table = pd.DataFrame(columns)
+    first = table[held].notna().idxmax()  # row of the first sample of each
+    start = int(first.max()) if held else 0
+    if start:
+        text = f"its first sample is here; the {start} earlier rows of the log are left out"
+        findings.append(LogFinding(str(first.idxmax()), float(time[start]), text))
+        table = table.iloc[start:].reset_index(drop=True)
     if mapping.time.starts_at is not None:
         table[TIME] += mapping.time.starts_at - table[TIME].iloc[0]
-    return table, [*findings, *late]
+    return table, findings
 
 
 def _column(
@@ -266,17 +272,6 @@ def _unused(foreign: ForeignLog, mapping: Mapping) -> Findings:
         text = f"columns of the file that are not in the mapping: {unused}"
         findings.append(LogFinding("", None, text))
     return findings
-
-
-def _from_first_samples(table: pd.DataFrame, held: list[str]) -> tuple[pd.DataFrame, Findings]:
-    """Drops the rows before every held column has had a sample."""
-    first = table[held].notna().idxmax()
-    start = int(first.max()) if held else 0
-    if start == 0:
-        return table, []
-    text = f"its first sample is here; the {start} earlier rows of the log are left out"
-    finding = LogFinding(str(first.idxmax()), float(table[TIME].iloc[start]), text)
-    return table.iloc[start:].reset_index(drop=True), [finding]
 
 
 def _metadata(mapping: Mapping, files: list[str], findings: Findings) -> Json:

@@ -36,6 +36,8 @@ MIN_REST_SAMPLES = 10
 REST = "rest_s"
 """Key in a log's `extra`: first and last time of its rest phase, s; a cut moves it with the times
 of the log."""
+HELD = ("status_", "speed_", "planned_", "controller_")
+"""Beginnings of the names of states and held samples, which are not interpolated."""
 UNWRAPPED = ("yaw_truth_rad", "imu_yaw_rad")
 """Headings that are unwrapped, so that they can be subtracted."""
 
@@ -246,8 +248,17 @@ def fill_gaps(run_log: RunLog, longest: float) -> RunLog:
         signal = run_log.signal(name)
         good = np.isfinite(signal)
         if not good.all():
-            notes.append(_check_nan(run_log, name, good, max_step))
-        fill = hold_last if _is_held(name) else np.interp
+            lost = time[~good]
+            if not (good[0] and good[-1]):
+                raise LogError(
+                    f"{run_log.name}: column {name!r}: not a number at {lost[0]:g} s, with no "
+                    "sample on both sides; cut the log"
+                )
+            with naming(run_log.name):
+                check_gaps(time[good], max_step, name)
+            notes.append(f"{lost.size} lost sample(s) of {name} filled, the first at {lost[0]:g} s")
+        is_held = "_command" in name or name.startswith(HELD)
+        fill = hold_last if is_held else np.interp
         table[name] = fill(grid, time[good], signal[good])
     return _noted(replace(run_log, table=table), notes)
 
@@ -332,26 +343,6 @@ def _noted(run_log: RunLog, notes: Sequence[str]) -> RunLog:
         entries.append({"notes": list(notes)})
         run_log = replace(run_log, extra={**run_log.extra, "conditioning": entries})
     return run_log
-
-
-def _is_held(column: str) -> bool:
-    """Says whether a column is a command, state or held sample, which is not interpolated."""
-    return "_command" in column or column.startswith(
-        ("status_", "speed_", "planned_", "controller_")
-    )
-
-
-def _check_nan(run_log: RunLog, name: str, good: BoolArray, max_step: float) -> str:
-    """Notes the NaN of a column; LogError when they last too long or stand at an end."""
-    lost = run_log.time[~good]
-    if not (good[0] and good[-1]):
-        raise LogError(
-            f"{run_log.name}: column {name!r}: not a number at {lost[0]:g} s, with no sample on "
-            "both sides; cut the log"
-        )
-    with naming(run_log.name):
-        check_gaps(run_log.time[good], max_step, name)
-    return f"{lost.size} lost sample(s) of {name} filled, the first at {lost[0]:g} s"
 
 
 @contextmanager
