@@ -1,4 +1,4 @@
-"""Logs in other programs' files as named columns of numbers: CSV, Parquet, MAT and MCAP.
+"""Logs in other programs' files as named columns of numbers: CSV, Parquet, MAT, MCAP, ROS bags.
 
 They are in whatever unit and rate they were written; `logs.importers` makes a run log of them. MAT
 files of version 5 to 7 are read with SciPy, of version 7.3, which is HDF5, with h5py (extra
@@ -9,11 +9,12 @@ Objects such as `timeseries` are stored in a form that only MATLAB reads.
 MCAP files (https://mcap.dev, extra `logs`) are read where their messages are JSON: a number becomes
 the column `<topic>.<field>`, one in a list `<topic>.<field>(1)`. The times at which a topic was
 logged are the column `<topic>@log_time`, those at which it was published `<topic>@publish_time`,
-both s.
+both s. The same holds for bags of ROS 1 and ROS 2, also in MCAP, which rosbags reads (extra
+`logs`). Elements of a list of structs or messages are the rows of one table.
 
 What is no number (text, objects, lists of any length) is listed as unreadable with the reason.
-Checksums of a file are compared. What a parser raises of a damaged file, `logs.importers` turns
-into one error.
+Checksums of a file, where it has any, are compared. What a parser raises of a damaged file,
+`logs.importers` turns into one error.
 """
 
 import json
@@ -207,7 +208,7 @@ def read_csv(path: Path, form: CsvFormat) -> ForeignLog:
             f"{form.delimiter!r} right?"
         )
     if form.names == ():
-        table.columns += 1
+        table.columns = pd.RangeIndex(1, 1 + table.shape[1])
     columns = {str(name).strip(): column for name, column in table.items()}
     if form.names is None:
         _refuse_values(path, list(columns))
@@ -382,7 +383,7 @@ def read_bag(path: Path) -> ForeignLog:
 
 def _row(topic: str, message: Any, time: int) -> dict[str, Any]:
     """Makes the row of a message: single values, and the time (ns) at which it was logged, in s."""
-    row = {f"{topic}@log_time": time * NANOSECOND}
+    row: dict[str, Any] = {f"{topic}@log_time": time * NANOSECOND}
     for name, value in _leaves(topic, message):
         if isinstance(value, list) or np.size(value) > MAX_COLUMNS:
             row[name] = f"{len(value)} values"
