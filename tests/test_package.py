@@ -24,7 +24,7 @@ CORE = {
 }  # fmt: skip
 HEAVY = (
     "pydrake", "numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pydantic", "dask", "can",
-    "yaml", "rich", "jinja2",
+    "yaml", "rich", "jinja2", "rosbags",
 )  # fmt: skip
 
 

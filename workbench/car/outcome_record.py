@@ -24,7 +24,7 @@ from aerodima.workbench.car.turn_signals import settled_row
 from aerodima.workbench.car.verdict import CALM_FOR, CALM_SPIN
 from aerodima.workbench.control.manoeuvre import run_time
 from aerodima.workbench.core.array_types import BoolArray, FloatArray, IntArray
-from aerodima.workbench.core.elementwise import rotation_rows
+from aerodima.workbench.core.elementwise import roll_pitch_yaw, rotation_rows
 from aerodima.workbench.core.event_order import row_period
 from aerodima.workbench.core.port_wiring import add_and_connect, add_selector, vector_of
 from aerodima.workbench.scenario.scenario import Scenario
@@ -182,13 +182,13 @@ class OutcomeRecord:
         R_WB: Any = rotation_rows(state[self._quaternion])
         motion = ChassisMotion(R_WB, velocity[:3], change[:3], change[3:])
         gyro, acceleration = felt_at(motion, (self._scenario.imu.x, 0.0, self._scenario.imu.z))
-        up = R_WB[2]
+        roll, pitch, yaw = roll_pitch_yaw(R_WB)
         columns = [
             *state[self._position],
-            np.arctan2(up[1], up[2]),
-            np.arcsin(np.clip(-up[0], -1.0, 1.0)),
-            np.unwrap(np.arctan2(R_WB[1][0], R_WB[0][0])),
-            np.arccos(np.clip(up[2], -1.0, 1.0)),
+            roll,
+            pitch,
+            np.unwrap(yaw),
+            np.arccos(np.clip(R_WB[2][2], -1.0, 1.0)),
             *in_body(R_WB, velocity[3:]),
             *gyro,
             *acceleration,

@@ -32,7 +32,7 @@ USES_OF_EXTRAS = {
     "calibration": "`aerodima calibrate`",
     "console": "the operator's page",
     "hardware": "the real car and the emulated one",
-    "logs": "MAT files of version 7.3, MCAP logs and their scene",
+    "logs": "MAT files of version 7.3, MCAP logs and their scene, bags of ROS",
     "notebooks": "the notebooks",
     "search": "compiled steps of reduced cars, 80 times faster",
     "video": "MP4 videos",

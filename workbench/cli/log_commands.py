@@ -85,7 +85,7 @@ def import_(
     files: Annotated[
         list[Path],
         typer.Argument(
-            help="Foreign log: CSV, Parquet, MAT or MCAP; several files when they share a clock."
+            help="Foreign log: CSV, Parquet, MAT, MCAP or ROS bag; several files of one run."
         ),
     ],
     out: cli.LogOut,
@@ -97,6 +97,8 @@ def import_(
     Gaps, NaN and whatever else is odd are printed, and kept in its metadata.
 
     Example: aerodima log import swing.csv --mapping rig.yaml --out swing.parquet
+
+    Example: aerodima log import drive.bag --mapping ros.yaml --out drive.parquet
     """
     from aerodima.workbench.logs.importers import import_log
     from aerodima.workbench.logs.mapping import load_mapping

@@ -64,3 +64,12 @@ def rotation_rows(quaternion: Any) -> tuple[Any, Any, Any]:
     second = (scale * (xy + wz), 1.0 - scale * (xx + zz), scale * (yz - wx))
     third = (scale * (xz - wy), scale * (yz + wx), 1.0 - scale * (xx + yy))
     return first, second, third
+
+
+def roll_pitch_yaw(rows: Any) -> tuple[Any, Any, Any]:
+    """Computes roll, pitch and yaw, rad, of the rows of a rotation matrix Rz(yaw) Ry(pitch)
+    Rx(roll); pitch is within a quarter turn.
+    """
+    up = rows[2]
+    pitch = np.arcsin(np.clip(-up[0], -1.0, 1.0))
+    return np.arctan2(up[1], up[2]), pitch, np.arctan2(rows[1][0], rows[0][0])

@@ -1,4 +1,4 @@
-"""Logs in other programs' files as named columns of numbers: CSV, Parquet, MAT and MCAP.
+"""Logs in other programs' files as named columns of numbers: CSV, Parquet, MAT, MCAP, ROS bags.
 
 They are in whatever unit and rate they were written; `logs.importers` makes a run log of them. MAT
 files of version 5 to 7 are read with SciPy, of version 7.3, which is HDF5, with h5py (extra
@@ -9,22 +9,21 @@ Objects such as `timeseries` are stored in a form that only MATLAB reads.
 MCAP files (https://mcap.dev, extra `logs`) are read where their messages are JSON: a number becomes
 the column `<topic>.<field>`, one in a list `<topic>.<field>(1)`. The times at which a topic was
 logged are the column `<topic>@log_time`, those at which it was published `<topic>@publish_time`,
-both s.
+both s. The same holds for bags of ROS 1 and ROS 2, also in MCAP, which rosbags reads (extra
+`logs`). Elements of a list of structs or messages are the rows of one table.
 
 What is no number (text, objects, lists of any length) is listed as unreadable with the reason.
-Checksums of a file are compared. What a parser raises of a damaged file, `logs.importers` turns
-into one error.
+Checksums of a file, where it has any, are compared. What a parser raises of a damaged file,
+`logs.importers` turns into one error.
 """
 
 import json
 import re
 import warnings
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from functools import partial
-from operator import itemgetter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
@@ -33,11 +32,12 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.elementwise import roll_pitch_yaw, rotation_rows
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.core.extras import require
 from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.logs.hdf5_reading import read_hdf5
-from aerodima.workbench.logs.mapping import CsvFormat
+from aerodima.workbench.logs.mapping import CsvFormat, time_factor
 
 Columns = dict[str, pd.Series]
 """Values by the name of the column."""
@@ -48,6 +48,8 @@ MAX_COLUMNS = 64
 numbers is a picture or a table of something else, not a log."""
 MAX_TEXT_LOG = 4 * 2**30
 """Size of the longest CSV that is read, bytes."""
+MAX_LENGTH_ERROR = 0.05
+"""How much the length of a quaternion may differ from 1."""
 NANOSECOND = 1e-9
 """One nanosecond, s."""
 _NAN = ("NaN", "nan", "NAN", "NA", "null", "")
@@ -83,38 +85,66 @@ class ForeignLog:
                 number (names its row, from 1).
         """
         series = self._series(name)
-        if series.dtype.kind in "fiub":
-            return series.to_numpy(float)
-        if series.dtype.kind in "mM":
-            raise LogError(
-                f"{self.path}: column {name!r}: dates or durations, not numbers; map it as a `time`"
-            )
         numbers = pd.to_numeric(series, errors="coerce")
-        bad = np.flatnonzero(numbers.isna() & series.notna() & ~series.isin(_NAN))
-        if bad.size:
-            text = str(series.iloc[bad[0]])
-            raise LogError(
-                f"{self.path}: column {name!r}: {text!r} in row {bad[0] + 1} is not a number"
-            )
+        bad = numbers.isna() & ~series.isin(_NAN)
+        self._refuse_cells(name, series, bad | (series.dtype.kind in "mM"), "a number")
         return numbers.to_numpy(float)
 
-    def times(self, name: str, unit: float) -> FloatArray:
-        """Reads a column of times, s: numbers in a unit of so many seconds; durations, and dates
-        (ISO 8601) since 1970, have their own.
+    def times(self, name: str, unit: str) -> FloatArray:
+        """Reads a column of times, s: numbers in a unit, or durations; dates, which are ISO 8601
+        unless the unit is their form (`%d.%m.%Y %H:%M:%S`), count since 1970, UTC.
+
+        Raises:
+            LogError: as `numbers`; a cell that is no date of this form (names its row, from 1).
         """
         series = self._series(name)
         if series.dtype.kind == "m":
             return series.dt.total_seconds().to_numpy(float)
-        try:
-            return unit * self.numbers(name)
-        except LogError as error:
-            form = None if series.dtype.kind == "M" else "ISO8601"
-            try:
-                dates = pd.to_datetime(series, utc=True, format=form)
-            except (ValueError, TypeError):
-                raise error from None
-        seconds = (dates - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1)
-        return np.asarray(seconds, float)
+        factor = time_factor(unit, name)
+        if factor and series.dtype.kind != "M" and _has_numbers(series):
+            return factor * self.numbers(name)
+        form = "ISO8601" if factor else unit
+        texts = series.astype(str).str.strip()
+        dates = pd.to_datetime(texts, utc=True, format=form, errors="coerce")
+        self._refuse_cells(name, series, dates.isna(), f"a date of the form {form}")
+        return np.asarray((dates - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1), float)
+
+    def combined(
+        self, stamps: Mapping[str, Sequence[str]], quaternions: Mapping[str, Sequence[str]]
+    ) -> Self:
+        """Adds the columns that are made of several, `Mapping.stamps` and `Mapping.quaternions`.
+
+        Raises:
+            LogError: as `numbers`; a quaternion whose length is not 1 (names its row, from 1).
+        """
+        columns = dict(self.columns)
+        time_of = dict(self.time_of)
+        for name, (first, second) in stamps.items():
+            date = self._series(first)
+            time_of[name] = time_of.get(first, "")
+            if _has_numbers(date):
+                columns[name] = pd.Series(self.numbers(first)) + NANOSECOND * self.numbers(second)
+            else:
+                columns[name] = date.astype(str) + " " + self._series(second).astype(str)
+        for name, parts in quaternions.items():
+            quaternion = pd.DataFrame({part: pd.Series(self.numbers(part)) for part in parts})
+            length = pd.Series(np.linalg.norm(quaternion, axis=1))
+            off = (length - 1.0).abs() > MAX_LENGTH_ERROR
+            self._refuse_cells(name, length, off, "1, the length of a quaternion")
+            angles = roll_pitch_yaw(rotation_rows(quaternion.to_numpy().T))
+            for angle, values in zip(("roll", "pitch", "yaw"), angles, strict=True):
+                columns[f"{name}.{angle}"] = pd.Series(values)
+                time_of[f"{name}.{angle}"] = time_of.get(parts[0], "")
+        return replace(self, columns=columns, time_of=time_of)
+
+    def _refuse_cells(self, name: str, series: pd.Series, bad: pd.Series, kind: str) -> None:
+        """Raises LogError for the first `bad` cell that is not empty."""
+        rows = np.flatnonzero(bad & series.notna())
+        if rows.size:
+            raise LogError(
+                f"{self.path}: column {name!r}: {str(series.iloc[rows[0]])!r} in row "
+                f"{rows[0] + 1} is not {kind}"
+            )
 
     def _series(self, name: str) -> pd.Series:
         if name in self.unreadable:
@@ -124,21 +154,22 @@ class ForeignLog:
         return self.columns[name]
 
 
+def _has_numbers(series: pd.Series) -> bool:
+    """Says whether any cell is a number, or a text that is one."""
+    return bool(pd.to_numeric(series, errors="coerce").notna().any())
+
+
 def joined(logs: list[ForeignLog]) -> ForeignLog:
     """Joins files of one run: the columns of the second are called `2:<name>`, and so on."""
-    whole = logs[0]
-    for number, log in enumerate(logs[1:], start=2):
-        prefix = f"{number}:"
-        columns = {prefix + name: series for name, series in log.columns.items()}
-        time_of = {prefix + name: prefix + time for name, time in log.time_of.items()}
-        unreadable = {prefix + name: reason for name, reason in log.unreadable.items()}
-        whole = ForeignLog(
-            f"{whole.path} + {log.path}",
-            {**whole.columns, **columns},
-            {**whole.time_of, **time_of},
-            {**whole.unreadable, **unreadable},
-        )
-    return whole
+    columns: Columns = {}
+    time_of: Texts = {}
+    unreadable: Texts = {}
+    for number, log in enumerate(logs, 1):
+        prefix = f"{number}:" if number > 1 else ""
+        columns |= {prefix + name: series for name, series in log.columns.items()}
+        time_of |= {prefix + name: prefix + time for name, time in log.time_of.items()}
+        unreadable |= {prefix + name: reason for name, reason in log.unreadable.items()}
+    return ForeignLog(" + ".join(log.path for log in logs), columns, time_of, unreadable)
 
 
 def read_csv(path: Path, form: CsvFormat) -> ForeignLog:
@@ -149,30 +180,22 @@ def read_csv(path: Path, form: CsvFormat) -> ForeignLog:
     """
     if path.stat().st_size > MAX_TEXT_LOG:
         raise LogError(f"{path}: longer than {MAX_TEXT_LOG // 2**30} GiB; cut it into parts")
-    read: Any = partial(
-        pd.read_csv,
-        path,
-        sep=form.delimiter,
-        decimal=form.decimal,
-        comment=form.comment,
-        encoding=form.encoding,
-        skipinitialspace=True,
-        index_col=False,
-    )
-    start = form.skip_lines
-    first = start
-    if form.names is None:
-        first = start + 1
-        head = read(header=None, skiprows=start, nrows=1, dtype=str, keep_default_na=False)
-        _refuse_values(path, [cell.strip() for cell in head.iloc[0]])
-    skipped = [*range(start), *range(first, first + form.skip_after_names)]
+    first = form.skip_lines + (form.names is None)
+    skipped = [*range(form.skip_lines), *range(first, first + form.skip_after_names)]
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # values would be dropped
-            table = read(
+            table = pd.read_csv(
+                path,
+                sep=form.delimiter,
+                decimal=form.decimal,
+                comment=form.comment,
+                encoding=form.encoding,
                 header=0 if form.names is None else None,
-                names=form.names,
+                names=form.names or None,
                 skiprows=skipped,
+                skipinitialspace=True,
+                index_col=False,
                 low_memory=False,
             )
     except pd.errors.ParserWarning as cause:
@@ -185,7 +208,12 @@ def read_csv(path: Path, form: CsvFormat) -> ForeignLog:
             f"{path}: one column only, {str(table.columns[0])!r}; is `csv.delimiter` "
             f"{form.delimiter!r} right?"
         )
-    return ForeignLog(str(path), {str(name).strip(): table[name] for name in table.columns})
+    if form.names == ():
+        table.columns = pd.RangeIndex(1, 1 + table.shape[1])
+    columns = {str(name).strip(): column for name, column in table.items()}
+    if form.names is None:
+        _refuse_values(path, list(columns))
+    return ForeignLog(str(path), columns)
 
 
 def _refuse_values(path: Path, names: list[str]) -> None:
@@ -231,7 +259,7 @@ def read_mat(path: Path) -> ForeignLog:
         struct = loadmat(path, simplify_cells=True)
     columns: Columns = {}
     unreadable: Texts = {}
-    for name, value in _walk("", struct):
+    for name, value in _leaves("", struct):
         kind = "O" if isinstance(value, list) else np.asarray(value).dtype.kind
         if kind not in "fiub":
             reasons = {"U": "text", "S": "text", "c": "complex numbers; save their parts"}
@@ -261,15 +289,31 @@ def _vectors(name: str, value: NDArray) -> Columns:
     return {f"{name}({number})": pd.Series(column) for number, column in enumerate(value.T, 1)}
 
 
-def _walk(prefix: str, struct: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Walks over the leaves of a struct, with their names."""
-    for key, value in struct.items():
-        if key.startswith(("__", "#")):
-            continue
-        if isinstance(value, dict):
-            yield from _walk(f"{prefix}{key}.", value)
+def _leaves(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """Walks over the leaves of a struct or message, with their names.
+
+    Of a list of structs a leaf is that of all of them. Numbers and vectors of one length become an
+    array; other elements of a list are numbered, `data.force(2)`.
+    """
+    if isinstance(value, np.ndarray) and value.dtype == object:
+        value = value.ravel("F").tolist()
+    if isinstance(value, list):
+        parts = [getattr(part, "__dict__", part) for part in value]
+        if all(isinstance(part, dict) for part in parts):
+            value = pd.DataFrame(parts).to_dict("list")
         else:
-            yield prefix + key, value
+            try:
+                value = np.array(value, float)
+            except (TypeError, ValueError):
+                if len(value) <= MAX_COLUMNS:
+                    value = {f"({number})": part for number, part in enumerate(value, 1)}
+    value = getattr(value, "__dict__", value)
+    if isinstance(value, dict):
+        for key, part in value.items():
+            if not key.startswith(("__", "#")):
+                yield from _leaves(f"{name}.{key}".removeprefix(".").replace(".(", "("), part)
+    else:
+        yield name, value
 
 
 def read_mcap(path: Path) -> ForeignLog:
@@ -282,7 +326,7 @@ def read_mcap(path: Path) -> ForeignLog:
         LogError: a package is not installed, a message is missing.
     """
     require("logs", path, "mcap", error=LogError)
-    from mcap.records import Channel, Message, Statistics
+    from mcap.records import Channel, Header, Message, Statistics
     from mcap.stream_reader import StreamReader
 
     unreadable: Texts = {}
@@ -292,55 +336,89 @@ def read_mcap(path: Path) -> ForeignLog:
     with open(path, "rb") as stream:
         reader = StreamReader(stream, validate_crcs=True, record_size_limit=path.stat().st_size)
         for record in reader.records:
+            if isinstance(record, Header) and record.profile == "ros2":
+                return read_bag(path)
             if isinstance(record, Channel):
                 channels[record.id] = record
                 if record.message_encoding != "json":
-                    reason = f"its messages are {record.message_encoding!r}; read are 'json'"
+                    reason = f"its messages are {record.message_encoding!r}; must be 'json'"
                     unreadable[record.topic] = reason
             elif isinstance(record, Message):
                 count += 1
                 topic = channels[record.channel_id].topic
                 if topic not in unreadable:
-                    row = {
-                        topic: json.loads(record.data),
-                        f"{topic}@log_time": record.log_time * NANOSECOND,
-                        f"{topic}@publish_time": record.publish_time * NANOSECOND,
-                    }
+                    row = _row(topic, json.loads(record.data), record.log_time)
+                    row[f"{topic}@publish_time"] = record.publish_time * NANOSECOND
                     messages.setdefault(topic, []).append(row)
-            elif isinstance(record, Statistics) and record.message_count != count:
-                raise LogError(
-                    f"{path}: {count} messages are there of {record.message_count} that were "
-                    "written; it is damaged, copy it again"
-                )
+            elif isinstance(record, Statistics):
+                _refuse_lost(path, count, record.message_count)
+    return _of_topics(path, messages, unreadable)
+
+
+def read_bag(path: Path) -> ForeignLog:
+    """Reads the columns of a ROS bag: a file of ROS 1, or of ROS 2 a file or the folder that holds
+    its `metadata.yaml`. Types that the bag does not define are those of ROS 2 itself.
+
+    Raises:
+        LogError: rosbags is not installed, a message is missing.
+    """
+    require("logs", path, "rosbags", error=LogError)
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    unreadable: Texts = {}
+    messages: dict[str, list[dict[str, Any]]] = {}
+    count = 0
+    with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+        for connection, time, data in reader.messages():
+            count += 1
+            topic, kind = connection.topic, connection.msgtype
+            if kind in reader.typestore.fielddefs:
+                row = _row(topic, reader.deserialize(data, kind), time)
+                messages.setdefault(topic, []).append(row)
+            else:
+                unreadable[topic] = f"the bag does not define its type {kind}"
+        _refuse_lost(path, count, reader.message_count)
+    return _of_topics(path, messages, unreadable)
+
+
+def _row(topic: str, message: Any, time: int) -> dict[str, Any]:
+    """Makes the row of a message: single values, and the time (ns) at which it was logged, in s."""
+    row: dict[str, Any] = {f"{topic}@log_time": time * NANOSECOND}
+    for name, value in _leaves(topic, message):
+        if isinstance(value, list) or np.size(value) > MAX_COLUMNS:
+            row[name] = f"{len(value)} values"
+        elif isinstance(value, np.ndarray):
+            for index, number in np.ndenumerate(value):
+                row[name + "".join(f"({place + 1})" for place in index)] = number
+        else:
+            row[name] = value
+    return row
+
+
+def _refuse_lost(path: Path, count: int, written: int) -> None:
+    """Raises LogError unless as many messages are there as were written."""
+    if count != written:
+        raise LogError(
+            f"{path}: {count} messages are there of {written} that were written; it is damaged, "
+            "copy it again"
+        )
+
+
+def _of_topics(
+    path: Path, messages: Mapping[str, list[dict[str, Any]]], unreadable: Texts
+) -> ForeignLog:
+    """Makes the columns of the messages of each topic, in the order of their times."""
     columns: Columns = {}
     time_of: Texts = {}
     for topic, rows in messages.items():
         time = f"{topic}@log_time"
-        rows.sort(key=itemgetter(time))
-        numbers: Columns = {}
-        _add_numbers(pd.json_normalize(rows), numbers, unreadable)
-        columns |= numbers
-        time_of |= dict.fromkeys(numbers, time)
-    return ForeignLog(str(path), columns, time_of, unreadable)
-
-
-def _add_numbers(table: pd.DataFrame, columns: Columns, unreadable: Texts) -> None:
-    """Adds every column with a number, those of a list by their places; the others to those that
-    cannot be read. A number that JSON has not may be text, "NaN".
-    """
-    for name, values in table.items():
-        cells = values.map(lambda value: str(value) if isinstance(value, dict) else value)
-        if cells.map(lambda cell: isinstance(cell, list)).any():
-            lists = pd.DataFrame([cell if isinstance(cell, list) else [cell] for cell in cells])
-            width = lists.shape[1]
-            lists.columns = [f"{name}({number})" for number in range(1, width + 1)]
-            if width <= MAX_COLUMNS:
-                _add_numbers(lists, columns, unreadable)
+        table = pd.DataFrame(rows).sort_values(time, kind="stable", ignore_index=True)
+        for name, values in table.items():
+            stated = values.dropna()
+            if stated.empty or _has_numbers(stated):
+                columns[str(name)] = values
+                time_of[str(name)] = time
             else:
-                unreadable[str(name)] = f"lists of up to {width} values"
-            continue
-        stated = cells.dropna()
-        if stated.empty or pd.to_numeric(stated, errors="coerce").notna().any():
-            columns[str(name)] = cells
-        else:
-            unreadable[str(name)] = f"no number, but {stated.iloc[0]!r}"
+                unreadable[str(name)] = f"no number, but {stated.iloc[0]!r}"
+    return ForeignLog(str(path), columns, time_of, unreadable)

@@ -6,12 +6,10 @@
 import pickle
 import subprocess
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 MAX_DEFLATION = 1032
 """Most bytes that a compressed one of HDF5 stands for."""
@@ -22,7 +20,7 @@ _TIMEOUT = 600.0
 
 
 def read_hdf5(path: Path) -> dict[str, Any]:
-    """Reads groups as dicts, and datasets as `_content` gives them.
+    """Reads the file as `_content` gives it.
 
     Raises:
         ValueError: what the library says of a damaged file, or that it crashed.
@@ -37,28 +35,24 @@ def read_hdf5(path: Path) -> dict[str, Any]:
     return content
 
 
-def _contents(group: Mapping[str, Any]) -> dict[str, Any]:
-    """Reads all that is in a group."""
-    contents: dict[str, Any] = {}
-    for name, value in group.items():
-        if hasattr(value, "items"):
-            contents[name] = _contents(value)
-        else:
-            contents[name] = _content(value)
-    return contents
+def _content(dataset: Any, follow: bool = True) -> Any:
+    """Reads a group as a dict, and a dataset: its numbers, "" for a text, None for an object.
 
-
-def _content(dataset: Any) -> NDArray | str | None:
-    """Reads a dataset: its numbers, "" for a text, None for an object.
+    References, of which cells and struct arrays are made, become a list of what they lead to; those
+    behind a reference are not followed.
 
     It keeps MATLAB's order of the numbers, so that rows and columns are exchanged. ValueError for
     one that states a size which the bytes in the file cannot have.
     """
+    if hasattr(dataset, "items"):
+        return {name: _content(value, follow) for name, value in dataset.items()}
     stored = dataset.id.get_storage_size()
     if dataset.nbytes > max(MAX_UNSTORED, MAX_DEFLATION * stored):
         raise ValueError(f"{dataset.name} states {dataset.nbytes} bytes, the file holds {stored}")
     if dataset.attrs.get("MATLAB_class") == b"char":
         return ""
+    if dataset.dtype.metadata and follow:
+        return [_content(dataset.file[to], follow=False) for to in np.ravel(dataset)]
     if dataset.dtype.kind not in "fiub" or "MATLAB_object_decode" in dataset.attrs:
         return None
     if "MATLAB_empty" in dataset.attrs:
@@ -71,7 +65,7 @@ def main() -> None:
     import h5py
 
     with h5py.File(sys.argv[1], "r") as file:
-        pickle.dump(_contents(file), sys.stdout.buffer)
+        pickle.dump(_content(file), sys.stdout.buffer)
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from aerodima.workbench.core.file_reading import Json, reading
 from aerodima.workbench.logs.foreign_files import (
     ForeignLog,
     joined,
+    read_bag,
     read_csv,
     read_mat,
     read_mcap,
@@ -37,7 +38,6 @@ from aerodima.workbench.logs.mapping import (
     CsvFormat,
     Mapping,
     known_columns,
-    unit_factor,
 )
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 from aerodima.workbench.logs.signals import (
@@ -57,6 +57,9 @@ _READERS: dict[str, Callable[[Path], ForeignLog]] = {
     ".parquet": read_parquet,
     ".mat": read_mat,
     ".mcap": read_mcap,
+    ".bag": read_bag,
+    ".db3": read_bag,
+    "/": read_bag,
 }
 _REMEDY = "; is it cut off or damaged? Of a text: is it written as `csv` in the mapping says?"
 _EQUAL_TIMES = " (`time.repeated: first`, or last, in the mapping keeps one of equal times)"
@@ -85,7 +88,11 @@ def import_log(paths: Sequence[Path | str] | Path | str, mapping: Mapping) -> Im
     if isinstance(paths, str | Path):
         paths = [paths]
     files = [Path(path) for path in paths]
+    for number in mapping.time.offsets:
+        if not 2 <= number <= len(files):
+            raise LogError(f"mapping: time.offsets: {number}: must be from 2 to {len(files)} files")
     foreign = joined([read_foreign_log(file, mapping.csv) for file in files])
+    foreign = foreign.combined(mapping.stamps, mapping.quaternions)
     table, findings = mapped_table(foreign, mapping)
     units = {name: column.unit for name, column in known_columns().items()}
     largest = {name: source.largest for name, source in mapping.columns.items()}
@@ -98,14 +105,15 @@ def import_log(paths: Sequence[Path | str] | Path | str, mapping: Mapping) -> Im
 
 
 def read_foreign_log(path: Path, csv: CsvFormat) -> ForeignLog:
-    """Reads a file by its ending: .csv, .txt, .tsv, .parquet, .mat, .mcap.
+    """Reads a file by its ending: .csv, .txt, .tsv, .parquet, .mat, .mcap, .bag, .db3; or the
+    folder of a bag of ROS 2.
 
     Raises:
         LogError: missing, of another kind, damaged, or an optional package is not installed (names
             the extra).
     """
-    suffix = path.suffix.lower()
-    if not path.is_file():
+    suffix = "/" if path.is_dir() else path.suffix.lower()
+    if not path.exists():
         raise LogError(f"{path}: no such file")
     readers = _READERS | dict.fromkeys(_TEXT_FILES, partial(read_csv, form=csv))
     if suffix not in readers:
@@ -151,10 +159,16 @@ def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, F
     if all(mapping.columns[name].constant is not None for name in columns if name != TIME):
         raise LogError(f"{foreign.path}: none of the mapped columns is there; it has {there}")
     findings += _unused(foreign, mapping)
-    table, late = _from_first_samples(pd.DataFrame(columns), held)
+    table = pd.DataFrame(columns)
+    first = table[held].notna().idxmax()  # row of the first sample of each
+    start = int(first.max()) if held else 0
+    if start:
+        text = f"its first sample is here; the {start} earlier rows of the log are left out"
+        findings.append(LogFinding(str(first.idxmax()), float(time[start]), text))
+        table = table.iloc[start:].reset_index(drop=True)
     if mapping.time.starts_at is not None:
         table[TIME] += mapping.time.starts_at - table[TIME].iloc[0]
-    return table, [*findings, *late]
+    return table, findings
 
 
 def _column(
@@ -173,7 +187,9 @@ def _column(
         return np.full(time.size, float(source.constant or 0.0)), False
     factor = source.scale * mapping.unit_factor(name)
     values = factor * (foreign.numbers(source.from_) - source.zero)
-    own = source.time or foreign.time_of.get(source.from_) or mapping.time.from_
+    own = source.time or foreign.time_of.get(source.from_, "")
+    if own in ("", foreign.time_of.get(mapping.time.from_)):  # of the same messages as the rows
+        own = mapping.time.from_
     sample_time = time
     if own != mapping.time.from_:
         unit = source.time_unit or (mapping.time.unit if source.time else "s")
@@ -199,6 +215,11 @@ def _column(
         return np.full(time.size, np.nan), True
     if sample_time.size < 2:
         raise LogError(f"{where}: {sample_time.size} sample(s), at least 2 are needed")
+    if sample_time[-1] < time[0] or time[-1] < sample_time[0]:
+        raise LogError(
+            f"{where}: its times, from {sample_time[0]:.10g} s, do not meet those of the log, from "
+            f"{time[0]:.10g} s; state `time.offsets` of files with different clocks"
+        )
     if not mapping.sparse or sample_time.size < time.size:
         findings += gap_findings(sample_time, name)
         findings += nan_findings(sample_time, name, values)
@@ -216,7 +237,10 @@ def _times(
     """Reads a column of times, s, and the rows of the file that count: one of those with the same
     time if the mapping says which.
     """
-    time = foreign.times(name, unit_factor(unit, "s", name))
+    time = foreign.times(name, unit)
+    for file, offset in mapping.time.offsets.items():
+        if mapping.stamps.get(name, [name])[0].startswith(f"{file}:"):
+            time = time + offset
     rows = np.arange(time.size)
     if mapping.time.repeated is not None:
         rows = pd.Series(time).drop_duplicates(keep=mapping.time.repeated).index.to_numpy()
@@ -237,6 +261,8 @@ def _unused(foreign: ForeignLog, mapping: Mapping) -> Findings:
     used: set[str | None] = {mapping.time.from_, *foreign.time_of.values()}
     for source in mapping.columns.values():
         used |= {source.from_, source.time}
+    for parts in [*mapping.stamps.values(), *mapping.quaternions.values()]:
+        used |= {*parts}
     names = [name for name in foreign.columns if not name.endswith("@publish_time")]
     unused = ", ".join(name for name in names if name not in used)
     findings = [
@@ -246,17 +272,6 @@ def _unused(foreign: ForeignLog, mapping: Mapping) -> Findings:
         text = f"columns of the file that are not in the mapping: {unused}"
         findings.append(LogFinding("", None, text))
     return findings
-
-
-def _from_first_samples(table: pd.DataFrame, held: list[str]) -> tuple[pd.DataFrame, Findings]:
-    """Drops the rows before every held column has had a sample."""
-    first = {name: int(np.argmax(np.isfinite(table[name]))) for name in held}
-    name, start = max(first.items(), key=lambda item: item[1], default=("", 0))
-    if start == 0:
-        return table, []
-    text = f"its first sample is here; the {start} earlier rows of the log are left out"
-    finding = LogFinding(name, float(table[TIME].iloc[start]), text)
-    return table.iloc[start:].reset_index(drop=True), [finding]
 
 
 def _metadata(mapping: Mapping, files: list[str], findings: Findings) -> Json:

@@ -24,6 +24,7 @@ from aerodima.workbench.scenario.signal_table import (
 )
 
 Number = Annotated[float, Field(strict=False)]
+Name = Annotated[str, Field(min_length=1)]
 
 
 @cache
@@ -56,6 +57,13 @@ def unit_factor(name: str, si: str, where: str) -> float:
             f"{', '.join(units)}"
         )
     raise LogError(f"{where}: unknown unit {name!r}; {nearest(name, units)}")
+
+
+def time_factor(unit: str, where: str) -> float | None:
+    """Looks up the seconds of one unit of time; None for the form of a date, such as
+    `%d.%m.%Y %H:%M:%S`.
+    """
+    return None if "%" in unit else unit_factor(unit, "s", where)
 
 
 def unit_in_name(name: str) -> str:
@@ -94,7 +102,7 @@ class ColumnSource(StrictModel):
         if (self.from_ is None) == (self.constant is None):
             raise ValueError("needs either `from` or `constant`")
         if self.time_unit is not None:
-            unit_factor(self.time_unit, "s", "time_unit")
+            time_factor(self.time_unit, "time_unit")
         if self.scale == 0.0:
             raise ValueError("scale: a scale of 0 would delete the signal")
         return self
@@ -104,7 +112,14 @@ class TimeSource(StrictModel):
     """The time of the log's rows."""
 
     from_: str = Field(alias="from", description="foreign column with the times", min_length=1)
-    unit: str = Field("s", description="unit of the foreign times")
+    unit: str = Field(
+        "s", description="unit of the foreign times, or the form of a date, `%d.%m.%Y %H:%M:%S`"
+    )
+    offsets: dict[int, Number] = Field(
+        default_factory=dict,
+        description="seconds to add to the times of a file with another clock, by its number, "
+        "from 2",
+    )
     starts_at: Number | None = Field(
         None, description="shift times so that the first row has this one, s"
     )
@@ -128,7 +143,8 @@ class CsvFormat(StrictModel):
     )
     decimal: Literal[".", ","] = Field(default=".", description="decimal sign")
     names: tuple[str, ...] | None = Field(
-        default=None, description="of the columns of a file without a line of names", min_length=2
+        default=None,
+        description="of the columns of a file without a line of names; `[]` calls them 1, 2, ...",
     )
     skip_lines: int = Field(default=0, description="lines before the line with the names", ge=0)
     skip_after_names: int = Field(
@@ -157,6 +173,16 @@ class Mapping(StrictModel):
     )
     kind: Literal["static", "swing", "bar_swing", "robot_swing", "car_log", "car_run"] = Field(
         description="what was logged"
+    )
+    stamps: dict[str, tuple[Name, Name]] = Field(
+        default_factory=dict,
+        description="new foreign column of times -> seconds and nanoseconds, or date and time of "
+        "day",
+    )
+    quaternions: dict[str, tuple[Name, Name, Name, Name]] = Field(
+        default_factory=dict,
+        description="name -> w, x, y, z, which turn the axes of the body to those of the world; "
+        "makes the foreign columns `<name>.roll`, `.pitch` and `.yaw`, rad",
     )
     time: TimeSource
     columns: dict[str, ColumnSource] = Field(
@@ -188,7 +214,7 @@ class Mapping(StrictModel):
             if name not in known:
                 raise ValueError(f"columns.{name}: no such column; {nearest(name, known)}")
             self.unit_factor(name)
-        unit_factor(self.time.unit, "s", "time")
+        time_factor(self.time.unit, "time")
         _ = self.facts
         if self.kind in RIG_KINDS and "angle_rad" not in self.columns:
             raise ValueError(f"columns: a log of kind {self.kind!r} needs angle_rad")

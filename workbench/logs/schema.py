@@ -10,7 +10,7 @@ differ.
 import json
 import math
 import platform
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cache
@@ -330,16 +330,8 @@ def _journal_hint(path: Path) -> str:
     return ""
 
 
-def refuse_missing(names: Sequence[str], metadata: Facts, source: str) -> None:
-    """Raises LogError when a log of this kind and scenario must have a column that is not there."""
-    has_tail = scenario_has_tail(metadata.get("scenario") or {})
-    missing = missing_columns(names, str(metadata.get("kind")), has_tail)
-    if missing:
-        raise LogError(f"{source}: {len(missing)} column(s) missing: {', '.join(missing)}")
-
-
-def missing_columns(names: Iterable[str], kind: str, has_tail: bool) -> list[str]:
-    """Lists the names that a log of this kind must have and has not.
+def refuse_missing(names: Iterable[str], metadata: Facts, source: str) -> None:
+    """Raises LogError when a log of this kind and scenario must have a column that is not there.
 
     A `car_run` has every sensor column that is not optional; if it has one truth column it has all
     of them, apart from those of the tail when the car has none. A rig log needs time and angle:
@@ -347,12 +339,16 @@ def missing_columns(names: Iterable[str], kind: str, has_tail: bool) -> list[str
     columns are welcome.
     """
     present = set(names)
+    kind = metadata.get("kind")
     required = [TIME]
     if kind in RIG_KINDS:
         required = [TIME, "angle_rad"]
     if kind == "car_run":
         required = [column.name for column in sensor_columns() if not column.optional]
         if any("_truth_" in name for name in present):
+            has_tail = scenario_has_tail(metadata.get("scenario") or {})
             truth = names_of(truth_columns())
             required += [name for name in truth if has_tail or name not in _TAIL_TRUTH]
-    return [name for name in required if name not in present]
+    missing = [name for name in required if name not in present]
+    if missing:
+        raise LogError(f"{source}: {len(missing)} column(s) missing: {', '.join(missing)}")

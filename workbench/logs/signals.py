@@ -36,6 +36,8 @@ MIN_REST_SAMPLES = 10
 REST = "rest_s"
 """Key in a log's `extra`: first and last time of its rest phase, s; a cut moves it with the times
 of the log."""
+HELD = ("status_", "speed_", "planned_", "controller_")
+"""Beginnings of the names of states and held samples, which are not interpolated."""
 UNWRAPPED = ("yaw_truth_rad", "imu_yaw_rad")
 """Headings that are unwrapped, so that they can be subtracted."""
 
@@ -96,8 +98,10 @@ def median_step(time: FloatArray) -> float:
     return float(np.median(np.diff(time)))
 
 
-def check_gaps(time: FloatArray, largest_step: float | None = None) -> None:
-    """Raises LogError with the first step above `largest_step` (s; default 1.5 median steps)."""
+def check_gaps(time: FloatArray, largest_step: float | None = None, column: str = TIME) -> None:
+    """Raises LogError with the first step above `largest_step` (s; default 1.5 median steps)
+    between the samples of a column.
+    """
     steps = np.diff(time)
     if largest_step is None:
         largest_step = GAP_FACTOR * median_step(time)
@@ -105,7 +109,7 @@ def check_gaps(time: FloatArray, largest_step: float | None = None) -> None:
     if wide.size:
         first = wide[0]
         raise LogError(
-            f"column {TIME!r}: {wide.size} gap(s), the first of {steps[first]:.6g} s after "
+            f"column {column!r}: {wide.size} gap(s), the first of {steps[first]:.6g} s after "
             f"{time[first]:g} s; at most {largest_step:.6g} s is allowed"
         )
 
@@ -172,17 +176,6 @@ def low_pass(
     return np.interp(time, grid, filtered)
 
 
-def resting_line(
-    time: FloatArray, signal: FloatArray, resting: BoolArray
-) -> tuple[float, float, float]:
-    """Fits a line to the resting samples: slope (per s), level at the mean resting time,
-    and that time (s).
-    """
-    centre = float(np.mean(time[resting]))
-    slope, level = np.polyfit(time[resting] - centre, signal[resting], 1)
-    return float(slope), float(level), centre
-
-
 def hold_last(time: FloatArray, sample_time: FloatArray, samples: FloatArray) -> FloatArray:
     """Holds samples (m,) taken at `sample_time` until the next one, at the times `time` (n,); NaN
     before the first.
@@ -214,14 +207,14 @@ class RowUnwrapper:
 
     def __init__(self, columns: Sequence[str]) -> None:
         self._angles = [columns.index(name) for name in UNWRAPPED if name in columns]
-        self._before: list[float] | None = None
+        self._before: FloatArray | None = None
 
     def apply(self, row: np.ndarray) -> np.ndarray:
         """Changes the headings of a row (columns,) in place and returns it."""
+        angles = row[self._angles]
         if self._before is not None:
-            for index, earlier in zip(self._angles, self._before, strict=True):
-                row[index] += 2 * np.pi * round((earlier - row[index]) / (2 * np.pi))
-        self._before = [row[index] for index in self._angles]
+            angles += 2 * np.pi * np.round((self._before - angles) / (2 * np.pi))
+        row[self._angles] = self._before = angles
         return row
 
 
@@ -255,8 +248,17 @@ def fill_gaps(run_log: RunLog, longest: float) -> RunLog:
         signal = run_log.signal(name)
         good = np.isfinite(signal)
         if not good.all():
-            notes.append(_check_nan(run_log, name, good, longest, max_step))
-        fill = hold_last if _is_held(name) else np.interp
+            lost = time[~good]
+            if not (good[0] and good[-1]):
+                raise LogError(
+                    f"{run_log.name}: column {name!r}: not a number at {lost[0]:g} s, with no "
+                    "sample on both sides; cut the log"
+                )
+            with naming(run_log.name):
+                check_gaps(time[good], max_step, name)
+            notes.append(f"{lost.size} lost sample(s) of {name} filled, the first at {lost[0]:g} s")
+        is_held = "_command" in name or name.startswith(HELD)
+        fill = hold_last if is_held else np.interp
         table[name] = fill(grid, time[good], signal[good])
     return _noted(replace(run_log, table=table), notes)
 
@@ -287,13 +289,14 @@ def remove_drift(
             f"{run_log.name}: no resting part with at least {MIN_REST_SAMPLES} samples, so no "
             f"drift line for {', '.join(columns)}"
         )
+    centre = float(np.mean(time[resting]))
     table = run_log.table.copy()
     notes = []
     for name in columns:
         signal = run_log.signal(name)
         with naming(run_log.name):
             check_signals(time, {name: signal}, largest_step=np.inf)
-        slope, mean, centre = resting_line(time, signal, resting)
+        slope, mean = np.polyfit(time[resting] - centre, signal[resting], 1)
         note = f"drift of {name}: {slope:.3g} per s, {mean:.4g} at rest"
         kept = 0.0
         if level == "keep":
@@ -340,32 +343,6 @@ def _noted(run_log: RunLog, notes: Sequence[str]) -> RunLog:
         entries.append({"notes": list(notes)})
         run_log = replace(run_log, extra={**run_log.extra, "conditioning": entries})
     return run_log
-
-
-def _is_held(column: str) -> bool:
-    """Says whether a column is a command, state or held sample, which is not interpolated."""
-    return "_command" in column or column.startswith(
-        ("status_", "speed_", "planned_", "controller_")
-    )
-
-
-def _check_nan(run_log: RunLog, name: str, good: BoolArray, longest: float, max_step: float) -> str:
-    """Notes the NaN of a column; LogError when they last too long or stand at an end."""
-    time = run_log.time
-    lost = time[~good]
-    where = f"{run_log.name}: column {name!r}"
-    if not (good[0] and good[-1]):
-        raise LogError(
-            f"{where}: not a number at {lost[0]:g} s, with no sample on both sides; cut the log"
-        )
-    steps = np.diff(time[good])
-    widest = np.argmax(steps)
-    if steps[widest] > max_step:
-        raise LogError(
-            f"{where}: no numbers for {steps[widest]:.4g} s after {time[good][widest]:g} s; at "
-            f"most {longest:g} s is filled"
-        )
-    return f"{lost.size} lost sample(s) of {name} filled, the first at {lost[0]:g} s"
 
 
 @contextmanager

@@ -150,7 +150,9 @@ def test_mcap_puts_a_slow_topic_on_the_grid_of_the_fast_one(tmp_path, time):
     assert np.array_equal(table["current_a"], held), "held from the row of its own time on"
 
 
-@pytest.mark.parametrize(("package", "suffix"), [("h5py", ".mat"), ("mcap", ".mcap")])
+@pytest.mark.parametrize(
+    ("package", "suffix"), [("h5py", ".mat"), ("mcap", ".mcap"), ("rosbags", ".bag")]
+)
 def test_a_missing_optional_package_names_the_extra(tmp_path, monkeypatch, package, suffix):
     path = tmp_path / f"log{suffix}"
     path.write_bytes(b"MATLAB 7.3 MAT-file" + bytes(600))
@@ -191,7 +193,10 @@ def write_wide_csv(path):
 @pytest.mark.parametrize(
     ("name", "write", "named"),
     [
-        *((f"log{end}", write_rubbish, []) for end in (".parquet", ".mat", ".mcap", ".csv")),
+        *(
+            (f"log{end}", write_rubbish, [])
+            for end in (".parquet", ".mat", ".mcap", ".csv", ".bag", ".db3")
+        ),
         ("log.xlsx", write_rubbish, [".xlsx"]),
         ("log.mcap", write_cdr_mcap, ["/imu", "cdr"]),
         ("log.csv", write_wide_csv, ["csv.delimiter", "','"]),

@@ -86,6 +86,15 @@ def test_swing_of_the_readme_comes_out_as_it_was(folder):
     assert np.max(np.abs(run_log.signal("angle_rad")[swinging] - truth["angle_rad"])) < 6e-3
 
 
+def test_quaternion_and_time_in_two_columns_of_the_readme(folder):
+    names, row = re.search(r"(secs.*)\n(.*)", README).groups()
+    (folder / "imu.csv").write_text(f"{names}\n{row}\n{row.replace(',25', ',26')}\n")
+    done(*commands(2)[0])
+    run_log = read_run_log(folder / "ros.parquet")
+    assert np.allclose(run_log.time, [0.0, 0.01], atol=5e-7)
+    assert np.allclose(run_log.signal("imu_yaw_rad"), np.pi / 4, atol=1e-4)
+
+
 @pytest.mark.slow
 def test_run_of_the_car_of_the_readme_gives_its_metrics(folder):
     car_files(folder)

@@ -1,5 +1,7 @@
-from aerodima.workbench.logs.schema import missing_columns
+from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.logs.schema import refuse_missing
 from aerodima.workbench.scenario.signal_table import RIG_KINDS, rig_columns
+from tests.refusals import assert_refused
 
 UNITS = {
     "time_s": "s",
@@ -17,5 +19,12 @@ def test_rig_columns_are_those_of_the_contract_with_their_units():
 
 def test_a_rig_log_needs_time_and_angle_and_may_lack_a_force_axis():
     for kind in RIG_KINDS:
-        assert missing_columns(["time_s", "angle_rad", "torque_x_n_m"], kind, has_tail=True) == []
-        assert missing_columns(["time_s", "force_y_n"], kind, has_tail=True) == ["angle_rad"]
+        facts = {"kind": kind}
+        refuse_missing(["time_s", "angle_rad", "torque_x_n_m"], facts, "log")
+        lacking = ["time_s", "force_y_n"]
+        assert_refused(
+            lambda lacking=lacking, facts=facts: refuse_missing(lacking, facts, "log"),
+            LogError,
+            "log: 1 ",
+            "angle_rad",
+        )
