@@ -1,4 +1,4 @@
-"""Stores a comparison of swerves and writes its tables into the page of results:
+"""Stores a comparison of swerves and writes its tables and pictures into the page of results:
 `python -m tests.swerve_page FOLDER...`, folders of `aerodima swing judge`.
 
 The motions of the case that the demo shows are copied to `models/swings`, and its settings name
@@ -16,7 +16,16 @@ from pathlib import Path
 import pandas as pd
 
 from aerodima.optimisation import summarise_swerves
-from aerodima.workbench.view.swerve_chapter import PLACE, SWERVES, load_shown_swerve
+from aerodima.optimisation.swerve.swerve_table import swerve_figure
+from aerodima.workbench import simulate
+from aerodima.workbench.view.figure_style import png
+from aerodima.workbench.view.swerve_chapter import (
+    PLACE,
+    SWERVES,
+    ShownSwerve,
+    figure_from_above,
+    load_shown_swerve,
+)
 from tests.code_measure import ROOT
 
 PAGE = ROOT / "docs" / "swerves.md"
@@ -40,7 +49,7 @@ def page_rows(own: pd.DataFrame) -> Iterator[str]:
             if candidate == "no tail":
                 cell = f"{row['median']:.3f} m"
             if row["with_value"] < row["cars"]:
-                cell += f", {row['with_value']} of {row['cars']}"
+                cell += f", {row['with_value']:.0f} of {row['cars']:.0f}"
             cells.append(cell if row["with_value"] else "none")
         yield f"| {' | '.join(cells)} |"
 
@@ -79,6 +88,23 @@ def store(folders: list[Path]) -> None:
     before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
     _, after = rest.split(END)
     PAGE.write_text(f"{before}{BEGIN}\n{page_tables(table)}\n{END}{after}", encoding="utf-8")
+    draw(shown, table)
+
+
+def draw(shown: ShownSwerve, table: pd.DataFrame) -> None:
+    """Draws the gains of all full cars on the floor that is shown, and the shown swerve."""
+    compared = table["plant"] == "full"
+    for column in ("tail", "floor", "aim", "speed_m_per_s"):
+        compared &= table[column] == getattr(shown, column)
+    cars = table.loc[compared, "car"].nunique()
+    title = f"{cars} full cars at {shown.speed_m_per_s:g} m/s, friction {shown.floor}, after 0.5 s"
+    logs = {name: simulate(run) for name, run in shown.runs().items()}
+    pictures = {
+        "swerves": swerve_figure(table[compared], title),
+        "swerve_from_above": figure_from_above(logs),
+    }
+    for name, figure in pictures.items():
+        (ROOT / "docs" / "pictures" / f"{name}.png").write_bytes(png(figure))
 
 
 if __name__ == "__main__":

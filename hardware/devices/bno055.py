@@ -49,8 +49,6 @@ protocol)."""
 _SAMPLE = struct.Struct("<3h6x4h3h3hbB")
 """Gyro, Euler angles that nobody reads, quaternion, acceleration, gravity, temperature,
 calibration."""
-_TEMPERATURE = 25
-"""Temperature of an emulated chip, degrees Celsius."""
 _GYRO = 900.0
 """Counts of the gyro per rad/s."""
 _QUATERNION = 16384.0
@@ -102,12 +100,14 @@ class Bno055Sample:
         quaternion: (w, x, y, z), turns chip axes into the world's, z up; unit length.
         gyro: rad/s.
         acceleration: m/s2, gravity removed.
+        temperature: degrees Celsius.
         calibration: 0 (none) to 3 (full) of system, gyro, accelerometer, magnetometer.
     """
 
     quaternion: tuple[float, ...]
     gyro: tuple[float, ...]
     acceleration: tuple[float, ...]
+    temperature: int = 25
     calibration: tuple[int, ...] = (3, 3, 3, 3)
 
     @cached_property
@@ -161,7 +161,7 @@ def decode_sample(data: bytes) -> Bno055Sample:
     """
     if len(data) != SAMPLE_BYTES:
         raise FrameError(f"BNO055 sample of {len(data)} bytes; allowed is {SAMPLE_BYTES}")
-    *numbers, _, levels = _SAMPLE.unpack(data)
+    *numbers, temperature, levels = _SAMPLE.unpack(data)
     gyro = tuple(value / _GYRO for value in numbers[0:3])
     quaternion = tuple(value / _QUATERNION for value in numbers[3:7])
     norm = math.hypot(*quaternion)
@@ -182,6 +182,7 @@ def decode_sample(data: bytes) -> Bno055Sample:
         quaternion=quaternion,
         gyro=gyro,
         acceleration=tuple(value / _ACCELERATION for value in numbers[7:10]),
+        temperature=temperature,
         calibration=tuple(levels >> shift & 3 for shift in (6, 4, 2, 0)),
     )
     if math.dist(reported, STANDARD_GRAVITY * sample.rotation[2]) > _DIRECTION_TOLERANCE:
@@ -207,7 +208,7 @@ def encode_sample(sample: Bno055Sample) -> bytes:
     levels = 0
     for level in sample.calibration:
         levels = levels << 2 | level
-    return _SAMPLE.pack(*gyro, *quaternion, *acceleration, *gravity, _TEMPERATURE, levels)
+    return _SAMPLE.pack(*gyro, *quaternion, *acceleration, *gravity, sample.temperature, levels)
 
 
 def _words(values: Iterable[float], counts: float) -> list[int]:

@@ -4,7 +4,7 @@ tail, compare what they gain.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +19,8 @@ from aerodima.workbench.core.atomic_write import refuse_existing
 from aerodima.workbench.core.errors import SweepError, SwingError
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from aerodima.optimisation.studies.runs import CachedRunner
 Step = Annotated[
     float,
@@ -187,10 +189,8 @@ def judge(
 
     Example: aerodima swing judge --cars 1 --speed 6 --candidate feedback --out out/judge
     """
-    from aerodima.optimisation.swerve.standard_manoeuvres import SPEEDS, compare_standard
-    from aerodima.optimisation.swerve.suite import SUITE, ensemble_cases
+    from aerodima.optimisation.swerve.suite import SUITE
     from aerodima.optimisation.swerve.swerve_table import has_gain, swerve_lines, swerve_page
-    from aerodima.optimisation.swing.swerve_study import tuned_candidates
 
     names = candidate or SUITE.default
     arguments = options.arguments()
@@ -209,18 +209,7 @@ def judge(
             **arguments,
         )
         if standard:
-            surroundings = (options.tail, arguments["floors"], options.seed)
-            cases = ensemble_cases(options.ensemble, "test", cars, *surroundings)
-            chosen = tuned_candidates(
-                [name for name in names if name != "bound"],
-                law or (),
-                options.ensemble,
-                options.tail,
-                arguments["floors"],
-                SPEEDS,
-                options.seed,
-            )
-            files["standard.csv"] = compare_standard(chosen, cases, runs)
+            files["standard.csv"] = _standard(names, law or (), cars, options, runs)
     summary = optimisation.summarise_swerves(table)
     files |= {"swerves.csv": table, "summary.csv": summary}
     _write(out, {**files, "report.html": swerve_page(table, summary)})
@@ -229,6 +218,27 @@ def judge(
     if not has_gain(summary):
         typer.echo("no candidate with a tail is above the car without one", err=True)
         raise typer.Exit(cli.Status.NO)
+
+
+def _standard(
+    names: Sequence[str],
+    laws: Sequence[str],
+    cars: int,
+    options: CaseOptions,
+    runs: CachedRunner,
+) -> pd.DataFrame:
+    """Drives the manoeuvres of the standard with all candidates but the bound, which has no law."""
+    from aerodima.optimisation.swerve.standard_manoeuvres import SPEEDS, compare_standard
+    from aerodima.optimisation.swerve.suite import ensemble_cases
+    from aerodima.optimisation.swing.swerve_study import tuned_candidates
+
+    ensemble = options.ensemble
+    tail = options.tail
+    floors = options.arguments()["floors"]
+    cases = ensemble_cases(ensemble, "test", cars, tail, floors, options.seed)
+    without_bound = [name for name in names if name != "bound"]
+    chosen = tuned_candidates(without_bound, laws, ensemble, tail, floors, SPEEDS, options.seed)
+    return compare_standard(chosen, cases, runs)
 
 
 @cli.grouped

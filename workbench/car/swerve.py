@@ -1,4 +1,4 @@
-"""How far a car swerves: metres aside, change of course, sustained lateral acceleration.
+"""Measures of a swerve: metres aside, change of course, sustained lateral acceleration.
 
 One record, `Swerve`, holds a run of the full car or a batch of reduced cars, and one function each
 measures it. Displacements are to the left of the course that a car has when the steering starts. An
@@ -91,7 +91,7 @@ class Swerve:
 
     @property
     def steered(self) -> BoolArray:
-        """Which samples count: those from the start of the steering on (steps,)."""
+        """Samples that count, those from the start of the steering on (steps,)."""
         return self.time >= -_ROUNDING
 
     def at(self, values: FloatArray, instant: float) -> FloatArray:

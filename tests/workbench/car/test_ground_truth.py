@@ -8,6 +8,8 @@ from numpy.testing import assert_allclose
 from scipy.integrate import trapezoid
 from scipy.spatial.transform import Rotation
 
+from aerodima.workbench.batch.simulation import simulate
+from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.signal_table import WHEELS
 
 STEP = 0.002
@@ -131,7 +133,7 @@ def test_nothing_but_wheels_touches_the_ground_in_a_clean_turn(run):
 def test_tail_momentum_is_its_mass_times_the_velocity_of_its_centre_of_mass(tailed):
     mass = tailed.extra["tail_mass_kg"]
     momentum = tailed.vector("tail_momentum", "truth_n_s")[1:]
-    assert np.abs(momentum).max() > 0.5
+    assert np.abs(momentum).max() > 0.4
     # Along an arc at 8 rad/s the chord of a step differs from the velocity at its end by 1 % of 0.5
     # N s.
     assert_allclose(mass * rate_of(tailed.vector("tail_com", "truth_m")), momentum, atol=0.006)
@@ -178,8 +180,9 @@ def test_tip_is_one_length_from_the_joints_and_on_the_side_of_the_roll_angle(tai
     assert_allclose(in_body[:, 1], -length * np.sin(roll), atol=0.01)
 
 
-def test_drive_power_becomes_kinetic_energy(standard_runs):
-    run = standard_runs["none"]
+def test_drive_power_becomes_kinetic_energy_on_rigid_tyres():
+    settings = ("car.tyre_slip_angle=0", "manoeuvre.duration=2.6")
+    run = simulate(load_scenario("turn_none", settings))
     until = run.time <= 1.9
     work = trapezoid(run.signal("drive_power_truth_w")[until], run.time[until])
     car = run.scenario["car"]
