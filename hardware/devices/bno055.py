@@ -100,15 +100,15 @@ class Bno055Sample:
         quaternion: (w, x, y, z), turns chip axes into the world's, z up; unit length.
         gyro: rad/s.
         acceleration: m/s2, gravity removed.
-        temperature: degrees Celsius.
         calibration: 0 (none) to 3 (full) of system, gyro, accelerometer, magnetometer.
+        temperature: degrees Celsius.
     """
 
     quaternion: tuple[float, ...]
     gyro: tuple[float, ...]
     acceleration: tuple[float, ...]
-    temperature: int = 25
     calibration: tuple[int, ...] = (3, 3, 3, 3)
+    temperature: int = 25
 
     @cached_property
     def rotation(self) -> np.ndarray:

@@ -29,6 +29,23 @@ Step = Annotated[
 TestCars = Annotated[int, typer.Option(help="So many of the test cars.", min=1)]
 
 
+Candidates = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="none, limited, low-ballast, folded, held, published, feedback, bound, a swing, "
+        "or a file of candidates; may be repeated; by default the first eight. The car without "
+        "tail always takes part.",
+        autocompletion=lambda: _suite("NAMED_CANDIDATES"),
+    ),
+]
+Aims = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="aside-0.5, aside-1.0, course, sustained; may be repeated; by default the first."
+    ),
+]
+
+
 def _suite(table: str) -> list[str]:
     from aerodima.optimisation.swerve import suite
 
@@ -150,22 +167,9 @@ def judge(
     out: Annotated[
         Path, cli.written("Folder for table, summary, swings and runs; it goes on in it.")
     ],
-    candidate: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="none, limited, low-ballast, folded, held, published, feedback, bound, a swing, "
-            "or a file of candidates; may be repeated; by default the first eight. The car without "
-            "tail always takes part.",
-            autocompletion=lambda: _suite("NAMED_CANDIDATES"),
-        ),
-    ] = None,
+    candidate: Candidates = None,
     law: cli.Laws = None,
-    aim: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="aside-0.5, aside-1.0, course, sustained; may be repeated; by default the first."
-        ),
-    ] = None,
+    aim: Aims = None,
     cars: TestCars = 4,
     step: Step = 0.0005,
     reduced: Annotated[

@@ -23,6 +23,7 @@ from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.scenario.swing_file import (
     SwingFile,
     read_swing,
+    swing_at,
     swing_from_dict,
     write_swing,
 )
@@ -41,6 +42,8 @@ TAIL_SPREADS = (0.15, 0.15, 0.1)
 """First spreads of roll and times, as shares, and of the pitch, rad."""
 TAIL_RANGES = ((0.0, 0.5, -0.5), (1.5, 2.0, 0.5))
 """Least and largest of these."""
+CURVE_SAMPLES = 1000
+"""Instants at which the range of a motion is looked at."""
 NO_CHANGE = (1.0, 1.0, 0.0)
 """Of the motion: all of its roll, its own times, its own pitch."""
 
@@ -93,17 +96,19 @@ class FullSearch:
 
 
 def varied_swing(swing: SwingFile, change: FloatArray) -> SwingFile:
-    """Returns a swing with a share of its roll, its times stretched, and its pitch moved (3,)."""
+    """Returns a swing with a share of its roll, as far as its range allows, its times stretched, and
+    its pitch moved (3,).
+    """
     share, stretch, pitch = (float(value) for value in change)
+    times = np.linspace(0.0, swing.knots.time_s[-1], CURVE_SAMPLES)
+    reach = float(np.max(np.abs(swing_at(swing, times).roll_position)))
+    share = min(share, swing.limits.roll_position_rad / max(reach, 1e-9))
     data = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
     knots = data["knots"]
     limits = data["limits"]
-    most = limits["roll_position_rad"]
     rates = np.array(knots["roll_velocity_rad_per_s"]) * share / stretch
     knots["time_s"] = [stretch * time for time in knots["time_s"]]
-    knots["roll_position_rad"] = [
-        float(np.clip(share * roll, -most, most)) for roll in knots["roll_position_rad"]
-    ]
+    knots["roll_position_rad"] = [share * roll for roll in knots["roll_position_rad"]]
     knots["roll_velocity_rad_per_s"] = rates.tolist()
     knots["pitch_position_rad"] = [pitch + angle for angle in knots["pitch_position_rad"]]
     limits["velocity_rad_per_s"] = max(limits["velocity_rad_per_s"], float(np.max(np.abs(rates))))

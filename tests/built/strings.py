@@ -65,7 +65,8 @@ def order_of_the_command_string():
 def order_of_the_reply_string():
     body = b"1;10;21;31;2;20;22;32;90;0;30;0;0;30;0;0;0"
     reply = teensy.decode_reply(body + f";*{teensy.crc8(body):02X}|".encode())
-    parts = [value for motor in reply.motors for value in motor.state[:4]]
+    names = ("motor_id", "position", "velocity", "torque")
+    parts = [getattr(motor.state, name) for motor in reply.motors for name in names]
     named = {
         1: "ID 1",
         2: "ID 2",

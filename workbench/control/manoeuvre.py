@@ -1,8 +1,8 @@
 """Manoeuvres of the driver: steering, throttle and announced turn as functions of time.
 
-Design section 10. No Drake here; `TurnDriver` plays a schedule into a station, and so does the no-Drake mode on the
-car. Steering angles in rad, positive to the left; throttle -1 to 1; planned turn +1 left, -1 right,
-0 none.
+Design section 10. No Drake here; `TurnDriver` plays a schedule into a station, and so does the
+no-Drake mode on the car. Steering angles in rad, positive to the left; throttle -1 to 1; planned
+turn +1 left, -1 right, 0 none.
 """
 
 import math

@@ -87,7 +87,7 @@ def test_swing_of_the_readme_comes_out_as_it_was(folder):
 
 
 def test_quaternion_and_time_in_two_columns_of_the_readme(folder):
-    names, row = re.search(r"(secs.*)\n(.*)", README).groups()
+    names, row = re.search(r"(secs,nsecs,qw.*)\n(.*)", README).groups()
     (folder / "imu.csv").write_text(f"{names}\n{row}\n{row.replace(',25', ',26')}\n")
     done(*commands(2)[0])
     run_log = read_run_log(folder / "ros.parquet")
