@@ -96,8 +96,8 @@ class FullSearch:
 
 
 def varied_swing(swing: SwingFile, change: FloatArray) -> SwingFile:
-    """Returns a swing with a share of its roll, as far as its range allows, its times stretched, and
-    its pitch moved (3,).
+    """Returns a swing with a share of its roll, as far as its range allows, its times stretched
+    and its pitch moved (3,).
     """
     share, stretch, pitch = (float(value) for value in change)
     times = np.linspace(0.0, swing.knots.time_s[-1], CURVE_SAMPLES)
