@@ -18,6 +18,7 @@ from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.optimisation.swerve.aims import FAILED
 from aerodima.optimisation.swerve.steering import possible_steering, steering_settings
 from aerodima.optimisation.swing.full_runs import Descent, FullRun, drive_items
+from aerodima.optimisation.swing.solution import KNOT_ROUNDING
 from aerodima.workbench.car.reduced.swerves import LEVELS, STEERING
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.scenario.swing_file import (
@@ -102,7 +103,8 @@ def varied_swing(swing: SwingFile, change: FloatArray) -> SwingFile:
     share, stretch, pitch = (float(value) for value in change)
     times = np.linspace(0.0, swing.knots.time_s[-1], CURVE_SAMPLES)
     reach = float(np.max(np.abs(swing_at(swing, times).roll_position)))
-    share = min(share, swing.limits.roll_position_rad / max(reach, 1e-9))
+    most = swing.limits.roll_position_rad - KNOT_ROUNDING
+    share = min(share, most / max(reach, 1e-9))
     data = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
     knots = data["knots"]
     limits = data["limits"]
