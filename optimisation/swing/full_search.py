@@ -104,7 +104,7 @@ def varied_swing(swing: SwingFile, change: FloatArray) -> SwingFile:
     times = np.linspace(0.0, swing.knots.time_s[-1], CURVE_SAMPLES)
     reach = float(np.max(np.abs(swing_at(swing, times).roll_position)))
     most = swing.limits.roll_position_rad - KNOT_ROUNDING
-    share = min(share, most / max(reach, 1e-9))
+    share = min(share, max(1.0, most / max(reach, 1e-9)))
     data = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
     knots = data["knots"]
     limits = data["limits"]
