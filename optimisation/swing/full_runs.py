@@ -173,8 +173,9 @@ class Descent:
         manoeuvre = load_scenario(SWERVE, run.settings).manoeuvre
         steering = np.array([getattr(manoeuvre, key) for key in STEERING_KEYS])
         angles = steering_settings(scaled_steering(steering, share))
-        settings = (*run.settings, *angles, *step_settings(self.step or FINE_STEP))
-        return run._replace(settings=settings)
+        replaced = ("manoeuvre.level_", *step_settings(CLIMB_STEP))
+        kept = [setting for setting in run.settings if not setting.startswith(replaced)]
+        return run._replace(settings=(*kept, *angles, *step_settings(self.step or FINE_STEP)))
 
     def final_run(self) -> tuple[FullRun, Row, float | None] | None:
         """Returns what the table has, as `best_run` does; None where nothing counts."""
