@@ -96,6 +96,16 @@ class EmulatorSettings:
     parent: int | None = None
 
 
+def with_a_rest(scenario: Scenario) -> Scenario:
+    """Returns a car whose limp tail rests at the controller's limit of its roll: nobody is there to
+    lift it off the ground before the motors are armed.
+    """
+    if scenario.tail.mode == "none":
+        return scenario
+    stop = min(scenario.tail.roll_stop, scenario.tail.roll_limit)
+    return scenario.varied(tail={"roll_stop": stop})
+
+
 class Emulator:
     """Everything behind the ports, until `stop`.
 
@@ -119,7 +129,7 @@ class Emulator:
         truth = self._folder / TRUTH_FILE
         facts = {"emulated": settings.wiring}
         self._view = open_meshcat() if settings.view else None
-        self._car = EmulatedCar(settings.scenario, truth, facts, self._view)
+        self._car = EmulatedCar(with_a_rest(settings.scenario), truth, facts, self._view)
         self._sample_due = 0.0
         self._tipped = False
         self._tipping_angle = load_drive_safety().attitude_limit
