@@ -14,7 +14,7 @@ from aerodima.workbench.car.car_plant import parse_model
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.scenario.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.scenario.signal_table import WHEELS
-from tests.certain_cars import HEAVY_TAIL
+from tests.certain_cars import HEAVY_TAIL, HIGH_CAR
 from tests.refusals import assert_refused
 from tests.workbench.stands import CarStand, edited
 
@@ -196,7 +196,7 @@ def test_differential_shaft_turns_at_the_mean_of_the_rear_wheels(standard_runs):
 
 @pytest.mark.slow
 def test_outer_rear_wheel_turns_faster_through_a_turn():
-    scenario = load_scenario("turn_held", ["manoeuvre.speed=2.0"])
+    scenario = load_scenario("turn_held", [*HIGH_CAR, "manoeuvre.speed=2.0"])
     run = simulate(scenario)
     left, right = (
         run.signal(f"plant_velocity_car_rear_{side}_spin_w") for side in ("left", "right")

@@ -16,6 +16,7 @@ from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.states import STATES, Commands
 from aerodima.workbench.car.reduced.turn_plans import TurnPlans
 from aerodima.workbench.car.reduced.turns import drive_turns
+from tests.certain_cars import HIGH_BODY
 
 RESISTANCE = 0.04
 FORWARD = STATES.index("v_x")
@@ -34,7 +35,7 @@ def deceleration(scenario):
 
 @pytest.mark.slow
 def test_car_coasts_as_its_resistance_says_and_stops():
-    settings = ("tail.mode=none", "manoeuvre.straight_time=2", "manoeuvre.speed=1.0",
+    settings = (*HIGH_BODY, "tail.mode=none", "manoeuvre.straight_time=2", "manoeuvre.speed=1.0",
     "manoeuvre.steer_angle=0",
                 "manoeuvre.wait_after_turn=0", "manoeuvre.log_end=5.7",
                 "drive.governor=true")  # fmt: skip

@@ -76,7 +76,7 @@ def test_straight_driving_holds_speed_and_heading(drive, tail, speed_error, head
     # under a tail on one side they stand more on one edge than on the other, which turns the car by
     # 0.012 rad/s (2 degrees in 14 m).
     settings = ("manoeuvre.speed=4.0", "manoeuvre.speed_ramp=3.0", "manoeuvre.duration=5.0")
-    run = drive("straight", f"tail.mode={tail}", *settings)
+    run = drive("straight", *HIGH_CAR, f"tail.mode={tail}", *settings)
     steady = run.time > 4.4
     assert np.abs(run.signal("velocity_x_truth_m_per_s")[steady] / 4.0 - 1.0).max() < speed_error
     assert np.abs(run.signal("yaw_truth_rad")).max() < heading_error
@@ -100,7 +100,7 @@ def test_hard_start_turns_the_car_to_the_side_of_its_held_tail(drive, direction,
         "manoeuvre.duration=1.3",
         f"manoeuvre.direction={direction}",
     )
-    run = drive("straight", *settings)
+    run = drive("straight", *HIGH_CAR, *settings)
     car = run.scenario["car"]
     tail = run.scenario["tail"]
     nose_up = (

@@ -14,6 +14,7 @@ from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.turn_plans import TurnPlans
 from aerodima.workbench.car.reduced.turns import drive_turns
 from aerodima.workbench.scenario.signal_table import WHEELS
+from tests.certain_cars import HIGH_BODY
 
 FRICTION, SLIP_ANGLE = 0.8, 0.15
 STEERED = math.radians(2.0)
@@ -24,6 +25,7 @@ def circle(speed, *settings, angle=STEERED):
     return load_scenario(
         "turn_none",
         (
+            *HIGH_BODY,
             f"car.tyre_slip_angle={SLIP_ANGLE}",
             f"car.tyre_friction={FRICTION}",
             "car.tyre_shape=ellipsoid",
