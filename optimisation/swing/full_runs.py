@@ -163,7 +163,7 @@ class Descent:
     def next_confirmations(self) -> list[float]:
         """Returns the next share of the best run's angles at the finer step; none at the end."""
         known = any(row["counts"] for row in self.confirmed.values())
-        if known or self.best is None or self.step is None or self.step >= CLIMB_STEP:
+        if known or self.best_run is None or self.step is None or self.step >= CLIMB_STEP:
             return []
         share = rounded(1.0 - SHARE_SEARCH.tolerance * (2 ** len(self.confirmed) - 1))
         return [share] if share >= MIN_CONFIRMED_SHARE else []

@@ -109,6 +109,17 @@ def test_further_runs_are_taken_where_they_count_and_are_better():
     assert json.loads(row["settings"]) == list(runs[1].settings)
 
 
+def test_a_run_of_a_search_is_confirmed_where_no_share_of_the_first_steering_counted():
+    one = descent()
+    one.step = 0.0005
+    one.rows[1.0] = {"counts": False}
+    assert one.next_confirmations() == []
+    one.improve([one.run(0.9)], [{"counts": True, "value": 0.4}])
+    assert one.next_confirmations() == [1.0]
+    one.confirmed[1.0] = {"counts": True, "value": 0.35}
+    assert one.as_row()["value"] == 0.35
+
+
 def test_reduced_cars_alone_are_compared_without_a_full_run(tmp_path):
     efforts = {"steering_effort": SearchEffort(16, 1, 1)}
     table = judge(
