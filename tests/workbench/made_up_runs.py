@@ -92,6 +92,19 @@ def made_up_run(
     )
 
 
+def awkward_run(truth=False):
+    """Signals that a text loses easily: neighbours of 1, the smallest number, minus zero, NaN."""
+    run = made_up_run(
+        {"imu_gyro_x_rad_per_s": np.nextafter(1.0, 2.0), "throttle_command": -0.0}, truth=truth
+    )
+    run.table.loc[3, "roll_estimate_rad"] = np.nan
+    run.table["imu_gyro_z_rad_per_s"] = (
+        np.random.default_rng(1).standard_normal(len(run.table)) * 1e-5
+    )
+    run.table.loc[4, "imu_gyro_y_rad_per_s"] = 5e-324
+    return run
+
+
 def signals_equal(a, b):
     """Whether two runs have the same columns in the same order with the same bits (NaN equals
     itself, 0 is not -0).

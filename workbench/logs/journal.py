@@ -154,7 +154,7 @@ class JournalWriter:
 
     def add_facts(self, facts: Facts) -> None:
         """Adds to `extra` of the log what only the run's end knows; the journal goes without."""
-        self._metadata["extra"] = {**self._metadata.get("extra", {}), **facts}
+        self._metadata["extra"] = {**self._metadata["extra"], **facts}
 
     def note(self, text: str) -> None:
         """Keeps a sentence on the journal for the log, once."""
@@ -385,7 +385,6 @@ def recover(
     if table.num_rows == 0:
         raise LogError(f"{journal}: no complete batch in it; nothing to rescue")
     metadata = decode_metadata(table.schema.metadata, str(journal))
-    facts = {"recovered_rows": table.num_rows, "journal_notes": damage}
-    metadata["extra"] = {**metadata.get("extra", {}), **facts}
+    metadata["extra"] |= {"recovered_rows": table.num_rows, "journal_notes": damage}
     path = write_table(table, metadata, Path(out_path), force)
     return Recovery(path, table.num_rows, tuple(damage))

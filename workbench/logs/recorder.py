@@ -18,6 +18,8 @@ from pydrake.systems.framework import (
     LeafSystem,
     OutputPort,
     System,
+    UseDefaultName,
+    kUseDefaultName,
 )
 from pydrake.systems.primitives import VectorLogSink
 
@@ -98,11 +100,11 @@ class OpenBuilder(DiagramBuilder):
         super().__init__()
         self.exported: dict[str, OutputPort] = {}
 
-    def ExportOutput(self, output: OutputPort, name: Any = None) -> Any:  # noqa: N802 (Drake's)
+    def ExportOutput(  # noqa: N802 (Drake's)
+        self, output: OutputPort, name: str | UseDefaultName = kUseDefaultName
+    ) -> Any:
         """Exports an output as Drake does."""
-        self.exported[output.get_name() if name is None else str(name)] = output
-        if name is None:
-            return super().ExportOutput(output)
+        self.exported[name if isinstance(name, str) else output.get_name()] = output
         return super().ExportOutput(output, name)
 
     def sources(self, system: System) -> dict[str, OutputPort]:

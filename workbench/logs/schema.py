@@ -22,7 +22,8 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import BaseModel, ConfigDict, field_validator
+from pydantic import BaseModel, ConfigDict
+from typing_extensions import TypedDict
 
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
@@ -54,26 +55,23 @@ DRIVEN_BY = "driven_by"
 `hand (MANUAL)`."""
 
 
+class _Scenario(TypedDict, total=False):
+    """What is read of every scenario, whatever else is in it."""
+
+    tail: Json | None
+
+
 class _Metadata(BaseModel):
     """What every log says of its run, beside the schema."""
 
     model_config = ConfigDict(strict=True)
 
-    scenario: Json
+    scenario: _Scenario
     seed: int
     versions: Json
     created: str
     kind: str
     extra: Json
-
-    @field_validator("scenario")
-    @classmethod
-    def _tail_has_keys(cls, scenario: Json) -> Json:
-        if not isinstance(scenario.get("tail", {}), dict | None):
-            raise ValueError(
-                f"tail: {scenario['tail']!r} is not allowed; it takes keys with values"
-            )
-        return scenario
 
 
 @dataclass(frozen=True)
@@ -193,7 +191,7 @@ def run_metadata(
         "schema": SCHEMA,
         "scenario": dict(scenario),
         "seed": seed,
-        "versions": software_versions(),
+        "versions": dict(software_versions()),
         "created": datetime.now(UTC).isoformat(),
         "kind": kind,
         "extra": dict(extra or {}),
@@ -201,8 +199,10 @@ def run_metadata(
 
 
 @cache
-def _versions() -> dict[str, str]:
-    """Looks versions up once in a process: one that is read from its distribution takes 1 ms."""
+def software_versions() -> dict[str, str]:
+    """Looks up the versions that a run depends on, of the installed distributions, once in a
+    process: Drake is not imported.
+    """
     versions = {"python": platform.python_version(), "numpy": np.__version__}
     for key, distribution in (("project", "aerodima-workbench"), ("drake", "drake")):
         try:
@@ -210,13 +210,6 @@ def _versions() -> dict[str, str]:
         except distribution_metadata.PackageNotFoundError:
             versions[key] = "not installed"
     return versions
-
-
-def software_versions() -> dict[str, str]:
-    """Lists the versions that a run depends on, of the installed distributions: Drake is not
-    imported.
-    """
-    return dict(_versions())
 
 
 def run_log_from_metadata(table: pd.DataFrame, metadata: Facts, source: str = "") -> RunLog:
@@ -312,14 +305,9 @@ def decode_metadata(schema_metadata: Mapping[bytes, bytes] | None, source: str) 
     raw = (schema_metadata or {}).get(METADATA_KEY)
     if raw is None:
         raise LogError(f"{source}: not a run log (no {METADATA_KEY.decode()!r} metadata)")
-    try:
+    with reading(source, "a run log, its metadata", LogError):
         metadata = json.loads(raw)
-    except (ValueError, RecursionError) as cause:
-        raise LogError(f"{source}: metadata are not readable JSON ({cause})") from cause
-    schema = metadata.get("schema") if isinstance(metadata, dict) else None
-    if schema != SCHEMA:
-        raise LogError(f"{source}: schema {schema!r} cannot be read; this version reads {SCHEMA!r}")
-    checked(_Metadata, metadata, f"{source}: metadata", LogError)
+    checked(_Metadata, metadata, f"{source}: metadata", LogError, schema=SCHEMA)
     return dict(metadata)
 
 

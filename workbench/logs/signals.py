@@ -260,7 +260,7 @@ def fill_gaps(run_log: RunLog, longest: float) -> RunLog:
         is_held = "_command" in name or name.startswith(HELD)
         fill = hold_last if is_held else np.interp
         table[name] = fill(grid, time[good], signal[good])
-    return _noted(replace(run_log, table=table), notes)
+    return _conditioned(run_log, table, notes)
 
 
 def remove_drift(
@@ -304,7 +304,7 @@ def remove_drift(
             note += ", kept"
         table[name] = signal - (mean + slope * (time - centre)) + kept
         notes.append(note)
-    return _noted(replace(run_log, table=table), notes)
+    return _conditioned(run_log, table, notes)
 
 
 def low_pass_columns(run_log: RunLog, columns: Sequence[str], design: LowPass) -> RunLog:
@@ -317,7 +317,7 @@ def low_pass_columns(run_log: RunLog, columns: Sequence[str], design: LowPass) -
         f"low pass (order {design.order}, {design.cutoff_hz:g} Hz, forwards and back): "
         f"{', '.join(columns)}"
     )
-    return _noted(replace(run_log, table=table), [note])
+    return _conditioned(run_log, table, [note])
 
 
 def conditioning_notes(run_log: RunLog) -> list[str]:
@@ -336,13 +336,12 @@ def earlier_shift(run_log: RunLog) -> float:
     )
 
 
-def _noted(run_log: RunLog, notes: Sequence[str]) -> RunLog:
-    """Adds notes of what was done to the metadata of a log."""
-    entries = list(run_log.extra.get("conditioning", []))
+def _conditioned(run_log: RunLog, table: pd.DataFrame, notes: list[str]) -> RunLog:
+    """Makes the log with another table, and with notes of what was done in its metadata."""
+    extra = dict(run_log.extra)
     if notes:
-        entries.append({"notes": list(notes)})
-        run_log = replace(run_log, extra={**run_log.extra, "conditioning": entries})
-    return run_log
+        extra["conditioning"] = [*extra.get("conditioning", []), {"notes": notes}]
+    return replace(run_log, table=table, extra=extra)
 
 
 @contextmanager

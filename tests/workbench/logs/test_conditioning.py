@@ -69,17 +69,6 @@ def test_a_gap_of_the_longest_length_is_filled_and_a_longer_one_is_not():
     assert_refused(lambda: fill_gaps(holed(), 0.0199), LogError, "rig.parquet", "time_s", "0.02 s")
 
 
-def test_a_filter_shifts_nothing_and_takes_the_mains_out():
-    clean = np.sin(2 * np.pi * 0.5 * TIMES)
-    done = low_pass_columns(
-        rig_log({"force_y_n": clean + 0.3 * np.sin(2 * np.pi * 50 * TIMES)}),
-        ["force_y_n"],
-        RIG_FILTER,
-    )
-    middle = (TIMES > 1) & (TIMES < 9)
-    assert np.max(np.abs(done.signal("force_y_n") - clean)[middle]) < 1e-4
-
-
 def without(lost):
     return rig_log({"force_y_n": np.where(lost, np.nan, 1.0)})
 

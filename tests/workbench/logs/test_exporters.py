@@ -10,7 +10,7 @@ from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.exporters import export_log, topics_of
 from aerodima.workbench.logs.foreign_files import read_mcap
 from tests.refusals import assert_refused
-from tests.workbench.made_up_runs import made_up_run, signals_equal
+from tests.workbench.made_up_runs import awkward_run, made_up_run, signals_equal
 
 
 def mcap_table(path):
@@ -27,19 +27,6 @@ def mcap_metadata(path):
     return str(record.metadata["json"])
 
 
-def awkward_run():
-    """Signals that a text loses easily: neighbours of 1, the smallest number, minus zero, NaN."""
-    run = made_up_run(
-        {"imu_gyro_x_rad_per_s": np.nextafter(1.0, 2.0), "throttle_command": -0.0}, truth=False
-    )
-    run.table.loc[3, "roll_estimate_rad"] = np.nan
-    run.table["imu_gyro_z_rad_per_s"] = (
-        np.random.default_rng(1).standard_normal(len(run.table)) * 1e-5
-    )
-    run.table.loc[4, "imu_gyro_y_rad_per_s"] = 5e-324
-    return run
-
-
 @pytest.mark.parametrize("form", ["csv", "mcap"])
 def test_an_export_comes_back_bit_for_bit_with_its_metadata(tmp_path, form):
     run = awkward_run()
@@ -54,22 +41,18 @@ def test_an_export_comes_back_bit_for_bit_with_its_metadata(tmp_path, form):
     assert json.loads(metadata) == run.metadata()
 
 
-@pytest.mark.parametrize("form", ["csv", "mcap"])
-def test_an_existing_file_is_not_overwritten(tmp_path, form):
+@pytest.mark.parametrize(
+    ("form", "name"), [("csv", "run.csv"), ("csv", "run.csv.json"), ("mcap", "run.mcap")]
+)
+def test_an_existing_file_is_not_overwritten(tmp_path, form, name):
+    present = tmp_path / name
+    present.write_text("precious")
     path = tmp_path / f"run.{form}"
-    path.write_text("precious")
-    assert_refused(lambda: export_log(awkward_run(), path, form), LogError, path.name, "--force")
-    assert path.read_text() == "precious"
+    assert_refused(lambda: export_log(awkward_run(), path, form), LogError, name, "--force")
+    assert [*tmp_path.iterdir()] == [present]
+    assert present.read_text() == "precious"
     export_log(awkward_run(), path, form, force=True)
-    assert path.read_bytes() != b"precious"
-
-
-def test_an_existing_file_beside_the_csv_is_not_overwritten(tmp_path):
-    (tmp_path / "run.csv.json").write_text("precious")
-    assert_refused(
-        lambda: export_log(awkward_run(), tmp_path / "run.csv", "csv"), LogError, "run.csv.json"
-    )
-    assert not (tmp_path / "run.csv").exists()
+    assert present.read_bytes() != b"precious"
 
 
 def test_mcap_has_a_topic_per_device_with_schema_and_times_in_nanoseconds(tmp_path):

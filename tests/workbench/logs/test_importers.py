@@ -14,7 +14,6 @@ from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.importers import import_log, read_foreign_log
 from aerodima.workbench.logs.log_findings import refuse_implausible, refuse_inconsistent_rates
 from aerodima.workbench.logs.mapping import CsvFormat, mapping_from
-from aerodima.workbench.logs.signals import hold_last
 from tests.refusals import assert_named, assert_refused
 
 TIMES = np.arange(400) / 100.0
@@ -209,20 +208,6 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path, name, write, named):
     assert_refused(lambda: import_log(path, swing_mapping()), LogError, name, *named)
 
 
-def test_a_text_file_is_read_as_the_mapping_says(tmp_path):
-    """Two lines of text, the names, their units, and a remark among the numbers."""
-    rows = [f"{1e3 * time:.0f};{angle:.6f}".replace(".", ",") for time, angle in
-            zip(TIMES, np.rad2deg(ANGLE), strict=True)]  # fmt: skip
-    rows[3:3] = ["# the wind was switched on"]
-    lines = ["Wind tunnel", "tail 1", "t;theta", "ms;deg", *rows]
-    (tmp_path / "log.txt").write_text("\n".join(lines), encoding="utf-8")
-    form = {"delimiter": ";", "decimal": ",", "skip_lines": 2, "skip_after_names": 1}
-    mapping = swing_mapping(csv={**form, "comment": "#"})
-    table = import_log(tmp_path / "log.txt", mapping).run_log.table
-    assert np.allclose(table["time_s"], TIMES, atol=1e-9)
-    assert np.allclose(table["angle_rad"], ANGLE, atol=1e-7)
-
-
 def test_no_row_of_a_file_without_a_line_of_names_is_lost(tmp_path):
     path = write_nameless_csv(tmp_path / "log.csv")
     mapping = swing_mapping(csv={"names": ["t", "theta", "omega", "Fy"]})
@@ -279,11 +264,6 @@ def test_dates_are_times(tmp_path):
             time_s=lambda table: table["time_s"].round(6)
         )
     )
-
-
-def test_hold_last_holds_until_the_next_sample_and_knows_nothing_before_the_first():
-    held = hold_last(np.arange(7.0), np.array([1.0, 3.0, 3.5]), np.array([10.0, 30.0, 35.0]))
-    assert np.array_equal(held, [np.nan, 10.0, 10.0, 30.0, 35.0, 35.0, 35.0], equal_nan=True)
 
 
 def test_empty_cells_of_a_sparse_table_are_no_samples(tmp_path):

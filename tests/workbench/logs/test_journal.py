@@ -63,15 +63,6 @@ def test_an_orderly_run_becomes_parquet_and_leaves_no_journal(tmp_path, rows):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_the_caller_may_reuse_its_row(tmp_path):
-    buffer = np.zeros(3)
-    with JournalWriter(tmp_path / "run.parquet", COLUMNS, metadata()) as journal:
-        for number in range(5):
-            buffer[:] = row(number)
-            journal.append(buffer)
-    assert_rows(read_run_log(tmp_path / "run.parquet").table, 5)
-
-
 def test_an_exception_keeps_the_journal_with_every_row(tmp_path):
     path = tmp_path / "run.parquet"
 

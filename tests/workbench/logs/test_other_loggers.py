@@ -72,12 +72,14 @@ def test_columns_without_names_are_numbered(tmp_path):
     assert np.allclose(table, np.transpose([TIME, TIME]))
 
 
-def test_a_preamble_of_other_widths_stands_above_names_and_units(tmp_path):
+def test_a_preamble_of_other_widths_stands_above_names_and_units_and_remarks_are_left_out(tmp_path):
     """As MoTeC's i2 writes it."""
     lines = ['"Format","MoTeC CSV File",,,"Workbook",""', '"Range","outing"', "", "", '"t","v"']
-    path = write_csv(tmp_path / "log.csv", [*lines, '"s","km/h"', ""], header=False, t=TIME, v=TIME)
-    form = {"skip_lines": 4, "skip_after_names": 2}
-    assert len(import_log(path, car_mapping({"from": "t"}, csv=form)).run_log.table) == 200
+    lines += ['"s","km/h"', "", "# the engine was started"]
+    path = write_csv(tmp_path / "log.txt", lines, header=False, t=TIME, v=TIME)
+    form = {"skip_lines": 4, "skip_after_names": 2, "comment": "#"}
+    table = import_log(path, car_mapping({"from": "t"}, csv=form)).run_log.table
+    assert np.allclose(table, np.transpose([TIME, TIME]))
     assert_refused(lambda: import_log(path, car_mapping({"from": "t"})), LogError, "'t'", "Format")
 
 

@@ -56,11 +56,6 @@ def test_headings_are_unwrapped_and_other_angles_are_not(tmp_path):
     assert_allclose(table["sail_angle_rad"], np.sin(-20 * time), atol=1e-9)
 
 
-def test_angle_of_another_name_keeps_its_jumps(tmp_path):
-    table = record(tmp_path, 100.0, 1.0, ["sail_angle_rad", "a", "b"])
-    assert np.abs(table["sail_angle_rad"]).max() <= np.pi
-
-
 @pytest.mark.parametrize("options", [{}, {"step": 0.001}, {"with_samples": True}])
 def test_times_of_the_rows_are_the_instants_bit_for_bit(tmp_path, options):
     """Not sums of steps, nor the moment beside the instant at which a row is taken."""

@@ -17,23 +17,13 @@ from aerodima.workbench.logs.schema import (
 )
 from aerodima.workbench.scenario.signal_table import CAR_PORTS, CAR_TRUTH, Column
 from tests.refusals import assert_refused
-from tests.workbench.made_up_runs import car_run_columns, made_up_run, signals_equal
+from tests.workbench.made_up_runs import awkward_run, car_run_columns, made_up_run, signals_equal
 
 UNIT_ENDINGS = {
     "m": "_m", "m/s": "_m_per_s", "m/s2": "_m_per_s2", "rad": "_rad", "rad/s": "_rad_per_s",
     "N": "_n",
     "N m": "_n_m", "N s": "_n_s", "N m s": "_n_m_s", "W": "_w", "s": "_s",
 }  # fmt: skip
-
-
-def awkward_run():
-    """A run whose signals hold what text formats lose: NaN, both zeros, infinities, neighbours
-    of 1.
-    """
-    run = made_up_run({"gyro_x_truth_rad_per_s": np.nextafter(1.0, 2.0), "throttle_command": -0.0})
-    run.table.loc[3, "roll_estimate_rad"] = np.nan
-    run.table.loc[4, "roll_estimate_rad"] = -np.inf
-    return run
 
 
 def test_every_column_ends_in_its_unit_and_has_a_meaning():
@@ -44,7 +34,8 @@ def test_every_column_ends_in_its_unit_and_has_a_meaning():
 
 
 def test_what_is_written_comes_back_bit_for_bit(tmp_path):
-    run = awkward_run()
+    run = awkward_run(truth=True)
+    run.table.loc[4, "roll_estimate_rad"] = -np.inf
     back = read_run_log(write_run_log(run, tmp_path / "new folder" / "run.parquet"))
     assert signals_equal(run, back)
     assert back.metadata() == run.metadata()
@@ -56,7 +47,7 @@ def test_what_is_written_comes_back_bit_for_bit(tmp_path):
     "change",
     [
         lambda table: table.assign(throttle_command=0.0),
-        lambda table: table.assign(gyro_x_truth_rad_per_s=1.0),
+        lambda table: table.assign(imu_gyro_x_rad_per_s=1.0),
         lambda table: table.iloc[:-1],
         lambda table: table[[*table.columns[1:], table.columns[0]]],
         lambda table: table.drop(columns="status_armed"),

@@ -8,7 +8,6 @@ from aerodima.workbench.logs.signals import (
     RIG_FILTER,
     LowPass,
     RowUnwrapper,
-    check_gaps,
     check_signals,
     in_parts,
     low_pass,
@@ -94,11 +93,6 @@ def with_time(row, value):
 )
 def test_what_is_wrong_with_a_signal_is_named_with_column_and_time(work, named):
     assert_refused(work, LogError, *named)
-
-
-def test_a_gap_may_be_allowed():
-    check_gaps(WITH_GAP, largest_step=0.1)
-    check_signals(WITH_GAP, {}, largest_step=0.1)
 
 
 def test_headings_of_rows_are_unwrapped_by_whole_turns_over_any_jump():
