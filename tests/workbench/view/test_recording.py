@@ -2,7 +2,6 @@
 the camera.
 """
 
-from collections import defaultdict
 from functools import partial
 
 import numpy as np
@@ -21,31 +20,7 @@ from aerodima.workbench.view.recording import (
     record_run,
 )
 from tests.refusals import assert_refused
-
-
-class Tracks:
-    """Takes the calls that a Meshcat and its animation get."""
-
-    def __init__(self):
-        self.transforms = defaultdict(dict)
-        self.properties = defaultdict(dict)
-        self.camera = None
-
-    def SetTransform(self, *words):  # noqa: N802, Drake's name
-        if isinstance(words[0], int):
-            frame, path, X = words
-            self.transforms[path][frame] = X
-
-    def SetProperty(self, *words):  # noqa: N802
-        if isinstance(words[0], int):
-            frame, path, name, value = words
-            self.properties[path, name][frame] = value
-
-    def SetObject(self, *words):  # noqa: N802
-        pass
-
-    def SetCameraPose(self, camera, target):  # noqa: N802
-        self.camera = camera, target
+from tests.workbench.view.shown_calls import ShownCalls
 
 
 def test_frames_are_the_nearest_rows_from_first_to_last():
@@ -78,31 +53,31 @@ def test_rate_out_of_range_is_refused(tailed, rate):
 def test_point_of_an_arrow_is_force_times_scale_from_its_foot():
     points = np.array([[1.0, 2.0, 0.0], [1.5, 2.0, 0.0], [2.0, 2.0, 0.0]])
     lengths = np.array([[0.1, -0.2, 0.3], [0.0, 0.0, 0.0], [0.0, 0.4, 0.0]])
-    tracks = Tracks()
+    tracks = ShownCalls()
     arrow = ForceArrow("wind", (1.0, 0.0, 0.0), points, lengths)
     _draw_arrow(tracks, tracks, arrow, np.arange(3))
     path = "/drake/forces/wind"
     for frame in (0, 2):
-        X_WA = tracks.transforms[path][frame]
-        shaft = tracks.properties[f"{path}/shaft", "scale"][frame][2]
-        X_AH = tracks.transforms[f"{path}/head"][frame]
-        X_AS = tracks.transforms[f"{path}/shaft"][frame]
+        X_WA = tracks.frames[path][frame]
+        shaft = tracks.frames[f"{path}/shaft", "scale"][frame][2]
+        X_AH = tracks.frames[f"{path}/head"][frame]
+        X_AS = tracks.frames[f"{path}/shaft"][frame]
         assert X_WA.multiply(X_AH.translation()) == pytest.approx(points[frame] + lengths[frame])
         foot = X_WA.multiply(X_AS.multiply(np.array([0.0, 0.0, -shaft / 2])))
         assert foot == pytest.approx(points[frame], abs=1e-12)
         # The head is a cone that opens along its own z: back towards the foot.
         assert X_WA.rotation().multiply(X_AH.rotation()).matrix()[:, 2] @ lengths[frame] < 0
-    assert tracks.properties[path, "visible"] == {0: True, 1: False, 2: True}
+    assert tracks.frames[path, "visible"] == {0: True, 1: False, 2: True}
 
 
 def test_world_moves_so_that_the_car_stays_in_view(tailed):
     logged = add_logged_run(DiagramBuilder(), tailed)
-    tracks = Tracks()
+    tracks = ShownCalls()
     rows = np.array([0, 100, len(tailed.time) - 1])
     _follow(tracks, tracks, logged, rows)
     com = tailed.vector("com", "truth_m")
     for frame, row in enumerate(rows):
-        shown = tracks.transforms["/drake"][frame].multiply(com[row])
+        shown = tracks.frames["/drake"][frame].multiply(com[row])
         assert np.linalg.norm(shown[:2]) < 0.1  # smoothed: the car moves a little in the picture
         assert shown[2] == pytest.approx(com[row, 2])  # the floor stays where it is
     position, target = tracks.camera

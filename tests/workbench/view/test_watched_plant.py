@@ -7,38 +7,14 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.view.watched_plant import LiveScene
+from tests.workbench.view.shown_calls import ShownCalls
 
 ARROW = "/drake/forces/air_on_tail"
 
 
-class Shown:
-    """Takes the calls that a Meshcat gets; the last of each path."""
-
-    def __init__(self):
-        self.poses = {}
-        self.properties = {}
-        self.objects = []
-        self.camera = []
-
-    def SetTransform(self, path, X):  # noqa: N802, Drake's name
-        self.poses[path] = X
-
-    def SetProperty(self, path, name, value):  # noqa: N802
-        self.properties[path, name] = value
-
-    def SetObject(self, path, *_):  # noqa: N802
-        self.objects.append(path)
-
-    def SetLineSegments(self, path, *_):  # noqa: N802
-        self.objects.append(path)
-
-    def SetCameraPose(self, eye, target):  # noqa: N802
-        self.camera.append((eye, target))
-
-
 def shown(com, force):
     """A body of 0.2 m about its origin at the centre of mass, whose tail of 1 m points up."""
-    meshcat = Shown()
+    meshcat = ShownCalls()
     live = LiveScene(meshcat, ["tail"], [0.2], 0.1)
     context = live.CreateDefaultContext()
     middle = np.array([com[0], com[1], com[2] + 0.5])
@@ -53,7 +29,7 @@ def shown(com, force):
 def test_world_moves_under_the_camera_and_keeps_its_floor():
     meshcat = shown([3.0, -2.0, 0.4], [2.0, 0.0, 0.0])
     assert meshcat.poses["/drake"].translation() == pytest.approx([-3.0, 2.0, 0.0])
-    eye, target = meshcat.camera[0]
+    eye, target = meshcat.camera
     assert target == pytest.approx([0.0, 0.0, 0.4])
     assert np.linalg.norm(eye - target) > 3 * 0.2
     assert "/drake/ground/floor" in meshcat.objects
