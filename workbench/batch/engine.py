@@ -97,7 +97,7 @@ class WorkerRecord:
             study.
     """
 
-    def __init__(self, progress: ProgressLine = print_progress, path: Path | None = None) -> None:
+    def __init__(self, progress: ProgressLine, path: Path | None) -> None:
         self._progress = progress
         self._path = path
         self.counts: Counter[str] = Counter()

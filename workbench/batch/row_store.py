@@ -69,7 +69,7 @@ class RowStore:
         self._error = error
         make_folder(path.parent, error)
         if alone and not force and not path.exists():
-            refuse_foreign_files(path.parent, error)
+            self._refuse_other_files()
         try:
             self._stream = path.open("ab+", buffering=0)
         except OSError as cause:
@@ -97,6 +97,15 @@ class RowStore:
     def close(self) -> None:
         """Unlock the file; the end of the process does so too."""
         self._stream.close()
+
+    def _refuse_other_files(self) -> None:
+        folder = self.path.parent
+        names = sorted(path.name for path in folder.iterdir() if path.name != WORKER_RECORD)
+        if names:
+            raise self._error(
+                f"{folder}: holds files such as {', '.join(names[:3])}; choose another folder, or "
+                "--force"
+            )
 
     def _lock(self) -> None:
         try:
@@ -157,14 +166,6 @@ def content_key(*content: Any) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:20]
 
 
-def refuse_foreign_files(folder: Path, error: type[UserError] = UserError) -> None:
-    """Raise `error` if a folder holds other files than those of the work that is done there."""
-    names = sorted(path.name for path in folder.iterdir() if path.name != WORKER_RECORD)
-    if names:
-        shown = ", ".join(names[:3])
-        raise error(f"{folder}: holds files such as {shown}; choose another folder, or --force")
-
-
 def _plain(value: Any) -> Any:
     """Convert NumPy's scalars to Python's, without loading NumPy."""
     if hasattr(value, "item"):
@@ -188,7 +189,7 @@ class ProgressBar:
         self._progress = progress
         self._start = time.monotonic()
 
-    def advance(self, what: str = "") -> None:
+    def advance(self, what: str) -> None:
         """Count a piece, and show `what` beside the count."""
         self.done += 1
         pace = (time.monotonic() - self._start) / (self.done - self._there)

@@ -101,22 +101,21 @@ class Finding:
 
 def examine() -> list[Finding]:
     """Examine what can be seen without changing anything; importing Drake takes a second or two."""
-    checks = (
-        _python_and_drake,
-        _solvers,
-        _models,
-        _extras,
-        _programs,
-        _can,
-        _serial,
-        _realtime,
-        _disk,
-    )
-    return [finding for check in checks for finding in check()]
+    return [
+        Finding("Python", platform.python_version(), True),
+        _drake(),
+        *_solvers(),
+        _models(),
+        *_extras(),
+        *_programs(),
+        _can(),
+        _serial(),
+        _realtime(),
+        _disk(),
+    ]
 
 
-def _python_and_drake() -> Iterator[Finding]:
-    yield Finding("Python", platform.python_version(), True)
+def _drake() -> Finding:
     try:
         importlib.import_module("pydrake.all")
         found = version("drake")
@@ -124,7 +123,7 @@ def _python_and_drake() -> Iterator[Finding]:
     except (ImportError, PackageNotFoundError) as error:
         found = str(error)
         ok = False
-    yield Finding("Drake", found, ok, "pip install 'drake>=1.51'", True)
+    return Finding("Drake", found, ok, "pip install 'drake>=1.51'", True)
 
 
 def _solvers() -> Iterator[Finding]:
@@ -143,12 +142,12 @@ def _solvers() -> Iterator[Finding]:
         yield Finding(f"solver {solver.solver_id().name()}", found, ok, advice)
 
 
-def _models() -> Iterator[Finding]:
+def _models() -> Finding:
     try:
         workbench.load_scenario("turn_swing")
-        yield Finding("models", str(models_dir()), True)
+        return Finding("models", str(models_dir()), True)
     except UserError as error:
-        yield Finding("models", str(error), False, "reinstall the package", True)
+        return Finding("models", str(error), False, "reinstall the package", True)
 
 
 def _extras() -> Iterator[Finding]:
@@ -172,10 +171,10 @@ def _programs() -> Iterator[Finding]:
         yield Finding(subject, found, bool(paths), advice)
 
 
-def _can() -> Iterator[Finding]:
+def _can() -> Finding:
     types = sorted(Path("/sys/class/net").glob("*/type"))
     interfaces = [path.parent.name for path in types if path.read_text().strip() == _ARPHRD_CAN]
-    yield Finding(
+    return Finding(
         "CAN interface",
         ", ".join(interfaces) or "none",
         bool(interfaces),
@@ -183,13 +182,13 @@ def _can() -> Iterator[Finding]:
     )
 
 
-def _serial() -> Iterator[Finding]:
+def _serial() -> Finding:
     ports = [*glob("/dev/ttyACM*"), *glob("/dev/ttyUSB*")]
     closed = [port for port in ports if not os.access(port, os.R_OK | os.W_OK)]
     found = ", ".join(ports) or "none"
     if closed:
         found = f"no permission for {', '.join(closed)}"
-    yield Finding(
+    return Finding(
         "serial ports",
         found,
         bool(ports) and not closed,
@@ -197,10 +196,10 @@ def _serial() -> Iterator[Finding]:
     )
 
 
-def _realtime() -> Iterator[Finding]:
+def _realtime() -> Finding:
     rights = zip(("priority", "locked memory"), permitted(), strict=True)
     refused = [name for name, is_permitted in rights if not is_permitted]
-    yield Finding(
+    return Finding(
         "real time",
         f"not permitted: {', '.join(refused)}" if refused else "permitted",
         not refused,
@@ -208,9 +207,9 @@ def _realtime() -> Iterator[Finding]:
     )
 
 
-def _disk() -> Iterator[Finding]:
+def _disk() -> Finding:
     free = shutil.disk_usage(Path.cwd()).free
-    yield Finding(
+    return Finding(
         "disk",
         f"{free / 1e9:.1f} GB free in {Path.cwd()}",
         free >= MIN_DISK,

@@ -44,7 +44,6 @@ def metrics(
     """
     _refuse_twice(runs)
     run_logs = [workbench.read_run_log(path) for path in runs]
-    refuse_existing(out, force, LogError)
     import pandas as pd
 
     from aerodima.workbench.metrics.run_summary import metrics_of_runs

@@ -12,7 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -105,23 +104,6 @@ class ManualInput:
     over: bool = False
 
 
-class Controls(Protocol):
-    """Source of the driver's commands, and display of what became of them."""
-
-    def poll(self) -> ManualInput:
-        """Reads what the driver asks for now."""
-
-    def show(self, time: float, speed: float, heading: float, pace: float) -> None:
-        """Shows the state of the run, every `DISPLAY_PERIOD` s of it.
-
-        Args:
-            time: simulated since this attempt began, s.
-            speed: over ground, m/s.
-            heading: since the start, rad, positive to the left, from -pi to pi.
-            pace: seconds of the run per second.
-        """
-
-
 @dataclass
 class ManualSchedule:
     """A `Schedule` that follows a driver; the speed is ramped, so that the wheels do not spin.
@@ -195,7 +177,7 @@ class ManualOverrideLaw:
 
 def drive_by_hand(
     scenario: Scenario,
-    controls: Controls,
+    controls: "MeshcatControls",
     *,
     log: Path | None = None,
     meshcat: Meshcat | None = None,
@@ -255,7 +237,7 @@ def drive_by_hand(
 def _drive(
     simulator: Simulator,
     camera: ChaseCamera,
-    controls: Controls,
+    controls: "MeshcatControls",
     schedule: ManualSchedule,
     length: float,
     say: Callable[[str], None],
@@ -363,7 +345,14 @@ class MeshcatControls:
         )
 
     def show(self, time: float, speed: float, heading: float, pace: float) -> None:
-        """Shows each on its slider, the pace in Meshcat's own chart too; see `Controls`."""
+        """Shows the state of the run on the sliders, the pace in Meshcat's own chart too.
+
+        Args:
+            time: simulated since this attempt began, s.
+            speed: over ground, m/s.
+            heading: since the start, rad, positive to the left, from -pi to pi.
+            pace: seconds of the run per second.
+        """
         meshcat = self._meshcat
         meshcat.SetSliderValue(PACE_NOW, min(pace, 1.0))
         meshcat.SetSliderValue(SPEED_NOW, speed)
