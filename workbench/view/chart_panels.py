@@ -20,6 +20,7 @@ from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator
+from matplotlib.transforms import Transform
 
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.file_reading import Json
@@ -168,14 +169,8 @@ def _shapes(axes: Axes, named: Sequence[Line2D]) -> Iterable[Json]:
 
 
 def _line_shapes(line: Line2D, axes: Axes) -> Iterable[Json]:
-    x, y = _points(line).T
     look = _look(line)
-    in_x, in_y = line.get_transform().contains_branch_seperately(axes.transData)
-    place: Json = {"x": ["low", "high"], "y": ["low", "high"]}
-    if in_x:
-        place["x"] = _numbers(x)
-    if in_y:
-        place["y"] = _numbers(y)
+    place = _placed(_points(line), line.get_transform(), axes)
     if look["joined"]:
         place["stroke"] = to_hex(line.get_color())
         yield {**place, "width": look["width"], "dash": look.get("dash")}
@@ -186,12 +181,21 @@ def _line_shapes(line: Line2D, axes: Axes) -> Iterable[Json]:
 
 def _area(patch: Patch, axes: Axes) -> Json:
     """Reads a bar, or a stripe from edge to edge."""
-    outline = _outline(patch.get_path().transformed(patch.get_patch_transform()).vertices)
-    in_data = patch.get_data_transform().contains_branch_seperately(axes.transData)
+    vertices = patch.get_path().transformed(patch.get_patch_transform()).vertices
+    place = _placed(vertices, patch.get_data_transform(), axes)
+    return {**place, "fill": to_hex(patch.get_facecolor())}
+
+
+def _placed(vertices: Any, transform: Transform, axes: Axes) -> Json:
+    """Reads where vertices (n, 2) are; along an axis whose coordinates are not those of the data,
+    at which edge of the panel.
+    """
+    outline = _outline(vertices)
+    in_data = transform.contains_branch_seperately(axes.transData)
     for axis, inside in zip("xy", in_data, strict=True):
         if not inside:
             outline[axis] = ["low" if value < 0.5 else "high" for value in outline[axis]]
-    return {**outline, "fill": to_hex(patch.get_facecolor())}
+    return outline
 
 
 def _outline(vertices: Any) -> Json:

@@ -3,7 +3,6 @@
 import math
 import textwrap
 from itertools import cycle
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -57,8 +56,14 @@ def _plot_speed(coefficients: CoefficientSet) -> Figure:
         label = "weighted average of the single fits"
         axes.plot(nodes.speed_m_per_s, nodes.cn, "o", color=BLUE, label=label)
     if "cn_p10" in nodes:
-        band = (nodes.speed_m_per_s, nodes.cn_p10, nodes.cn_p90)
-        axes.fill_between(*band, color=BLUE, alpha=0.2, label="percentiles 10 to 90")
+        axes.fill_between(
+            nodes.speed_m_per_s,
+            nodes.cn_p10,
+            nodes.cn_p90,
+            color=BLUE,
+            alpha=0.2,
+            label="percentiles 10 to 90",
+        )
     axes.set(
         xlabel="relative speed [m/s]",
         ylabel="normal-force (drag) coefficient $C_N$",
@@ -96,11 +101,17 @@ def _plot_curves(axes: Axes, coefficients: PolarTable, name: str) -> None:
         degrees = np.degrees(measured.angle_rad)
         axes.plot(degrees, measured[name], "o", color=colour)
         seeds = nodes[nodes.status == "seed"]
-        look: Any = {"color": colour, "fillstyle": "none", "alpha": 0.6}
-        axes.plot(np.degrees(seeds.angle_rad), seeds[name], "o", **look)
+        axes.plot(
+            np.degrees(seeds.angle_rad), seeds[name], "o", color=colour, fillstyle="none", alpha=0.6
+        )
         if f"{name}_p10" in measured:
-            band = (measured[f"{name}_p10"], measured[f"{name}_p90"])
-            axes.fill_between(degrees, *band, color=colour, alpha=0.2)
+            axes.fill_between(
+                degrees,
+                measured[f"{name}_p10"],
+                measured[f"{name}_p90"],
+                color=colour,
+                alpha=0.2,
+            )
     edge = math.degrees(coefficients.range.angle_rad[1])
     axes.axvspan(edge, math.degrees(highest), color="0.93", zorder=0)
     axes.set(xlabel=r"angle of attack $|\gamma|$ [deg]", ylabel=_LABELS[name])

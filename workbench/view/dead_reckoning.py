@@ -17,7 +17,6 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
 from aerodima.workbench.car.car_plant import CarPlant, add_car_plant
-from aerodima.workbench.car.ground_truth import own_instances
 from aerodima.workbench.car.tail_plant import tail_geometry
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError, ScenarioError
@@ -146,7 +145,7 @@ def _centre_of_mass(car: CarPlant, positions: FloatArray) -> FloatArray:
     com = np.zeros((len(positions), 3))
     for row, values in enumerate(positions):
         car.plant.SetPositions(context, values)
-        com[row] = car.plant.CalcCenterOfMassPositionInWorld(context, own_instances(car.plant))
+        com[row] = car.plant.CalcCenterOfMassPositionInWorld(context, car.instances)
     return com
 
 

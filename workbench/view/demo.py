@@ -142,8 +142,7 @@ def make_demo(
         bar.advance(f"{summary.name}: {summary.metrics.outcome.result}")
 
     def kept() -> str:
-        logs = [run.log for run in runs if run.log.exists()]
-        return f"{len(logs)} of {len(runs)} logs"
+        return f"{sum(run.log.exists() for run in runs)} of {len(runs)} logs"
 
     with _claimed(out, runs, force) as store, print_resume_hint(progress, kept):
         progress(f"{len(runs)} runs in {min(workers, len(runs))} process(es), results in {out}")
@@ -232,10 +231,12 @@ def _write_page(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSumma
     first = {run.opening: read_run_log(run.log) for run in runs if run.opening}
     thesis = {run.name: run for run in runs if not run.opening}
     modes = list(MODE_WORDS)
-    ordered = [summary for summary in summaries if summary.name in thesis]
-    ordered.sort(key=lambda run: (modes.index(run.tail_mode), run.commanded_speed))
+    ordered = sorted(
+        (summary for summary in summaries if summary.name in thesis),
+        key=lambda run: (modes.index(run.tail_mode), run.commanded_speed),
+    )
     numbers = pd.DataFrame([{"run": s.name, **s.as_row(), **s.impulses_row()} for s in ordered])
-    sections = [thesis_turn_chapter(ordered), provenance(thesis, SUMMARY)]
+    sections = [thesis_turn_chapter(ordered), provenance(thesis)]
     title = "The car turns, with and without its tail"
     lead = ""
     if first:
@@ -323,13 +324,12 @@ def _metric_table(summaries: Sequence[RunSummary]) -> Folded:
     return Folded("Metrics beside the published ones", [Table(header.split(", "), rows)])
 
 
-def provenance(runs: Mapping[str, DemoRun], summary: str) -> Section:
+def provenance(runs: Mapping[str, DemoRun]) -> Section:
     """Lists versions, seeds, files beside the page and the scenario of the first run: what the page
     was made of.
 
     Args:
         runs: name -> run, of at least one.
-        summary: file of the table of the runs.
     """
     logs = [read_run_log(run.log) for run in runs.values()]
     versions = {item for log in logs for item in log.versions.items()}
@@ -346,7 +346,7 @@ def provenance(runs: Mapping[str, DemoRun], summary: str) -> Section:
         files.append((name, Link(f"logs/{run.log.name}", "log"), replay))
     scenario = Preformatted(json.dumps(logs[0].scenario, indent=2, sort_keys=True))
     parts: list[Part] = [
-        ("Numbers of every run:", Link(summary)),
+        ("Numbers of every run:", Link(SUMMARY)),
         Table(("run", "log", "replay"), files),
         Table(("what", "value"), facts),
         Folded(f"Resolved scenario of {next(iter(runs))}", [scenario]),

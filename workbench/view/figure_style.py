@@ -1,8 +1,7 @@
 """One look for all figures: colours, markers, lines, the shaded turn, files."""
 
 import io
-from collections.abc import Iterator
-from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,13 +26,9 @@ _DPI = 130
 STYLE = Path(__file__).with_name("figures.mplstyle")
 
 
-@contextmanager
-def styled() -> Iterator[None]:
-    """Applies the settings of all figures, also as a decorator; settings of a notebook outside are
-    left as they are.
-    """
-    with matplotlib.rc_context(fname=STYLE):
-        yield
+styled = partial(matplotlib.rc_context, fname=STYLE)
+"""Applies the settings of all figures in a block, or as a decorator; settings of a notebook outside
+are left as they are."""
 
 
 def new_figure(

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from aerodima.workbench.car.turn_signals import TurnSignals, turn_signals
 from aerodima.workbench.car.verdict import FLIP_TILT
 from aerodima.workbench.core.array_types import BoolArray, FloatArray
-from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
+from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.deprecation import renamed
 from aerodima.workbench.core.errors import LogError, UserError
 from aerodima.workbench.logs.schema import RunLog
@@ -142,15 +142,9 @@ def write_strip(run_log: RunLog, path: Path | str, *, force: bool = False) -> Pa
         UserError: the file exists or cannot be written, or there is no renderer (`check_renderer`).
         LogError: the log cannot be replayed, see `add_logged_run`.
     """
-    path = Path(path)
-    refuse_existing(path, force, UserError)
     figure = filmstrip_figure(run_log)
-    return write_atomically(
-        path,
-        lambda temporary: figure.savefig(temporary, format="png", metadata={"Software": None}),
-        force,
-        UserError,
-    )
+    write = partial(figure.savefig, format="png", metadata={"Software": None})
+    return write_atomically(Path(path), write, force, UserError)
 
 
 def filmstrip_figure(run_log: RunLog) -> Figure:

@@ -19,7 +19,7 @@ from aerodima.workbench.car.ground_truth import air_columns, pose_columns
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError, ScenarioError
 from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
-from aerodima.workbench.logs.signals import check_signals, check_time
+from aerodima.workbench.logs.signals import check_signals, check_time, naming
 from aerodima.workbench.metrics.run_summary import tails_of
 from aerodima.workbench.scenario.scenario import scenario_from_dict
 from aerodima.workbench.scenario.signal_table import PLANT_POSITION_PREFIX
@@ -161,9 +161,9 @@ def _add_car(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
             f"missing: {missing or 'none'}; unknown: {unknown or 'none'}"
         )
     positions = table[columns].to_numpy(float)
-    if not np.all(np.isfinite(positions)):
-        row, column = np.argwhere(~np.isfinite(positions))[0]
-        raise LogError(f"{name}: {columns[column]} is not finite at {run_log.time[row]:g} s")
+    with naming(name):
+        signals = dict(zip(columns, positions.T, strict=True))
+        check_signals(run_log.time, signals, largest_step=np.inf)
     path = run_log.vector("position", "truth_m")
     place = (2.0, 0.9, 0.25)
     tips = {}

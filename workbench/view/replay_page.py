@@ -12,7 +12,7 @@ from typing import Any
 
 import pandas as pd
 
-from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
+from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import LogError, UserError
 from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
@@ -60,9 +60,7 @@ def write_replay_html(
         UserError: the file exists or cannot be written, rate out of range.
         LogError: the log cannot be replayed.
     """
-    path = Path(path)
-    refuse_existing(path, force, UserError)
-    return write_atomically(path, replay_page(run_log, rate), force, UserError)
+    return write_atomically(Path(path), replay_page(run_log, rate), force, UserError)
 
 
 def replay_page(run_log: RunLog, rate: float = 1.0, *, signals: bool = True) -> str:
@@ -77,16 +75,18 @@ def replay_page(run_log: RunLog, rate: float = 1.0, *, signals: bool = True) -> 
     logged = record_run(run_log, meshcat, rate)
     head, scene = _split(meshcat.StaticHtml(), "<title>Drake MeshCat</title>")
     scene, end = _split(scene, "</body>")
-    drake = {"head": head, "scene": scene, "end": "</body>" + end}
     run_log = logged.run_log
-    channels = channels_of([run_log], [run_log.name]) if signals else None
-    shown = {
-        "caption": run_caption(run_log),
-        "keys": _keys(logged),
-        "run": _frames(run_log, rate),
-        "channels": channels,
-    }
-    return render("replay.html", **drake, **shown, rate=rate)
+    return render(
+        "replay.html",
+        head=head,
+        scene=scene,
+        end="</body>" + end,
+        caption=run_caption(run_log),
+        keys=_keys(logged),
+        run=_frames(run_log, rate),
+        channels=channels_of([run_log], [run_log.name]) if signals else None,
+        rate=rate,
+    )
 
 
 def _keys(logged: LoggedRun) -> list[tuple[str, str, tuple[int, ...]]]:
@@ -211,11 +211,9 @@ def replays_in_step(
     """
     pages = [replay_page(run_log, signals=False) for run_log in run_logs]
     library = _library(pages[0])
-    runs = []
-    for name, look in zip(names, line_looks(), strict=False):
-        runs.append({"name": name, **look})
+    looks = zip(names, line_looks(), strict=False)
     values = {
-        "runs": runs,
+        "runs": [{"name": name, **look} for name, look in looks],
         "captions": list(captions or names),
         "channels": channels_of(run_logs, names),
         "pages": [page.replace(library, _LIBRARY_MARK) for page in pages],

@@ -84,9 +84,10 @@ def channels_of(run_logs: Sequence[RunLog], names: Sequence[str]) -> Json:
     possible = [_channel(name, run_logs, count) for name in _columns(run_logs)]
     channels = [channel for channel in possible if channel is not None]
     present = {channel["name"] for channel in channels}
-    runs = []
-    for name, time in zip(names, times, strict=True):
-        runs.append({"name": name, "time": _packed(_thin_time(time, count))})
+    runs = [
+        {"name": name, "time": _packed(_thin_time(time, count))}
+        for name, time in zip(names, times, strict=True)
+    ]
     end = max(time[-1] for time in times)
     chosen = _first_chosen(run_logs, present)
     return {

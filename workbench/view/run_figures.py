@@ -87,34 +87,48 @@ def _as_logged(column: str, design: LowPass) -> tuple[_Line, _Line]:
     )
 
 
-_YAW_RATE = _as_logged("imu_gyro_z_rad_per_s", IMU_FILTER)
-_ACCELERATION = _as_logged("imu_acceleration_y_m_per_s2", IMU_FILTER)
-_SPEED = (
-    *_as_logged("speed_m_per_s", GPS_FILTER),
-    _Line("truth", _SPEED_TRUTH, GREEN, _DASHED),
-)
-_ROLL = (
-    _Line("on-board estimate", "roll_estimate_rad", GREY),
-    _Line("truth", "roll_truth_rad", BLACK, _DASHED),
-)
-_TAIL_ROLL = (_Line("angle", "tail_roll_angle_rad", BLACK),)
-_WHEEL_LOADS = (
-    _Line("front left", "wheel_force_front_left_z_truth_n", BLUE),
-    _Line("front right", "wheel_force_front_right_z_truth_n", VERMILION),
-    _Line("rear left", "wheel_force_rear_left_z_truth_n", SKY, _SHORT),
-    _Line("rear right", "wheel_force_rear_right_z_truth_n", ORANGE, _SHORT),
-)
 _TURN_PANELS: Sequence[tuple[str, str, Sequence[_Line]]] = (
-    ("Yaw rate of the IMU", "yaw rate [rad/s]", _YAW_RATE),
+    (
+        "Yaw rate of the IMU",
+        "yaw rate [rad/s]",
+        _as_logged("imu_gyro_z_rad_per_s", IMU_FILTER),
+    ),
     (
         "Lateral acceleration of the IMU (to the left)",
         "lateral acceleration [m/s²]",
-        _ACCELERATION,
+        _as_logged("imu_acceleration_y_m_per_s2", IMU_FILTER),
     ),
-    ("Speed of the GPS", "speed [m/s]", _SPEED),
-    ("Roll of the body (to the right)", "roll [deg]", _ROLL),
-    ("Tail roll (0 up, + to the right)", "tail roll [deg]", _TAIL_ROLL),
-    ("Wheel loads", "vertical force [N]", _WHEEL_LOADS),
+    (
+        "Speed of the GPS",
+        "speed [m/s]",
+        (
+            *_as_logged("speed_m_per_s", GPS_FILTER),
+            _Line("truth", _SPEED_TRUTH, GREEN, _DASHED),
+        ),
+    ),
+    (
+        "Roll of the body (to the right)",
+        "roll [deg]",
+        (
+            _Line("on-board estimate", "roll_estimate_rad", GREY),
+            _Line("truth", "roll_truth_rad", BLACK, _DASHED),
+        ),
+    ),
+    (
+        "Tail roll (0 up, + to the right)",
+        "tail roll [deg]",
+        (_Line("angle", "tail_roll_angle_rad", BLACK),),
+    ),
+    (
+        "Wheel loads",
+        "vertical force [N]",
+        (
+            _Line("front left", "wheel_force_front_left_z_truth_n", BLUE),
+            _Line("front right", "wheel_force_front_right_z_truth_n", VERMILION),
+            _Line("rear left", "wheel_force_rear_left_z_truth_n", SKY, _SHORT),
+            _Line("rear right", "wheel_force_rear_right_z_truth_n", ORANGE, _SHORT),
+        ),
+    ),
 )
 """Title, label and lines of each panel."""
 
@@ -147,14 +161,20 @@ def plot_turn(run_log: RunLog, title: str = "") -> Figure:
             for line in lines:
                 values = _values(run_log, line.column, line.design)
                 if values is not None:
-                    look: Any = {"color": line.colour, "linestyle": line.line}
-                    axes.plot(run_log.time, values, label=line.label, **look)
+                    axes.plot(
+                        run_log.time,
+                        values,
+                        color=line.colour,
+                        linestyle=line.line,
+                        label=line.label,
+                    )
             if axes.get_lines():
                 _fit_to_shown(axes, inside)
                 axes.legend(loc="upper left", ncols=4, columnspacing=1.0, handlelength=1.6)
             else:
-                where: Any = {"transform": axes.transAxes, "ha": "center"}
-                axes.text(0.5, 0.5, "not in this log", color=GREY, **where)
+                axes.text(
+                    0.5, 0.5, "not in this log", color=GREY, transform=axes.transAxes, ha="center"
+                )
         for axes in grid[-1]:
             axes.set_xlabel("time [s]   (shaded: the turn, steering command to straight wheels)")
         if title:

@@ -35,15 +35,6 @@ def test_order_of_columns_does_not_matter(tailed):
     assert np.array_equal(logged_car(backwards).positions, logged_car(tailed).positions)
 
 
-def test_run_without_plant_positions_moves_as_its_sensors_say(tailed):
-    plain = tailed.table[
-        [name for name in tailed.table.columns if not name.startswith("plant_position_")]
-    ]
-    logged = logged_car(replace(tailed, table=plain))
-    assert logged.run_log.extra["reckoned"] is True
-    assert logged.positions.shape == logged_car(tailed).positions.shape
-
-
 def test_camera_of_a_right_turn_mirrors_that_of_a_left_turn(tailed):
     mirrored = tailed.table.copy()
     mirrored["yaw_truth_rad"] *= -1

@@ -19,7 +19,6 @@ from aerodima.workbench import (
     metrics_of,
     observe,
     plant_metrics,
-    read_run_log,
 )
 from aerodima.workbench.car.car_diagram import assemble
 from aerodima.workbench.core.errors import LogError
@@ -287,8 +286,3 @@ def test_log_whose_shapes_were_damaged_is_refused(swings):
         assert_refused(work, LogError, "discrete.parquet")
     cut = replace(log, table=log.table.drop(columns="pose_pole_qw"))
     assert_refused(lambda: add_logged_run(DiagramBuilder(), cut), LogError, "pose_pole_qw")
-
-
-def test_file_is_the_log(swings):
-    log, *_ = swings["discrete"]
-    assert signals_equal(read_run_log(log.source), log)

@@ -101,9 +101,7 @@ def chapters(standard_runs):
         name: DemoRun(name, run.scenario, Path(run.source), Path("replay.html"))
         for name, run in logs.items()
     }
-    return Page(
-        "Turns", "", (thesis_turn_chapter(summaries), provenance(made, "summary.csv"))
-    ).html()
+    return Page("Turns", "", (thesis_turn_chapter(summaries), provenance(made))).html()
 
 
 def test_the_page_is_well_formed_and_needs_no_network(chapters):
