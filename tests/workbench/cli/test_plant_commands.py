@@ -33,9 +33,3 @@ def test_comparison_names_what_differs(swings, tmp_path):
     told = done("log", "compare", *swings, "--html", tmp_path / "both.html")
     assert "plate.width_m" in told
     assert (tmp_path / "both.html").stat().st_size > 1e6
-
-
-def test_car_and_plant_are_not_put_into_one_table(swings, refused, standard_runs):
-    car = standard_runs["none"].source
-    for command in ("metrics", "compare"):
-        assert swings[0].name in refused("log", command, swings[0], car)

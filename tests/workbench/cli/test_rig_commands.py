@@ -25,16 +25,6 @@ def test_static_hold_writes_its_log(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("command", "kind"), [("flick", "swing"), ("bar", "bar_swing"), ("robot", "robot_swing")]
-)
-def test_swings_write_their_logs(tmp_path, command, kind):
-    out = tmp_path / "swing.parquet"
-    told = done("rig", command, "--duration", 0.2, "--set", "experiment.rest=0.05", "--out", out)
-    assert told.split()[:2] == ["kind", kind]
-    assert read_run_log(out).kind == kind
-
-
-@pytest.mark.parametrize(
     ("flags", "message"),
     [
         (("--wind", -10), "experiment.wind_speed: -10.0"),
