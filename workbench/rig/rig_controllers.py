@@ -39,25 +39,19 @@ class CurrentController(LeafSystem):
         self._current = DiscreteVector(self, [hold_start], output="current_command")
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / scenario.encoder.rate, 0.0, self._update)
 
-    def current(self, time: float, angle: float, rate: float) -> float:
-        """Commanded current (A) at a time (s), angle (rad) and rate (rad/s)."""
+    def _update(self, context: Context, values: DiscreteValues) -> None:
         experiment = self._experiment
-        resting = time < experiment.rest - 1e-9
-        if not resting and not experiment.actuated:
-            return 0.0
+        goal = experiment.target
+        hold = self._hold_target
+        resting = context.get_time() < experiment.rest - 1e-9
         if resting:
             goal = experiment.angle
             hold = self._hold_start
-        else:
-            goal = experiment.target
-            hold = self._hold_target
-        return hold + experiment.kp * (angle - goal) + experiment.kd * rate
-
-    def _update(self, context: Context, values: DiscreteValues) -> None:
-        state = vector_of(self._state, context)
-        self._current.write(
-            values, [self.current(context.get_time(), float(state[0]), float(state[1]))]
-        )
+        current = 0.0
+        if resting or experiment.actuated:
+            angle, rate = vector_of(self._state, context)
+            current = hold + experiment.kp * (angle - goal) + experiment.kd * rate
+        self._current.write(values, [current])
 
 
 class TailCommander(LeafSystem):

@@ -57,7 +57,7 @@ class RigPlant:
 
     Attributes:
         plant: finalised, continuous.
-        scene_graph: for a viewer; None without.
+        scene_graph: for a viewer.
         tail_force: aerodynamic system of the tail; None for the bare bar.
         motor_torque: input port of the motor's torque (1), N m, along the joint axis.
         wrench: port (6) of the wrench of the support on the rig at W: force N, torque N m, in W
@@ -65,7 +65,7 @@ class RigPlant:
     """
 
     plant: MultibodyPlant
-    scene_graph: SceneGraph | None
+    scene_graph: SceneGraph
     tail_force: System | None
     motor_torque: InputPort
     wrench: OutputPort
@@ -85,24 +85,15 @@ class RigReaction:
     wrench: FloatArray
 
 
-def add_rig_plant(
-    builder: DiagramBuilder, scenario: RigScenario, scene_graph: bool = False
-) -> RigPlant:
+def add_rig_plant(builder: DiagramBuilder, scenario: RigScenario) -> RigPlant:
     """Adds the rig of a scenario with friction, wind and air to a diagram.
 
     Raises:
         ModelError: a model does not load with these numbers, the tail hangs outside the jet at
             every angle, the added mass is too negative, or the coefficients are not known.
     """
-    scene = None
-    if scene_graph:
-        plant, scene = add_plant(builder, 0.0)
-    else:
-        plant = builder.AddSystem(MultibodyPlant(0.0))
-        plant.set_name("plant")
-    plant.mutable_gravity_field().set_gravity_vector(
-        np.array([0.0, 0.0, -scenario.environment.gravity])
-    )
+    plant, scene_graph = add_plant(builder, 0.0)
+    plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -scenario.environment.gravity])
     parse_model(plant, robot_rig_sdf(scenario) if scenario.is_robot else cheetah_rig_sdf(scenario))
     sensor = plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("mount"))
     added = _added_mass(plant, scenario)
@@ -124,7 +115,7 @@ def add_rig_plant(
         builder, SupportWrench(int(sensor.index())), "support", reaction_forces=reactions
     )
     motor_torque = friction.GetInputPort("motor_torques")
-    return RigPlant(plant, scene, tail_force, motor_torque, support.get_output_port())
+    return RigPlant(plant, scene_graph, tail_force, motor_torque, support.get_output_port())
 
 
 def _add_air(
@@ -196,16 +187,10 @@ class Rig:
         wrench = vector_of(self._wrench, self._context)
         return RigReaction(float(acceleration[0]), np.array(wrench))
 
-    def reaction_at_current(self, angle: float, rate: float, current: float) -> RigReaction:
-        """Evaluates `reaction` for a motor current (A); positive pushes upstream.
-
-        UserError beyond the limit.
-        """
-        return self.reaction(angle, rate, self.torque_of(current))
-
     def torque_of(self, current: float) -> float:
-        """Motor torque along the joint axis (N m) at a current (A), which must be within the limit
-        of the motor.
+        """Motor torque along the joint axis (N m) at a current (A); positive pushes upstream.
+
+        UserError beyond the limit of the motor.
         """
         scenario = self.scenario
         if scenario.is_robot:

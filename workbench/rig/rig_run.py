@@ -7,8 +7,8 @@ from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
 from aerodima.workbench.car.run_view import Check, LiveView
-from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_wiring import add_and_connect, vector_of
+from aerodima.workbench.core.ranges import check_range
 from aerodima.workbench.core.system_lifetime import break_reference_cycles
 from aerodima.workbench.logs.recorder import (
     RunRecorder,
@@ -112,12 +112,8 @@ def _range_check(scenario: RigScenario, station: Diagram) -> Check:
     state = station.GetOutputPort("rig_state")
 
     def check(context: Context) -> None:
-        reported = vector_of(state, station.GetMyContextFromRoot(context))
-        angle = float(reported[0])
-        if abs(angle) > limit:
-            raise UserError(
-                f"the tail left its range at {context.get_time():.2f} s: {angle:g} rad; allowed: "
-                f"within mount.angle_limit, +-{limit:g} rad"
-            )
+        angle, _ = vector_of(state, station.GetMyContextFromRoot(context))
+        name = f"angle at {context.get_time():.2f} s, beyond the tail's range (mount.angle_limit)"
+        check_range(name, angle, -limit, limit, "rad")
 
     return check

@@ -99,15 +99,13 @@ class RigSensor(SampledSensor):
         name: of the system.
         rate: Hz.
         errors: of the log.
-        step: of the integrator, s; None where nothing steps.
+        step: of the integrator, s.
 
     Raises:
         UserError: the rate is above 1/step.
     """
 
-    def __init__(
-        self, name: str, rate: float, errors: SensorErrors, step: float | None = None
-    ) -> None:
+    def __init__(self, name: str, rate: float, errors: SensorErrors, step: float) -> None:
         size = len(errors.noise)
         super().__init__(name=name, outputs={"reading": size}, rate=rate, delay=0.0, step=step)
         self._errors = errors
@@ -131,15 +129,13 @@ class RigEncoder(AngleEncoder):
     Args:
         settings: rate Hz, window of the rate s.
         count: angle of one count, rad.
-        step: of the integrator, s; None where nothing steps.
+        step: of the integrator, s.
 
     Raises:
         UserError: the rate is above 1/step.
     """
 
-    def __init__(
-        self, settings: RigEncoderParameters, count: float, step: float | None = None
-    ) -> None:
+    def __init__(self, settings: RigEncoderParameters, count: float, step: float) -> None:
         super().__init__("encoder", settings.rate, 0.0, settings.rate_window, step)
         self._count = count
 

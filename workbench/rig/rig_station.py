@@ -66,7 +66,7 @@ def make_rig_station(
     if interface is not None:
         return _interface_station(scenario, interface)
     builder = DiagramBuilder()
-    rig = add_rig_plant(builder, scenario, scene_graph=meshcat is not None)
+    rig = add_rig_plant(builder, scenario)
     state = rig.plant.get_state_output_port()
     drive = _add_ak70 if scenario.is_robot else _add_maxon
     motor, rig_state, motor_sample = drive(builder, scenario, state)
@@ -98,7 +98,6 @@ def make_rig_station(
         ports["tail_sections_truth"] = rig.tail_force.GetOutputPort("sections")
     export_outputs(builder, ports)
     if meshcat is not None:
-        assert rig.scene_graph is not None
         MeshcatVisualizer.AddToBuilder(builder, rig.scene_graph, meshcat)
     return _named_station(builder)
 

@@ -79,4 +79,4 @@ def simulate_static_log(
 def _hold(rig: Rig, angle: float) -> tuple[float, FloatArray]:
     """Current (A) that holds an angle (rad), and the wrench of the support then (6)."""
     current = rig.holding_current(angle)
-    return current, rig.reaction_at_current(angle, 0.0, current).wrench
+    return current, rig.reaction(angle, 0.0, rig.torque_of(current)).wrench

@@ -53,7 +53,7 @@ def test_balance_is_that_of_the_plant(tail, degrees, axis):
     wrench = balance.hanging(angle)[0] + effect[:6]
     # Same law and jet, another arrangement of the sums: rounding only.
     np.testing.assert_allclose(
-        wrench, rig.reaction_at_current(angle, 0.0, current).wrench, atol=1e-10
+        wrench, rig.reaction(angle, 0.0, rig.torque_of(current)).wrench, atol=1e-10
     )
 
 

@@ -16,36 +16,18 @@ OFFSETS = (-0.064, -0.019, 15.695, -0.011, -0.538, 0.013)
 WRENCH = np.array([1.0, -2.0, 16.0, 0.3, -0.4, 0.05])
 
 
-def shown(count, **arguments):
-    """The first readings, seen half a period after each sample."""
-    sensor = RigSensor(
-        "force_sensor", SETTINGS.rate, force_errors(SETTINGS, OFFSETS, 4), **arguments
-    )
-    simulator = Simulator(sensor)
-    sensor.GetInputPort("value").FixValue(simulator.get_mutable_context(), WRENCH)
-    return sampled(simulator, (np.arange(count) + 0.5) / SETTINGS.rate, "reading")
-
-
 def sensor_readings(wrench, count, settings):
     return force_errors(settings, OFFSETS, 4).first_readings(wrench, count, settings.rate)
 
 
 def test_system_and_whole_log_give_the_same_readings():
-    assert_allclose(shown(150), sensor_readings(WRENCH, 150, SETTINGS), atol=1e-12)
-
-
-def test_reading_plus_offset_is_the_wrench_of_a_faultless_sensor():
-    faultless = SETTINGS.model_copy(
-        update={f"{axis}_accuracy": 0.0 for axis in ("fx", "fy", "fz", "tx", "ty", "tz")}
-    )
-    readings = sensor_readings(WRENCH, 3, faultless)
-    assert_allclose(readings + OFFSETS, np.tile(WRENCH, (3, 1)), atol=1e-12)
-
-
-def test_a_wrench_per_sample_is_followed():
-    ramp = WRENCH + np.arange(5)[:, None]
-    difference = sensor_readings(ramp, 5, SETTINGS) - sensor_readings(WRENCH, 5, SETTINGS)
-    assert_allclose(difference, np.tile(np.arange(5.0)[:, None], (1, 6)), atol=1e-12)
+    """The system's are seen half a period after each sample."""
+    errors = force_errors(SETTINGS, OFFSETS, 4)
+    sensor = RigSensor("force_sensor", SETTINGS.rate, errors, 1.0 / SETTINGS.rate)
+    simulator = Simulator(sensor)
+    sensor.GetInputPort("value").FixValue(simulator.get_mutable_context(), WRENCH)
+    shown = sampled(simulator, (np.arange(150) + 0.5) / SETTINGS.rate, "reading")
+    assert_allclose(shown, sensor_readings(WRENCH, 150, SETTINGS), atol=1e-12)
 
 
 def test_errors_of_a_seed_scale_with_the_accuracy():

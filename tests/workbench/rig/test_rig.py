@@ -69,10 +69,10 @@ def test_hanging_rig_weighs_what_it_weighs():
 def test_wind_pushes_downstream_and_a_positive_current_holds_against_it():
     rig = Rig(STATIC)
     assert rig.reaction(0.0, 0.0, 0.0).acceleration > 0.0
-    assert rig.reaction_at_current(0.0, 0.0, 20.0).acceleration < 0.0
+    assert rig.reaction(0.0, 0.0, rig.torque_of(20.0)).acceleration < 0.0
     current = rig.holding_current(0.0)
     assert current > 0.0
-    held = rig.reaction_at_current(0.0, 0.0, current)
+    held = rig.reaction(0.0, 0.0, rig.torque_of(current))
     assert held.acceleration == pytest.approx(0.0, abs=1e-9)
     assert held.wrench[1] > 0.0  # the support holds the rig against a wind that blows towards -y
 
@@ -97,7 +97,7 @@ def test_misalignment_turns_the_wind_about_z():
         bar={"drag_coefficient": 1.2},
     )
     rig = Rig(scenario)
-    wrench = rig.reaction_at_current(0.0, 0.0, rig.holding_current(0.0)).wrench
+    wrench = rig.reaction(0.0, 0.0, rig.torque_of(rig.holding_current(0.0))).wrench
     area = 0.39 * 0.0639 + 0.02 * 0.005
     drag = 0.5 * 1.225 * 1.2 * area * 100.0
     assert_allclose(wrench[:2], [-drag * math.sin(psi), drag * math.cos(psi)], rtol=1e-9)
@@ -123,7 +123,7 @@ def test_angle_and_current_beyond_their_limits_are_refused():
     strong = Rig(STATIC.varied(experiment={"wind_speed": 40.0}))
     for work, named in (
         (lambda: rig.reaction(1.8, 0.0, 0.0), ("angle", "1.8", "mount.angle_limit")),
-        (lambda: rig.reaction_at_current(0.0, 0.0, 31.0), ("current", "31", "30")),
+        (lambda: rig.reaction(0.0, 0.0, rig.torque_of(31.0)), ("current", "31", "30")),
         (lambda: strong.holding_current(0.0), ("current", "33")),
         (lambda: rig.reaction(0.0, math.nan, 0.0), ("nan",)),
     ):

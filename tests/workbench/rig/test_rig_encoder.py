@@ -36,13 +36,5 @@ def test_the_nearest_count_is_read_on_both_sides_of_zero():
     assert quantise(-0.6e-4, 1.0e-4) == pytest.approx(-1.0e-4)
 
 
-@pytest.mark.parametrize("rate", [7.7, -7.7, 0.4])
-def test_angle_to_half_a_count_and_rate_to_one_count_per_window(rate):
-    count = SCENARIO.count_angle
-    angle, shown = turning(rate, 0.05)
-    assert angle == pytest.approx(0.3 + rate * 0.05, abs=0.5 * count * (1 + 1e-9))
-    assert shown == pytest.approx(rate, abs=count / SCENARIO.encoder.rate_window * (1 + 1e-9))
-
-
 def test_it_never_wraps():
     assert turning(100.0, 0.1)[0] == pytest.approx(10.3, abs=1e-4)
