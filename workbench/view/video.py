@@ -17,7 +17,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from aerodima.workbench.car.run_view import Progress
-from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
+from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.extras import require
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
@@ -71,7 +71,6 @@ def write_video(
         LogError: a run cannot be replayed, see `add_logged_run`.
     """
     path = Path(path)
-    refuse_existing(path, force, UserError)
     write = _encoder(path)
     check_rate(rate)
     check_range("--video: number of runs", len(runs), 1, MAX_RUNS, NO_UNIT)
@@ -90,10 +89,7 @@ class Film:
                 f"--from {start:g}: must be 0 to below {whole:g} s, the length of the longest run"
             )
         longest = (whole - start) / rate
-        if longest > MAX_SECONDS:
-            raise UserError(
-                f"--video: {longest:.0f} s at --rate {rate:g}; must be up to {MAX_SECONDS:.0f} s"
-            )
+        check_range(f"--video: length at --rate {rate:g}", longest, 0.0, MAX_SECONDS, "s")
         self.number = math.ceil(longest * FRAMES_PER_SECOND - 1e-9) + 1
         since = start + np.arange(self.number) * rate / FRAMES_PER_SECOND
         self._panel = _ALONE if len(runs) == 1 else _TOGETHER
