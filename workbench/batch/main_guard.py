@@ -29,20 +29,16 @@ def refuse_unguarded_script() -> None:
         return
     line = frame.f_lineno
     try:
-        blocks = _guarded_lines(Path(script))
+        tree = ast.parse(Path(script).read_bytes())
     except (SyntaxError, ValueError):  # compiled: no source text
         return
-    if not any(block.start <= line < block.stop for block in blocks):
+    guards = [
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and "__name__" in ast.unparse(node.test)
+    ]
+    if not any(guard.lineno <= line <= (guard.end_lineno or 0) for guard in guards):
         raise UserError(
             f"{script}, line {line}: starts worker processes, which run the script again; put this "
             f"line, and what else is to run once, below {_GUARD}"
         )
-
-
-def _guarded_lines(script: Path) -> list[range]:
-    """Find the lines of the blocks that ask for the name of the module."""
-    blocks = []
-    for node in ast.walk(ast.parse(script.read_bytes())):
-        if isinstance(node, ast.If) and "__name__" in ast.unparse(node.test):
-            blocks.append(range(node.lineno, (node.end_lineno or 0) + 1))
-    return blocks

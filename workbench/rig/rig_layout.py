@@ -43,9 +43,10 @@ def rig_law(scenario: RigScenario) -> tuple[SectionLaw, float | None]:
         if scenario.is_robot:
             return NormalForceLaw(aero.normal_force), None
         return PolarLaw(aero.drag, aero.lift, lift_blend=aero.lift_blend), None
+    name = f"cheetah_tail_{experiment.tail}_{experiment.axis}"
     if scenario.is_robot:
-        return _measured_law("robot_tail_line", aero.lift_blend)
-    return _measured_law(f"cheetah_tail_{experiment.tail}_{experiment.axis}", aero.lift_blend)
+        name = "robot_tail_line"
+    return _measured_law(name, aero.lift_blend)
 
 
 @cache

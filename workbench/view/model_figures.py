@@ -10,7 +10,7 @@ import shutil
 import subprocess
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -147,10 +147,10 @@ def _view(axes: Axes, geometry: TailGeometry, sideways: FloatArray, up: FloatArr
             axes.plot(*centres.T, "o", color=ORANGE, markersize=4, label="centres of sections")
             if np.linalg.norm(normal) > 1e-6:
                 arrows = np.broadcast_to(normal, centres.shape)
-                exact: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0}
                 axes.quiver(
-                    *centres.T, *arrows.T, color=BLUE, width=0.006, label="normals", **exact
-                )
+                    *centres.T, *arrows.T, angles="xy", scale_units="xy", scale=1.0, color=BLUE,
+                    width=0.006, label="normals",
+                )  # fmt: skip
                 axes.update_datalim(centres + normal)
     pressure = geometry.centre_of_pressure() @ plane
     mass = np.asarray(geometry.inertial.com) @ plane

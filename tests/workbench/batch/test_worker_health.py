@@ -13,6 +13,7 @@ import signal
 import threading
 import time
 import weakref
+from contextlib import ExitStack
 from functools import partial
 from multiprocessing import util
 
@@ -60,15 +61,13 @@ def marks(tmp_path):
 @pytest.fixture
 def opened(tmp_path):
     """Opens an engine; gives it and the lines that it says."""
-    from contextlib import ExitStack
-
     with ExitStack() as stack:
 
-        def open_(workers=2, memory=LIMIT):
+        def open_(workers=2):
             said = []
             engine = stack.enter_context(
                 open_engine(
-                    workers, memory=memory, progress=said.append, record=tmp_path / WORKER_RECORD
+                    workers, memory=LIMIT, progress=said.append, record=tmp_path / WORKER_RECORD
                 )
             )
             return engine, said

@@ -1,20 +1,16 @@
 """`aerodima replay`: files or a viewer, from a log alone."""
 
 import time
+from pathlib import Path
 
 import pytest
 
-from aerodima.workbench.batch.simulation import simulate
-from aerodima.workbench.scenario.scenario import load_scenario
 from tests.commands import done
 
 
-@pytest.fixture(scope="module")
-def log(tmp_path_factory):
-    settings = ["manoeuvre.duration=0.1", "manoeuvre.speed_ramp=0.1"]
-    path = tmp_path_factory.mktemp("replay") / "run.parquet"
-    simulate(load_scenario("turn_none", settings), path)
-    return path
+@pytest.fixture
+def log(tailless):
+    return Path(tailless.source)
 
 
 @pytest.fixture
@@ -30,7 +26,9 @@ def impatient(monkeypatch):
 def test_files_are_written_and_nothing_waits(log, tmp_path):
     html = tmp_path / "run.html"
     strip = tmp_path / "run.png"
-    told = done("replay", log, "--html", html, "--strip", strip, "--rate", 0.5)
+    for path in (html, strip):
+        path.write_text("old")
+    told = done("replay", log, "--html", html, "--strip", strip, "--rate", 0.5, "--force")
     assert told.splitlines() == [f"replay: {html}", f"strip: {strip}"]
     assert html.stat().st_size > 1e6
     assert strip.read_bytes().startswith(b"\x89PNG")

@@ -6,10 +6,8 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.view.filmstrip import FRAME, STRIP, filmstrip_figure, write_strip
 from aerodima.workbench.view.force_arrows import WHEEL_COLOUR
-from tests.refusals import assert_refused
 
 pytestmark = pytest.mark.usefixtures("renderer")
 
@@ -62,11 +60,3 @@ def test_arrow_of_a_heavily_loaded_wheel_is_drawn_whole(tailless):
     # larger.
     assert heavy / light == pytest.approx(np.full(5, 37.0 / 15.0), rel=0.25)
     assert np.all(heavy < FRAME[1])
-
-
-def test_existing_file_is_kept_unless_forced(tailed, strip, tmp_path):
-    path = tmp_path / "run.png"
-    path.write_text("precious")
-    assert_refused(lambda: write_strip(tailed, path), UserError, "run.png", "--force")
-    assert path.read_text() == "precious"
-    assert write_strip(tailed, path, force=True).read_bytes() == strip.read_bytes()

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aerodima.workbench.core.errors import LogError, UserError
+from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.view.replay_page import replay_page, write_replay_html
-from tests.refusals import assert_refused
 
 
 @pytest.fixture(scope="module")
@@ -68,16 +67,6 @@ def test_clock_of_the_page_runs_from_the_first_to_the_last_log_time(tailed, rate
     speed, roll = (reading["values"] for reading in data["readings"])
     assert speed[-1] == pytest.approx(tailed.signal("velocity_x_truth_m_per_s")[-1], abs=0.02)
     assert roll[-1] == pytest.approx(np.degrees(tailed.signal("roll_truth_rad")[-1]), abs=0.005)
-
-
-def test_existing_file_is_kept_unless_forced(tailed, tmp_path):
-    path = tmp_path / "new" / "run.html"
-    write_replay_html(tailed, path)
-    path.write_text("precious")
-    assert_refused(lambda: write_replay_html(tailed, path), UserError, "run.html", "--force")
-    assert path.read_text() == "precious"
-    write_replay_html(tailed, path, force=True)
-    assert path.stat().st_size > 1e6
 
 
 def test_nothing_is_written_for_a_log_that_cannot_be_replayed(tailed, tmp_path):
