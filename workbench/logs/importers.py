@@ -1,4 +1,4 @@
-"""From foreign files to a run log: columns renamed, units made SI, several sample rates put on one
+"""Foreign files become a run log: columns renamed, units made SI, several sample rates put on one
 time grid.
 
 A column that was sampled at other times (GPS beside IMU) holds its last sample, as a control loop

@@ -52,7 +52,7 @@ _SYNC_LIMIT = 30.0
 
 @dataclass(frozen=True)
 class Recovery:
-    """What `recover` rescued.
+    """Result of `recover`.
 
     Attributes:
         path: the run log that was written.
@@ -66,7 +66,7 @@ class Recovery:
 
     @property
     def complete(self) -> bool:
-        """Whether the journal had been closed in order and is whole, so that nothing was lost."""
+        """Says whether the journal was closed in order and is whole, so that nothing was lost."""
         return not self.damage
 
 
@@ -175,7 +175,7 @@ class JournalWriter:
 
     @property
     def _open(self) -> bool:
-        """Whether it takes rows; never in a fork of the process that opened it."""
+        """Says whether it takes rows; never in a fork of the process that opened it."""
         return self._writer == os.getpid()
 
     def check(self, size: int = _CHECKED) -> None:
@@ -211,7 +211,7 @@ class JournalWriter:
 
     @property
     def in_place(self) -> bool:
-        """Whether the name of the journal still leads to the file that is being written."""
+        """Says whether the name of the journal still leads to the file that is being written."""
         try:
             return os.path.samestat(os.stat(self.journal), os.fstat(self._file.fileno()))
         except OSError:

@@ -1,4 +1,4 @@
-"""What is odd in a log: gaps, lost samples, dead sensors, and values that betray a wrong unit.
+"""Findings in a log: gaps, lost samples, dead sensors, and values that betray a wrong unit.
 
 A finding names column and time. What makes every later figure wrong (times that run back, a wrong
 unit) is an error; what conditioning can deal with (a gap, NaN) or a user must judge (a constant

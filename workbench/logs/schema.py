@@ -56,13 +56,13 @@ DRIVEN_BY = "driven_by"
 
 
 class _Scenario(TypedDict, total=False):
-    """What is read of every scenario, whatever else is in it."""
+    """Keys that are read of every scenario; it has others, too."""
 
     tail: Json | None
 
 
 class _Metadata(BaseModel):
-    """What every log says of its run, beside the schema."""
+    """Facts that every log states about its run, beside the schema."""
 
     model_config = ConfigDict(strict=True)
 

@@ -54,12 +54,12 @@ def tails_of(run_log: RunLog) -> list[tuple[str, str]]:
 
 def air_force(run_log: RunLog, name: str) -> FloatArray:
     """Returns the magnitude of the force of the air on a tail, N, shape (n,)."""
-    return np.asarray(np.linalg.norm(run_log.vector(name, "truth_n"), axis=1))
+    return np.linalg.norm(run_log.vector(name, "truth_n"), axis=1)
 
 
 def plant_speed(run_log: RunLog) -> FloatArray:
     """Returns the speed of the centre of mass, m/s, shape (n,)."""
-    return np.asarray(np.linalg.norm(run_log.vector("com_velocity", "truth_m_per_s"), axis=1))
+    return np.linalg.norm(run_log.vector("com_velocity", "truth_m_per_s"), axis=1)
 
 
 def plant_tilt(run_log: RunLog) -> FloatArray | None:

@@ -19,7 +19,7 @@ from aerodima.workbench.car.ground_truth import air_columns, pose_columns
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError, ScenarioError
 from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
-from aerodima.workbench.logs.signals import check_signals, check_time, naming
+from aerodima.workbench.logs.signals import check_signals, check_time, median_step, naming
 from aerodima.workbench.metrics.run_summary import tails_of
 from aerodima.workbench.scenario.scenario import scenario_from_dict
 from aerodima.workbench.scenario.signal_table import PLANT_POSITION_PREFIX
@@ -100,9 +100,8 @@ class LoggedRun:
         3).
         """
         com = self.run_log.vector("com", "truth_m")
-        time = self.run_log.time
         com[:, 2] = self.floor
-        width = _FOLLOW_TIME / float(np.median(np.diff(time)))
+        width = _FOLLOW_TIME / median_step(self.run_log.time)
         reach = min(int(np.ceil(3.0 * width)), len(com) - 1)
         straight_on = np.pad(com, ((reach, reach), (0, 0)), mode="reflect", reflect_type="odd")
         return gaussian_filter1d(straight_on, width, axis=0, truncate=3.0)[reach : reach + len(com)]

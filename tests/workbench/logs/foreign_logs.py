@@ -53,9 +53,11 @@ def swing_readings():
     return table[~lost].reset_index(drop=True)
 
 
-def laboratory_columns(table):
-    """The same in the laboratory's names, units and signs (README, example 1)."""
-    return pd.DataFrame(
+def write_laboratory_csv(path, table):
+    """The same in the laboratory's names, units and signs (README, example 1): semicolons, decimal
+    commas, a line of text first.
+    """
+    columns = pd.DataFrame(
         {
             "t_ms": table["time_s"] * 1e3,
             "Winkel": np.rad2deg(table["angle_rad"]),
@@ -69,13 +71,8 @@ def laboratory_columns(table):
             "Temp": 21.4,
         }
     )
-
-
-def write_laboratory_csv(path, table):
-    """Semicolons, decimal commas, a line of text first."""
-    text = laboratory_columns(table).to_csv(sep=";", decimal=",", index=False)
+    text = columns.to_csv(sep=";", decimal=",", index=False)
     path.write_text("Wind tunnel, tail 1, major axis\n" + text, encoding="utf-8")
-    return path
 
 
 START = 1_700_000_000.0
@@ -116,4 +113,3 @@ def car_files(folder):
     )
     imu.to_csv(folder / "imu.csv", index=False)
     gps.to_csv(folder / "gps.csv", index=False)
-    return folder / "imu.csv", folder / "gps.csv"
