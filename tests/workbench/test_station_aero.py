@@ -178,23 +178,6 @@ def test_free_sail_of_a_standing_car_turns_to_the_wind_with_full_drag_and_its_en
     assert force(car)[1] == pytest.approx(0.5 * RHO * CN * AREA * 16.0, rel=0.02)
 
 
-STEP = 0.002
-
-
-def roll_rate_after_a_step(mass, torque):
-    tail = {"added_mass": mass, "normal_force_coefficient": 0.0}
-    car = floating((0.0, 0.0, 0.0), tail=tail, tail_roll_command=[0.0, 0.0, 0.0, 0.0, torque])
-    car.advance(STEP)
-    return car.rate("tail_roll")
-
-
-@pytest.mark.parametrize("mass", [0.02, 0.1, -0.01])
-def test_added_mass_slows_the_swing_to_both_sides_alike(mass):
-    left, right = (roll_rate_after_a_step(mass, torque) for torque in (-2.0, 2.0))
-    assert left == pytest.approx(-right, rel=1e-6)
-    assert (right < roll_rate_after_a_step(0.0, 2.0)) == (mass > 0.0)
-
-
 def test_added_mass_has_no_weight_and_is_no_part_of_the_vehicle():
     heavy = stand({"added_mass": 0.1})
     plain = stand()

@@ -4,9 +4,7 @@
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
 from typing import Any, ClassVar
 
 from aerodima.workbench.aero.section_laws import (
@@ -16,21 +14,18 @@ from aerodima.workbench.aero.section_laws import (
     Scalar,
     Scalars,
     SectionLaw,
-    check_from_zero,
     cross,
     dot,
     float_of,
     polar_angle,
-    require_finite,
     require_increasing,
 )
 from aerodima.workbench.core.errors import ModelError
-from aerodima.workbench.core.ranges import check_range
 
-Coefficient = Callable[[Scalar, Scalar], Scalar]
 Grid = tuple[float, ...]
 _LIFT_END = math.radians(10.0)
-"""Usual `lift_end` of a `PolarLaw`, rad."""
+"""Within this of gamma = 90 degrees the lift fades to zero, because its direction is undefined
+there, rad."""
 _ONE_DEGREE = math.radians(1.0)
 """Usual `lift_blend` of a `PolarLaw`, rad."""
 
@@ -58,28 +53,19 @@ class RegularTable:
         speeds: strictly increasing (n), m/s.
         angles: strictly increasing |gamma| (m), rad.
         values: n rows of m.
-        measured: n rows of m flags; a cell is covered when all its corners are measured. All are
-            when empty.
+        measured: n rows of m flags; a cell is covered when all its corners are measured.
         where: name of the file or table, for messages.
     """
 
     speeds: Grid
     angles: Grid
     values: tuple[Grid, ...]
-    measured: tuple[tuple[bool, ...], ...] = ()
+    measured: tuple[tuple[bool, ...], ...]
     where: str = "coefficient table"
 
     def __post_init__(self) -> None:
         require_increasing("speeds", self.speeds, self.where)
         require_increasing("angles", self.angles, self.where)
-        require_spanwise(self.angles[-1], self.where)
-        rows = {len(row) for row in self.values}
-        if len(self.values) != len(self.speeds) or rows != {len(self.angles)}:
-            raise ModelError(
-                f"{self.where}: the table must have {len(self.speeds)} rows (speeds) "
-                f"of {len(self.angles)} values (angles)"
-            )
-        require_finite(self.values, self.where)
 
     def __call__(self, speed: Scalar, angle: Scalar) -> Scalar:
         """The coefficient at a speed and an angle of attack."""
@@ -106,8 +92,6 @@ class RegularTable:
         angles = self.angles
         if not (speeds[0] <= speed <= speeds[-1] and angles[0] <= angle <= angles[-1]):
             return False
-        if not self.measured:
-            return True
         rows = self.measured[_corners(*_cell(speeds, speed))]
         columns = _corners(*_cell(angles, angle))
         return all(all(row[columns]) for row in rows)
@@ -139,47 +123,20 @@ class PolarLaw(SectionLaw):
     so (ERRATA E39, E40).
 
     Attributes:
-        drag: C_D, a number or a function of |v_rel| (m/s) and |gamma| (rad).
-        lift: C_L, likewise.
+        drag: C_D, a number or a table over |v_rel| (m/s) and |gamma| (rad).
+        lift: C_L, likewise; of two tables on the same nodes.
         lift_blend: rad; within it of gamma = 0 the lift passes smoothly from one side to the other.
             With 0 it jumps.
-        lift_end: rad; within it of gamma = 90 degrees the lift fades to zero, because its direction
-            is undefined there.
     """
 
     knows_normal: ClassVar[bool] = False
-    drag: float | Coefficient
-    lift: float | Coefficient = 0.0
+    drag: float | RegularTable
+    lift: float | RegularTable = 0.0
     lift_blend: float = _ONE_DEGREE
-    lift_end: float = _LIFT_END
-
-    def __post_init__(self) -> None:
-        if not callable(self.drag):
-            check_from_zero("polar law: drag", self.drag, unit="1")
-        if not callable(self.lift):
-            check_range("polar law: lift", self.lift, -math.inf, math.inf, "1", error=ModelError)
-        if isinstance(self.drag, RegularTable):
-            lowest = min(map(min, self.drag.values))
-            if lowest < MIN_DRAG:
-                raise ModelError(
-                    f"{self.drag.where}: holds {lowest}, but negative drag would add energy"
-                )
-        within = partial(check_range, low=0.0, high=math.pi / 4, unit="rad", error=ModelError)
-        within("polar law: lift_blend", self.lift_blend)
-        within("polar law: lift_end", self.lift_end, above_low=True)
-
-    @cached_property
-    def _one_grid(self) -> bool:
-        """Tells whether both coefficients are tables over the same nodes, for one search."""
-        drag = self.drag
-        lift = self.lift
-        if not (isinstance(drag, RegularTable) and isinstance(lift, RegularTable)):
-            return False
-        return drag.speeds == lift.speeds and drag.angles == lift.angles
 
     def _fade(self, spanwise: Scalar, across: Scalar, speed: Scalar) -> Scalar:
         """Factor on C_L: sign of gamma, smooth at 0, and zero at 90 degrees."""
-        x = across / (speed * math.sin(self.lift_end))
+        x = across / (speed * math.sin(_LIFT_END))
         if x >= 1.0:
             end = 1.0
         else:
@@ -202,26 +159,18 @@ class PolarLaw(SectionLaw):
             return 0.0, 0.0
         speed = squared**0.5
         if across_squared <= STILL:
-            if callable(self.drag):
-                along = self.drag(speed, math.pi / 2)
-            else:
-                along = self.drag
+            along: Any = self.drag
+            if isinstance(along, RegularTable):
+                along = along(speed, math.pi / 2)
             return scale * speed * along, 0.0
         across = across_squared**0.5
         drag: Any = self.drag
         lift: Any = self.lift
-        if callable(drag) or callable(lift):
+        if isinstance(drag, RegularTable):
             size = spanwise if spanwise >= 0.0 else -spanwise
-            gamma = polar_angle(size, across)
-            if self._one_grid:
-                cell = drag.cell(speed, gamma)
-                drag = drag.at(cell)
-                lift = lift.at(cell)
-            else:
-                if callable(drag):
-                    drag = drag(speed, gamma)
-                if callable(lift):
-                    lift = lift(speed, gamma)
+            cell = drag.cell(speed, polar_angle(size, across))
+            drag = drag.at(cell)
+            lift = lift.at(cell)
         lift = lift * self._fade(spanwise, across, speed) / across
         return scale * speed * (drag + lift * spanwise), -scale * lift * squared * speed
 
@@ -257,8 +206,5 @@ class PolarLaw(SectionLaw):
         return f_x, f_y, f_z, *cross(a, (m_x, m_y, m_z))
 
     def covers(self, speed: float, angle: float) -> bool:
-        """See `SectionLaw.covers`: both coefficients must cover the point; plain numbers cover
-        everything.
-        """
-        checks = [getattr(part, "covers", None) for part in (self.drag, self.lift)]
-        return all(check(speed, abs(angle)) for check in checks if check is not None)
+        """See `SectionLaw.covers`; plain numbers cover everything."""
+        return not isinstance(self.drag, RegularTable) or self.drag.covers(speed, abs(angle))

@@ -245,17 +245,6 @@ def require_increasing(name: str, values: Sequence[float], where: str) -> None:
             )
 
 
-def require_finite(values: Sequence[Any], where: str) -> None:
-    """Refuses holes and NaN, naming the first."""
-    bad = np.argwhere(~np.isfinite(np.asarray(values, float)))
-    if bad.size:
-        index = "".join(f"[{i}]" for i in bad[0])
-        raise ModelError(
-            f"{where}: values{index} is missing or not finite; fill the hole or leave the whole "
-            "row out"
-        )
-
-
 @dataclass(frozen=True)
 class SpeedTable:
     """A coefficient over |v_rel|, linear between the points and constant beyond them (thesis Fig.
@@ -273,11 +262,6 @@ class SpeedTable:
 
     def __post_init__(self) -> None:
         require_increasing("speeds", self.speeds, self.where)
-        if len(self.values) != len(self.speeds):
-            raise ModelError(
-                f"{self.where}: {len(self.values)} values for {len(self.speeds)} speeds"
-            )
-        require_finite(self.values, self.where)
 
     def __call__(self, speed: Scalar) -> Scalar:
         """The coefficient at a speed."""
@@ -361,10 +345,6 @@ class TwoSidedLaw(SectionLaw):
 
     along_normal: float
     against_normal: float
-
-    def __post_init__(self) -> None:
-        for name in ("along_normal", "against_normal"):
-            check_from_zero(f"two-sided law: {name}", getattr(self, name), unit="1")
 
     def line_force(
         self, line: LineMotion, distances: Scalars, areas: Scalars, density: float

@@ -214,15 +214,6 @@ class Jet:
     downstream_W: Vector3 = (0.0, -1.0, 0.0)
     slope: float = 100.0 / 1800.0
 
-    def __post_init__(self) -> None:
-        size = math.hypot(*self.downstream_W)
-        if max(abs(size - 1.0), abs(self.downstream_W[2])) > _UNIT_ERROR:
-            raise ModelError(
-                f"jet: downstream_W is {self.downstream_W}, but it must be a horizontal unit vector"
-            )
-        if not (math.isfinite(self.slope) and np.all(np.isfinite(self.p_WE))):
-            raise ModelError("jet: the edge point and the slope must be finite numbers")
-
     @classmethod
     def below_pivot(
         cls, p_WP: Any, edge_depth: float, psi: float = 0.0, slope: float = 100.0 / 1800.0
@@ -275,8 +266,6 @@ class Jet:
         if interval is None:
             return layout.distances, (0.0,) * number
         start, end = interval
-        if layout.start == layout.end:
-            return layout.distances, layout.areas
         part = (end - start) / number
         distances = tuple(start + (i + 0.5) * part for i in range(number))
         return distances, (part * layout.chord,) * number

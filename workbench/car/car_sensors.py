@@ -17,7 +17,6 @@ from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.elementwise import rotation_rows
 from aerodima.workbench.core.port_wiring import vector_of
 from aerodima.workbench.core.quantity import STANDARD_GRAVITY
-from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.core.sampled import TURN, AngleEncoder, CounterNoise, SampledSensor
 from aerodima.workbench.scenario.signal_table import IMU
 from aerodima.workbench.scenario.tail_parameters import TailMotorParameters
@@ -129,9 +128,6 @@ class Imu(SampledSensor):
         step: of the plant, s.
         discrete: whether the plant is discrete, see `SampledSensor`.
         gravity: m/s2.
-
-    Raises:
-        UserError: rate or delay not allowed.
     """
 
     def __init__(
@@ -149,7 +145,6 @@ class Imu(SampledSensor):
             outputs={"imu": IMU.size},
             rate=settings.rate,
             delay=settings.delay,
-            step=step,
             discrete=discrete,
         )
         self._step = step
@@ -195,20 +190,15 @@ class GpsSpeed(SampledSensor):
     Args:
         settings: `scenario.gps`: rate Hz, delay s, noise m/s (standard deviation).
         seed: of the run.
-        step: of the plant, s.
         discrete: whether the plant is discrete, see `SampledSensor`.
-
-    Raises:
-        UserError: rate or delay not allowed.
     """
 
-    def __init__(self, settings: Any, *, seed: int, step: float, discrete: bool = False) -> None:
+    def __init__(self, settings: Any, *, seed: int, discrete: bool = False) -> None:
         super().__init__(
             name="gps",
             outputs={"speed": 1},
             rate=settings.rate,
             delay=settings.delay,
-            step=step,
             discrete=discrete,
         )
         self._motion = self.DeclareVectorInputPort("chassis_motion", CHASSIS_MOTION_SIZE)
@@ -233,12 +223,8 @@ class SailEncoder(AngleEncoder):
         settings: `scenario.sail_encoder`: rate Hz, delay s, bits, noise rad (standard deviation
             before quantisation).
         seed: of the noise.
-        step: of the plant, s.
         discrete: whether the plant is discrete, see `SampledSensor`.
         window: of the rate, s.
-
-    Raises:
-        UserError: rate, delay or word length not allowed.
     """
 
     def __init__(
@@ -246,12 +232,10 @@ class SailEncoder(AngleEncoder):
         settings: Any,
         *,
         seed: int = 0,
-        step: float | None = None,
         discrete: bool = False,
         window: float = 0.02,
     ) -> None:
-        super().__init__("sail_encoder", settings.rate, settings.delay, window, step, discrete)
-        check_range("sail_encoder.bits", settings.bits, 4, 20, NO_UNIT)
+        super().__init__("sail_encoder", settings.rate, settings.delay, window, discrete)
         self._steps = 2**settings.bits
         self._noise = CounterNoise(seed, "sail_encoder", 1)
         self._deviation = settings.noise
@@ -287,11 +271,7 @@ class MotorEncoder(SampledSensor):
     Args:
         rate: Hz, one reply per command.
         motor: ranges of its reply.
-        step: of the plant, s.
         discrete: whether the plant is discrete, see `SampledSensor`.
-
-    Raises:
-        UserError: rate not allowed.
     """
 
     def __init__(
@@ -299,7 +279,6 @@ class MotorEncoder(SampledSensor):
         rate: float,
         motor: TailMotorParameters,
         *,
-        step: float | None = None,
         discrete: bool = False,
     ) -> None:
         super().__init__(
@@ -307,7 +286,6 @@ class MotorEncoder(SampledSensor):
             outputs={"angles": 2, "rates": 2},
             rate=rate,
             delay=0.0,
-            step=step,
             discrete=discrete,
         )
         self._joints = self.DeclareVectorInputPort("joints", 4)

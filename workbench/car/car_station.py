@@ -54,8 +54,6 @@ NOT_FITTED = 1.0
 tail arm."""
 TAIL_PARTS = ("tail_pitch", "tail_roll", "sail")
 """Parts of the tail that report on `status`."""
-HEALTHY = ("imu_fault", "speed_fault", "operator_age", "operator_fault")
-"""Fields of `status` that are 0 in simulation."""
 
 InterfaceFactory = Callable[["Scenario"], System]
 """Makes the system that talks to the real car, with exactly the ports of `STATION_INPUTS` and
@@ -249,7 +247,7 @@ def _add_sensors(
         discrete=True,
         gravity=scenario.environment.gravity,
     )
-    gps = GpsSpeed(scenario.gps, seed=scenario.seed, step=step, discrete=True)
+    gps = GpsSpeed(scenario.gps, seed=scenario.seed, discrete=True)
     for sensor in (imu, gps):
         add_and_connect(builder, sensor, chassis_motion=ports.motion("chassis_motion"))
     ages: dict[str, System] = {"imu_age": imu, "speed_age": gps}
@@ -270,14 +268,13 @@ def _add_encoders(
     builder: DiagramBuilder, scenario: Scenario, ports: PlantPorts, air: TailAerodynamics
 ) -> tuple[OutputPort, dict[str, System]]:
     """Adds the encoders of the tail; returns the port `tail_state`, and who reports by age."""
-    step = scenario.simulation.step
-    encoders = MotorEncoder(scenario.controller.rate, scenario.tail_motor, step=step, discrete=True)
+    encoders = MotorEncoder(scenario.controller.rate, scenario.tail_motor, discrete=True)
     add_and_connect(builder, encoders, joints=ports.motion("tail_joints"))
     ages: dict[str, System] = {f"{part}_age": encoders for part in TAIL_PARTS}
     angle: PortSlice = ports.zero
     rate: PortSlice = ports.zero
     if scenario.tail.sail != "locked":
-        sail = SailEncoder(scenario.sail_encoder, seed=scenario.seed, step=step, discrete=True)
+        sail = SailEncoder(scenario.sail_encoder, seed=scenario.seed, discrete=True)
         if scenario.tail.sail == "free":
             turn = ports.motion("sail_turn")
         else:  # a sail that faces the wind has no joint, its angle is that of the wind
@@ -291,16 +288,11 @@ def _add_encoders(
 
 def _add_status(builder: DiagramBuilder, sensors: dict[str, System]) -> OutputPort:
     """Adds the status of sensors by the field of their age; a tail that is not there has none."""
-    healthy = [*HEALTHY]
-    fault = 0.0
-    if "sail_age" not in sensors:
-        healthy += [f"{part}_age" for part in TAIL_PARTS]
-        fault = NOT_FITTED
+    fault = 0.0 if "sail_age" in sensors else NOT_FITTED
     return add_status(
         builder,
         STATUS,
         {name: sensor.GetOutputPort("sample_time") for name, sensor in sensors.items()},
-        healthy,
         {f"{part}_fault": fault for part in TAIL_PARTS},
     )
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import NamedTuple, Self
 
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.ranges import check_range
 from aerodima.workbench.scenario.scenario import Scenario
 
 
@@ -23,9 +22,6 @@ class RollFilterSettings:
             beyond it fades with the fourth power, so that a turn of 5 m/s2 keeps less than 1 % of
             it.
         gravity: m/s2.
-
-    Raises:
-        UserError: a value is not finite or out of range.
     """
 
     rate: float = 100.0
@@ -37,15 +33,6 @@ class RollFilterSettings:
     def from_scenario(cls, scenario: Scenario) -> Self:
         """Makes the settings of a car: the rate of its IMU, the gravity of its surroundings."""
         return cls(rate=scenario.imu.rate, gravity=scenario.environment.gravity or cls.gravity)
-
-    def __post_init__(self) -> None:
-        for name, unit in (
-            ("rate", "Hz"), ("time_constant", "s"), ("trust_acceleration", "m/s2"), ("gravity",
-            "m/s2")
-        ):  # fmt: skip
-            check_range(
-                f"roll_estimator.{name}", getattr(self, name), 0.0, math.inf, unit, above_low=True
-            )
 
 
 class RollEstimate(NamedTuple):

@@ -17,7 +17,6 @@ import numpy as np
 from aerodima.workbench.control.manoeuvre import side_of
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.core.ranges import check_range
 
 SCALE = 0.1
 """Length of the model over that of the full-size car."""
@@ -123,24 +122,16 @@ class Corner:
     """A right-angled corner of constant width between two straight lanes.
 
     Args:
-        radius: of the centre line, m.
+        radius: of the centre line, m, above half of the width.
         width: of the lane, m.
         begin: x of the first cones, `ENTRY` before the bend.
         side: +1 left, -1 right.
-
-    Raises:
-        UserError: the inner edge of the bend has no radius left.
     """
 
     radius: float
     width: float
     begin: float
     side: float
-
-    def __post_init__(self) -> None:
-        check_range(
-            "manoeuvre.corner_radius", self.radius, 0.5 * self.width, math.inf, "m", above_low=True
-        )
 
     @property
     def bend(self) -> float:

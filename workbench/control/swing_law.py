@@ -16,10 +16,8 @@ from pydantic import Field, model_validator
 
 from aerodima.workbench.control.tail_law import EPSILON
 from aerodima.workbench.core.elementwise import where
-from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.yaml_files import checked
 from aerodima.workbench.scenario.law_parameters import ControllerParameters
-from aerodima.workbench.scenario.scenario_file import load_section
 
 
 class SwingState(IntEnum):
@@ -71,14 +69,6 @@ class SwingSettings(ControllerParameters):
             "lateral_acceleration": self.trigger_lateral_acceleration,
         }
         return thresholds[self.trigger]
-
-    @classmethod
-    def published(cls, **changes: Any) -> "SwingSettings":
-        """Returns the settings of `models/parameters/controller.yaml` with some changes; UserError
-        names one out of range.
-        """
-        numbers = load_section(model_path("parameters/controller.yaml"), ControllerParameters)
-        return checked(cls, {**dict(numbers), **changes}, "controller")
 
     @classmethod
     def from_scenario(cls, scenario: Any) -> "SwingSettings":

@@ -15,7 +15,7 @@ image of a left one.
 """
 
 import math
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -273,4 +273,4 @@ class SwingLaw(SwingMachine):
     The pitch joint is held and not looked at.
     """
 
-    settings: SwingSettings = field(default_factory=SwingSettings.published)
+    settings: SwingSettings

@@ -14,7 +14,7 @@ are turned before the law, roll commands after it.
 """
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -105,7 +105,7 @@ class SwingPlayer(SwingMachine):
     """
 
     swing: SwingFile
-    settings: SwingSettings = field(default_factory=SwingSettings.published)
+    settings: SwingSettings
 
     @classmethod
     def from_scenario(cls, swing: SwingFile, scenario: Any) -> Self:

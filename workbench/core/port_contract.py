@@ -1,6 +1,6 @@
 """Ports that a station must have."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
@@ -21,7 +21,6 @@ def add_status(
     builder: DiagramBuilder,
     fields: PortFields,
     samples: Mapping[str, OutputPort],
-    healthy: Collection[str],
     faults: Mapping[str, float] | None = None,
 ) -> OutputPort:
     """Adds the port `status` of a simulated station: armed, ages, fault codes, and 0 elsewhere.
@@ -32,20 +31,9 @@ def add_status(
         builder: of the station.
         fields: of the port.
         samples: fields that are the time since an instant, with the port (1) of the instant, s.
-        healthy: fields that are 0.
         faults: fault codes that never change.
-
-    Raises:
-        ValueError: a field of the port is in none of these, or in two; names it.
     """
     constants = {"armed": 1.0, **(faults or {})}
-    known = [*constants, *samples, *healthy]
-    names = {*fields.fields, *known}
-    wrong = [name for name in names if known.count(name) != 1 or name not in fields.fields]
-    if wrong:
-        raise ValueError(
-            f"status: {', '.join(sorted(wrong))}; needed once each: {', '.join(fields.fields)}"
-        )
     clock = TrajectorySource(
         PiecewisePolynomial.FirstOrderHold([0.0, LAST_TIME], [[0.0, LAST_TIME]])
     )

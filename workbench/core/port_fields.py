@@ -33,15 +33,11 @@ class PortFields:
         return len(self.fields)
 
     def index(self, name: str) -> int:
-        """Find the index of a field in the vector; ValueError lists the known names."""
-        if name not in self.fields:
-            raise ValueError(f"{self.name} has no field '{name}'; it has {', '.join(self.fields)}")
+        """Find the index of a field in the vector; ValueError for an unknown one."""
         return self.fields.index(name)
 
     def read(self, values: Sequence[float] | FloatArray) -> Any:
-        """Read a vector (size,) as a named tuple of plain floats; ValueError for another length."""
-        if len(values) != len(self.fields):
-            raise ValueError(f"{self.name} has {len(self.fields)} elements, got {len(values)}")
+        """Read a vector (size,) as a named tuple of plain floats; TypeError for another length."""
         return self._tuple(
             *(values.tolist() if isinstance(values, np.ndarray) else map(float, values))
         )

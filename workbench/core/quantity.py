@@ -76,17 +76,17 @@ def unit_of(model: type[BaseModel], key: str) -> str:
     return NO_UNIT
 
 
-def check_rate(rate: float, step: float | None, name: str) -> None:
+def check_rate(rate: float, step: float, name: str) -> None:
     """Raise ScenarioError unless 0 < rate <= 1/step: a plant that moves every `step` shows nothing
     new earlier.
 
     Args:
         rate: Hz.
-        step: of the plant, s; None where no plant steps.
+        step: of the plant, s.
         name: where the rate comes from, e.g. "imu.rate".
     """
     check_range(name, rate, 0.0, math.inf, "Hz", above_low=True, error=ScenarioError)
-    if step is not None and rate * step > 1.0 + RATE_TOLERANCE:
+    if rate * step > 1.0 + RATE_TOLERANCE:
         raise ScenarioError(
             f"{name}: {rate:g} Hz must be at most 1/step, {1.0 / step:g} Hz with step {step:g} s"
         )

@@ -7,9 +7,8 @@ they are the folder `models` beside the packages.
 from __future__ import annotations
 
 import csv
-from difflib import get_close_matches
 from functools import cache
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from aerodima.workbench.core.errors import ModelError
@@ -20,8 +19,6 @@ if TYPE_CHECKING:
 _PACKAGE = Path(__file__).resolve().parent.parent
 _SHIPPED = _PACKAGE / "_models"
 _CHECKOUT = _PACKAGE.parent / "models"
-_MAX_SUGGESTIONS = 3
-"""Names that are suggested for an unknown one."""
 
 
 @cache
@@ -37,26 +34,19 @@ def models_dir() -> Path:
     raise ModelError(f"the model files are missing: neither {_SHIPPED} nor {_CHECKOUT} is a folder")
 
 
-def model_path(relative: str | PurePosixPath) -> Path:
+def model_path(relative: str) -> Path:
     """Find a file or folder of `models/`.
 
     Args:
         relative: path below `models/` with forward slashes, such as `parameters/car.yaml`.
 
     Raises:
-        ModelError: there is no such file (the message names the nearest that exist), or the path
-            leaves `models/`.
+        ModelError: there is no such file.
     """
-    root = models_dir()
-    wanted = PurePosixPath(relative)
-    if wanted.is_absolute() or ".." in wanted.parts:
-        raise ModelError(f"model file {str(wanted)!r}: must be a path inside models/")
-    path = root / wanted
-    if path.exists():
-        return path
-    raise ModelError(
-        f"model file {str(wanted)!r} does not exist in {root}; {_nearest(root, wanted)}"
-    )
+    path = models_dir() / relative
+    if not path.exists():
+        raise ModelError(f"model file {relative!r} does not exist in {models_dir()}")
+    return path
 
 
 def published_rows(name: str) -> list[dict[str, str]]:
@@ -71,16 +61,3 @@ def published_table(name: str) -> pd.DataFrame:
     import pandas as pd
 
     return pd.read_csv(model_path(f"published/{name}.csv"))
-
-
-def _nearest(root: Path, wanted: PurePosixPath) -> str:
-    names = sorted(
-        found.relative_to(root).as_posix() for found in root.rglob("*") if found.is_file()
-    )
-    close = get_close_matches(str(wanted), names, n=_MAX_SUGGESTIONS)
-    if close:
-        return f"nearest: {', '.join(close)}"
-    beside = [name for name in names if PurePosixPath(name).parent == wanted.parent]
-    if beside:
-        return f"{wanted.parent}/ has: {', '.join(beside)}"
-    return f"there is no folder {wanted.parent}/"

@@ -9,8 +9,7 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem, State
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.event_order import EventPriority, period_of
 from aerodima.workbench.core.port_wiring import DiscreteVector, vector_of
-from aerodima.workbench.core.quantity import RATE_TOLERANCE, check_rate
-from aerodima.workbench.core.ranges import check_range
+from aerodima.workbench.core.quantity import RATE_TOLERANCE
 
 TURN = 2.0 * math.pi
 """One revolution, rad."""
@@ -43,15 +42,11 @@ class SampledSensor(LeafSystem):
         rate: Hz.
 
     Args:
-        name: of the system, e.g. "imu"; settings are named by it in messages.
+        name: of the system, e.g. "imu".
         outputs: name and size of the output ports, in the order of the numbers of a sample.
-        rate: Hz.
-        delay: s.
-        step: of the plant or its integrator, s; None where there is none to compare the rate with.
-        discrete: whether it is the step of a discrete plant.
-
-    Raises:
-        UserError: the rate is not positive or above 1/step, or the delay is negative or not finite.
+        rate: above 0 Hz; a scenario holds it below 1/step of its plant.
+        delay: from 0 s on.
+        discrete: whether the plant is discrete.
     """
 
     def __init__(
@@ -61,12 +56,9 @@ class SampledSensor(LeafSystem):
         outputs: dict[str, int],
         rate: float,
         delay: float,
-        step: float | None,
         discrete: bool = False,
     ) -> None:
         super().__init__()
-        check_rate(rate, step, f"{name}.rate")
-        check_range(f"{name}.delay", delay, 0.0, math.inf, "s")
         self.set_name(name)
         self.rate = rate
         self._delay = delay
@@ -149,11 +141,8 @@ class AngleEncoder(SampledSensor):
         sample_time (1): s, see `SampledSensor`.
 
     Args:
-        name, rate, delay, step, discrete: as for `SampledSensor`.
+        name, rate, delay, discrete: as for `SampledSensor`.
         window: of the rate, s; rounded to whole samples, at least one.
-
-    Raises:
-        UserError: rate or delay not allowed.
     """
 
     def __init__(
@@ -162,7 +151,6 @@ class AngleEncoder(SampledSensor):
         rate: float,
         delay: float,
         window: float,
-        step: float | None,
         discrete: bool = False,
     ) -> None:
         super().__init__(
@@ -170,7 +158,6 @@ class AngleEncoder(SampledSensor):
             outputs={"angle": 1, "rate": 1},
             rate=rate,
             delay=delay,
-            step=step,
             discrete=discrete,
         )
         self._angle = self.DeclareVectorInputPort("joint_angle", 1)

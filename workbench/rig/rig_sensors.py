@@ -99,15 +99,11 @@ class RigSensor(SampledSensor):
         name: of the system.
         rate: Hz.
         errors: of the log.
-        step: of the integrator, s.
-
-    Raises:
-        UserError: the rate is above 1/step.
     """
 
-    def __init__(self, name: str, rate: float, errors: SensorErrors, step: float) -> None:
+    def __init__(self, name: str, rate: float, errors: SensorErrors) -> None:
         size = len(errors.noise)
-        super().__init__(name=name, outputs={"reading": size}, rate=rate, delay=0.0, step=step)
+        super().__init__(name=name, outputs={"reading": size}, rate=rate, delay=0.0)
         self._errors = errors
         self._value = self.DeclareVectorInputPort("value", size)
 
@@ -129,14 +125,10 @@ class RigEncoder(AngleEncoder):
     Args:
         settings: rate Hz, window of the rate s.
         count: angle of one count, rad.
-        step: of the integrator, s.
-
-    Raises:
-        UserError: the rate is above 1/step.
     """
 
-    def __init__(self, settings: RigEncoderParameters, count: float, step: float) -> None:
-        super().__init__("encoder", settings.rate, 0.0, settings.rate_window, step)
+    def __init__(self, settings: RigEncoderParameters, count: float) -> None:
+        super().__init__("encoder", settings.rate, 0.0, settings.rate_window)
         self._count = count
 
     def reading(self, angle: float, index: int) -> float:

@@ -73,23 +73,21 @@ def make_rig_station(
     torque = motor.GetOutputPort("torque")
     builder.Connect(torque, rig.motor_torque)
 
-    step = scenario.simulation.step
     rate = scenario.robot.command_rate if scenario.is_robot else scenario.encoder.rate
     noise = 0.0 if scenario.is_robot else scenario.maxon.current_noise
-    current = RigSensor("motor_current", rate, current_errors(noise, scenario.seed), step)
+    current = RigSensor("motor_current", rate, current_errors(noise, scenario.seed))
     add_and_connect(builder, current, value=motor.GetOutputPort("current"))
     sensor = scenario.force_sensor
     errors = force_errors(sensor, scenario.sensor_offsets, scenario.seed)
-    force = RigSensor("force_sensor", sensor.rate, errors, step)
+    force = RigSensor("force_sensor", sensor.rate, errors)
     add_and_connect(builder, force, value=rig.wrench)
     samples = {"motor_age": motor_sample, "force_age": force.GetOutputPort("sample_time")}
-    healthy = ("motor_fault", "force_fault", "operator_age", "operator_fault")
 
     ports = {
         "rig_state": rig_state,
         "motor_current": current.GetOutputPort("reading"),
         "force_torque": force.GetOutputPort("reading"),
-        "status": add_status(builder, RIG_STATUS, samples, healthy),
+        "status": add_status(builder, RIG_STATUS, samples),
         "state_truth": state,
         "wrench_truth": rig.wrench,
         "motor_torque_truth": torque,
@@ -130,7 +128,7 @@ def _add_maxon(builder: DiagramBuilder, scenario: RigScenario, state: OutputPort
     maxon = builder.AddNamedSystem("maxon", MaxonMotor(scenario.maxon))
     builder.ExportInput(maxon.GetInputPort("current_command"), "current_command")
     angle = concatenate(builder, "joint_angle", [(state, [0])])
-    encoder = RigEncoder(scenario.encoder, scenario.count_angle, scenario.simulation.step)
+    encoder = RigEncoder(scenario.encoder, scenario.count_angle)
     add_and_connect(builder, encoder, joint_angle=angle)
     parts = [encoder.GetOutputPort(name) for name in ("angle", "rate")]
     return maxon, concatenate(builder, "rig_state", parts), encoder.GetOutputPort("sample_time")
@@ -142,7 +140,7 @@ def _add_ak70(builder: DiagramBuilder, scenario: RigScenario, state: OutputPort)
     motor = MitMotor(settings, scenario.robot.torque_constant)
     add_and_connect(builder, motor, "ak70", joint_state=state)
     builder.ExportInput(motor.GetInputPort("tail_command"), "tail_command")
-    replies = MotorEncoder(scenario.robot.command_rate, settings, step=scenario.simulation.step)
+    replies = MotorEncoder(scenario.robot.command_rate, settings)
     both_joints = concatenate(builder, "joint_twice", [(state, [0, 0, 1, 1])])
     add_and_connect(builder, replies, joints=both_joints)
     parts: list[PortSlice] = [(replies.GetOutputPort(name), [0]) for name in ("angles", "rates")]

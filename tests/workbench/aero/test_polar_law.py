@@ -8,7 +8,7 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RotationMatrix
 
 from aerodima.workbench.aero.polar_law import PolarLaw
-from aerodima.workbench.aero.section_laws import NormalForceLaw
+from aerodima.workbench.aero.section_laws import NormalForceLaw, facing_law
 from aerodima.workbench.aero.sections import SectionLayout
 from tests.workbench.aero.plants import (
     free_tail,
@@ -72,7 +72,9 @@ def test_constant_coefficients_equal_an_independent_five_point_sum():
 
 
 @pytest.mark.parametrize(
-    "law", [PolarLaw(DRAG, LIFT), NormalForceLaw(1.7)], ids=["polar", "normal"]
+    "law",
+    [PolarLaw(DRAG, LIFT), NormalForceLaw(1.7), facing_law(NormalForceLaw(1.7))],
+    ids=["polar", "normal", "facing"],
 )
 def test_the_air_never_feeds_energy_to_a_body_in_still_air(law):
     """Power of the wrench on the moving body, over 200 random states: at most zero."""

@@ -8,18 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from pydrake.autodiffutils import InitializeAutoDiff
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.aero.sail import FreeSail
 from aerodima.workbench.aero.section_laws import (
-    LineMotion,
     NormalForceLaw,
     TwoSidedLaw,
     dot,
     facing_law,
-    float_of,
 )
 from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.aero.wind import WindModel, add_wind
@@ -114,47 +111,6 @@ def test_a_facing_half_cylinder_shows_its_hollow_side():
     law = facing_law(TwoSidedLaw(2.3, 1.2))
     for v in ((0.0, 5.0, 0.0), (0.0, -5.0, 0.0), (5.0, 0.0, 0.0)):
         assert np.linalg.norm(section_force(law, v)) == pytest.approx(0.5 * RHO * 0.02 * 2.3 * 25.0)
-
-
-def test_facing_force_does_no_positive_work_on_the_relative_motion():
-    """F . v_rel >= 0 per section, so the body loses energy to still air, and never gains from the
-    motion against it.
-    """
-    law = facing_law(NormalForceLaw(2.0))
-    rng = np.random.default_rng(3)
-    for _ in range(100):
-        u = rng.normal(size=3) * 5
-        w = rng.normal(size=3) * 10
-        k = -np.cross(w, AXIS)
-        k[2] = 0.0
-        distances = (0.2, 0.5, 0.9)
-        areas = (0.01, 0.02, 0.01)
-        force = np.array(law.line_force(LineMotion(u, k, AXIS, NORMAL), distances, areas, RHO))
-        # Power of force and moment on the body, relative to the air: -(F . u - M . w), with the
-        # moment about the root.
-        power = -force[:3] @ u + force[3:] @ np.array([w[0], w[1], 0.0])
-        parts = sum(
-            -section_force(law, u + s * k, area) @ (u + s * k)
-            for s, area in zip(distances, areas, strict=True)
-        )
-        assert power == pytest.approx(parts)
-        assert power < 0.0
-
-
-def test_gradient_of_the_facing_law_is_finite_and_zero_without_wind():
-    law = facing_law(NormalForceLaw(2.0))
-    v = InitializeAutoDiff(np.zeros(3)).ravel()
-    force = law.section_force(tuple(v), AXIS, NORMAL, 0.02, RHO)
-    assert [float_of(f) for f in force] == [0.0] * 3
-    gradients = [f.derivatives() for f in force if not isinstance(f, float)]  # a float has none
-    assert not np.any(gradients)
-    v = InitializeAutoDiff(np.array([3.0, -4.0, 1.0])).ravel()
-    force = law.section_force(tuple(v), AXIS, NORMAL, 0.02, RHO)
-    half = 0.5 * RHO * 0.02 * 2.0
-    exact = half * (
-        5.0 * np.diag([1.0, 1.0, 0.0]) + np.outer([3.0, -4.0, 0.0], [3.0, -4.0, 0.0]) / 5.0
-    )
-    assert_allclose([f.derivatives() for f in force], exact, atol=1e-12)
 
 
 @pytest.mark.parametrize("direction", [0.0, 0.4, -2.0, 3.0])

@@ -11,7 +11,7 @@ from pydrake.autodiffutils import AutoDiffXd, InitializeAutoDiff
 
 from aerodima.workbench.aero.coefficient_files import load_coefficients
 from aerodima.workbench.aero.polar_law import PolarLaw
-from aerodima.workbench.aero.section_laws import NormalForceLaw
+from aerodima.workbench.aero.section_laws import NormalForceLaw, facing_law
 from aerodima.workbench.aero.sections import Jet, SectionLayout
 from tests.workbench.aero.plants import (
     free_tail,
@@ -24,6 +24,7 @@ LAYOUT = SectionLayout.strip(start=0.1, length=0.5, width=0.1, p_BoRo_B=(0.05, 0
 LAWS = {
     "normal constant": NormalForceLaw(2.0),
     "normal line": load_coefficients("robot_tail_line").law(),
+    "facing": facing_law(NormalForceLaw(2.0)),
     "polar constant": PolarLaw(1.2, 0.4),
     "polar table": load_coefficients("cheetah_tail_1_major").law(),
 }

@@ -11,7 +11,7 @@ from aerodima.workbench.car.outcome_record import CONTACT_COLUMNS, SETTLED
 from aerodima.workbench.car.termination import STOPPED
 from aerodima.workbench.car.tip_up import LIFT_COLUMNS
 from aerodima.workbench.car.verdict import FLIP_TILT
-from aerodima.workbench.control.swing_law import SwingSettings, SwingState
+from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.control.swing_machine import SwingLaw
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.metrics.run_summary import summarise
@@ -21,6 +21,7 @@ from aerodima.workbench.scenario.scenario import load_scenario
 from tests.certain_cars import HIGH_CAR
 from tests.refusals import assert_refused
 from tests.workbench.car.outcome_study import differences, drawn_cars
+from tests.workbench.control.published_law import published
 
 SHORT = ["manoeuvre.speed_ramp=0.8", "manoeuvre.turn_start=1.0", "manoeuvre.duration=2.1"]
 """Turn after 1 s instead of 2 s: the run of a test costs half."""
@@ -115,7 +116,7 @@ def test_trials_near_the_limit_say_what_full_runs_say():
 
 def test_another_law_takes_the_place_of_the_scenarios():
     scenario = turn("swing", 3.0)
-    held = simulate(scenario, record="outcome", law=SwingLaw(SwingSettings.published(mode="held")))
+    held = simulate(scenario, record="outcome", law=SwingLaw(published(mode="held")))
     assert held.extra["tail_law"] == "SwingLaw"
     assert SwingState.SWING not in held.signal("controller_state")
     assert SwingState.SWING in simulate(scenario, record="outcome").signal("controller_state")

@@ -114,11 +114,6 @@ def motor_torques(commands, state, torque=0.0, step=0.0):
     return torques
 
 
-def test_pitch_and_roll_each_follow_their_own_command():
-    hold = [0.0, 0.0, 10.0, 1.0, 0.0]
-    assert_allclose(motor_torques((hold, hold), [0.1, 0.2, 0.3, 0.4]), [-1.3, -2.4], rtol=1e-6)
-
-
 @pytest.mark.parametrize("index", range(5))
 def test_nan_in_a_command_gives_no_torque_on_that_joint_only(index):
     good = [0.1, 0.0, 10.0, 0.0, 0.5]

@@ -108,16 +108,9 @@ def test_scenario_from_before_the_air_could_move_is_one_in_still_air():
         ("tail", "coefficients", "robot_tail_lne", ("'robot_tail_line'",)),
         ("tail", "coefficients", "cheetah_tail_1_major", ("flat_plate", "robot_tail_")),
         ("tail", "sail", "loose", ("'facing'", "'free'", "'locked'")),
-        ("tail", "sail_board_share", 0.0, ()),
-        ("tail", "sail_shell_offset", 1.5, ()),
-        ("tail", "sail_bearing_damping", -1e-3, ("N m s/rad",)),
         ("tail", "added_mass", -2.0, ("-1", "kg")),
         ("wind", "mean_y", 55.0, ("40", "m/s")),
-        ("wind", "gust_amplitude", -1.0, ("m/s",)),
-        ("wind", "gust_period", 0.0, ()),
         ("wind", "gust_direction", 90.0, ("3.1416", "rad")),
-        ("wind", "turbulence", -0.1, ("m/s",)),
-        ("wind", "turbulence_time_constant", 0.0, ()),
     ],
 )
 def test_wrong_air_is_refused_by_key_and_value(section, key, value, named):

@@ -175,7 +175,6 @@ def test_existing_log_is_refused_and_left_alone(run, tmp_path):
     [
         (["manoeuvre.speed=20"], ["manoeuvre.speed", "20 m/s", "14.4 m/s"]),
         (["car.mass=2"], ["car.mass", "2 kg"]),
-        (["controller.travel=3.5"], ["controller", "travel"]),
         (["car.gyration_roll=0.4"], ["car.gyration_roll", "0.4 m", "0.158663 m"]),
     ],
 )

@@ -7,8 +7,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.car.car_sensors import SailEncoder, quantise_symmetric
-from aerodima.workbench.core.errors import UserError
-from tests.refusals import assert_refused
 from tests.workbench.samples import sampled
 
 
@@ -103,8 +101,3 @@ def test_motor_reply_is_rounded_to_the_nearest_of_2_to_the_n_minus_1_steps():
 def test_motor_reply_saturates_at_its_ranges():
     for side in (1.0, -1.0):
         assert quantise_symmetric(side * 80.0, 50.0, 12) == pytest.approx(side * 50.0)
-
-
-@pytest.mark.parametrize("bits", [3, 21])
-def test_impossible_word_length_is_refused(bits):
-    assert_refused(lambda: sail_encoder(bits), UserError, "sail_encoder.bits", str(bits), "20")

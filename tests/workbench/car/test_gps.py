@@ -22,7 +22,7 @@ def chassis_motion_at(velocity):
 
 
 def receiver(velocity, noise=0.0, delay=0.0, seed=1):
-    gps = GpsSpeed(SimpleNamespace(rate=10.0, delay=delay, noise=noise), seed=seed, step=0.002)
+    gps = GpsSpeed(SimpleNamespace(rate=10.0, delay=delay, noise=noise), seed=seed)
     simulator = Simulator(gps)
     gps.get_input_port().FixValue(simulator.get_mutable_context(), chassis_motion_at(velocity))
     simulator.Initialize()

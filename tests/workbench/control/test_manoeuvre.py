@@ -15,6 +15,7 @@ from aerodima.workbench.control.manoeuvre import (
     run_time,
     slewed_angle,
     turn_length,
+    wheel_angle,
 )
 from aerodima.workbench.core.errors import UserError
 from tests.refusals import assert_refused
@@ -107,6 +108,10 @@ def test_the_wheels_follow_levels_at_the_rate_of_the_servo():
         assert slewed_angle(levels, ends, 3.0, index * step) == pytest.approx(angle, abs=1e-3)
         command = level_angle(levels, ends, index * step)
         angle += min(max(command - angle, -3.0 * step), 3.0 * step)
+    pulse = make_schedule(scenario(first_angle=0.4, first_hold=0.2))
+    times = np.linspace(-0.1, 0.9, 21)
+    expected = slewed_angle((0.4, STEER), (0.2, 0.5), 2.0, times)
+    assert_array_equal(wheel_angle(pulse, 2.0, times), expected)
 
 
 def test_ticks_reach_the_instants_whatever_their_rounding():
@@ -158,10 +163,6 @@ def test_feed_forward_is_clipped_to_full_throttle():
     line = ThrottleLine(10.0, 0.0, time_constant=5.0)
     assert line.throttle(2.0, acceleration=4.0) == 1.0
     assert line.throttle(2.0, acceleration=-4.0) == -1.0
-
-
-def test_zero_ramp_is_a_throttle_step():
-    assert SpeedRamp(4.0, 0.0, ThrottleLine(10.0, -1.0, 0.5)).throttle(0.0) == pytest.approx(0.5)
 
 
 def test_auto_sequence_of_the_car():
@@ -277,16 +278,12 @@ def test_a_rolling_start_has_the_throttle_of_its_speed_from_time_0(governor):
 @pytest.mark.parametrize(
     ("changes", "named"),
     [
-        *(
-            ({"speed": speed}, ("manoeuvre.speed", f"{speed:g}", "9"))
-            for speed in (9.01, -0.1, math.nan, math.inf)
-        ),
+        ({"speed": 9.01}, ("manoeuvre.speed", "9.01", "9")),
         ({"governor": False, "speed": 1.4}, ("manoeuvre.speed", "1.4", "1.5")),
         ({"speed_ramp": 2.1}, ("manoeuvre.speed_ramp", "2.1", "2")),
         ({"kind": "auto_turn", "log_end": 16.0}, ("manoeuvre.log_end", "16", "16.5")),
         ({"kind": "fishhook"}, ("manoeuvre.kind", "fishhook")),
         ({"kind": "path"}, ("manoeuvre.kind", "path")),
-        ({"turns": 0}, ("manoeuvre.turns", "0")),
     ],
     ids=str,
 )

@@ -181,7 +181,6 @@ def test_first_cones_stand_where_the_car_is_at_turn_start(rolling, begin):
 @pytest.mark.parametrize(
     ("work", "error", "named"),
     [
-        (lambda: Corner(0.2, 0.4, 0.0, 1.0), UserError, ("manoeuvre.corner_radius", "0.2")),
         (
             lambda: load_scenario("entry_corner", ["manoeuvre.corner_radius=0.2"]),
             ScenarioError,
@@ -189,7 +188,7 @@ def test_first_cones_stand_where_the_car_is_at_turn_start(rolling, begin):
         ),
         (lambda: off(lane_change(), 0.0, math.nan, 0.0), UserError, ("off_path", "y")),
     ],
-    ids=["corner", "scenario", "place"],
+    ids=["scenario", "place"],
 )
 def test_wrong_input_is_refused_by_name(work, error, named):
     assert_refused(work, error, *named)

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
-from aerodima.workbench.control.swing_law import SwingSettings, SwingState
+from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.control.swing_library import refuse_other_car, turn_of_swing, turn_words
 from aerodima.workbench.control.swing_machine import SwingLaw
 from aerodima.workbench.control.swing_player import LARGEST_ERROR, SwingPlayer
@@ -18,6 +18,7 @@ from aerodima.workbench.core.errors import SwingFileError
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.swing_file import swing_from_dict
 from tests.refusals import assert_named, assert_refused
+from tests.workbench.control.published_law import published
 
 INSIDE, OUTSIDE, LENGTH = -1.5, 1.2, 0.5
 TICK = 0.01
@@ -56,7 +57,7 @@ def swing(**changes):
 
 
 def player(**changes):
-    return SwingPlayer(swing(**changes), SwingSettings.published(delay=0.0))
+    return SwingPlayer(swing(**changes), published())
 
 
 def see(time, roll=INSIDE, *, yaw_rate=0.0, plan=1.0, **more):

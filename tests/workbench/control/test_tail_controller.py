@@ -6,14 +6,15 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.control.controller_systems import TailController
-from aerodima.workbench.control.swing_law import SwingSettings, SwingState
+from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.control.swing_machine import SwingLaw
 from aerodima.workbench.control.tail_law import UNKNOWN_IMU, observe
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.signal_table import IMU, STATUS, TAIL_STATE
 from tests.refusals import assert_refused
+from tests.workbench.control.published_law import published
 
-PROMPT = SwingSettings.published(delay=0.0)
+PROMPT = published()
 HOLD, SWING, SETTLE = float(SwingState.HOLD), float(SwingState.SWING), float(SwingState.SETTLE)
 
 
@@ -63,7 +64,7 @@ class CountingLaw:
 
 @pytest.mark.parametrize("rate", [100.0, 50.0])
 def test_law_is_called_exactly_once_in_each_of_its_periods(rate):
-    law = CountingLaw(SwingSettings.published(rate=rate))
+    law = CountingLaw(published(rate=rate))
     Bench(law).advance(0.999)
     assert_allclose(law.times, np.arange(rate) / rate, atol=1e-12)
 
@@ -104,7 +105,10 @@ def test_reset_context_repeats_the_run():
 
 def test_age_limit_must_be_positive():
     assert_refused(
-        lambda: TailController(SwingLaw(), age_limit=0.0), UserError, "controller.age_limit", "0"
+        lambda: TailController(SwingLaw(PROMPT), age_limit=0.0),
+        UserError,
+        "controller.age_limit",
+        "0",
     )
 
 

@@ -10,10 +10,12 @@ from aerodima.workbench.control.swing_law import SwingSettings
 from aerodima.workbench.control.swing_machine import SwingLaw, SwingMemory
 from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.control.tail_law import Observation
+from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.signal_table import TAIL_COMMAND
 
 schedule = TurnSchedule(SpeedRamp(3.0, 1.0, ThrottleLine(10.0, 0.0)), 1.0, 0.5, 2.0, 0.5)
-memory, settings = SwingMemory(), SwingSettings.published(delay=0.0)
+prompt = load_scenario("turn_swing", ["controller.delay=0.0"])
+memory, settings = SwingMemory(), SwingSettings.from_scenario(prompt)
 states = []
 for tick, yaw_rate in enumerate((0.0, 0.0, 1.5)):
     driver = schedule.at(0.01 * tick)
@@ -37,7 +39,6 @@ assert states == ["HOLD", "HOLD", "SWING"], states
 assert TAIL_COMMAND.read(roll).velocity == 8.0
 
 from aerodima.workbench.control.driver_law import DriverView, make_driver
-from aerodima.workbench.scenario.scenario import load_scenario
 
 law = make_driver(load_scenario("entry_lane_change"))
 _, given = law.step(law.start(), DriverView(0.0, (0.0, 0.0), 0.0, 0.0, 2.0, 0.0))

@@ -1,5 +1,4 @@
 import math
-from functools import partial
 
 import numpy as np
 import pytest
@@ -16,10 +15,8 @@ from tests.workbench.samples import sampled
 class Clock(SampledSensor):
     """Measures the time and its square, and counts."""
 
-    def __init__(self, rate=100.0, delay=0.0, step=None):
-        super().__init__(
-            name="clock", outputs={"time": 1, "more": 2}, rate=rate, delay=delay, step=step
-        )
+    def __init__(self, rate=100.0, delay=0.0):
+        super().__init__(name="clock", outputs={"time": 1, "more": 2}, rate=rate, delay=delay)
         self.indices = []
 
     def measure(self, context, index):
@@ -75,27 +72,11 @@ def test_outputs_have_no_feedthrough():
     assert not Clock().HasAnyDirectFeedthrough()
 
 
-@pytest.mark.parametrize(
-    ("rate", "step"), [(500.0, 0.002), (1000.0, 0.001), (3.0, 1.0 / 3.0), (100.0, None)]
-)
+@pytest.mark.parametrize(("rate", "step"), [(500.0, 0.002), (1000.0, 0.001), (3.0, 1.0 / 3.0)])
 def test_rate_up_to_one_per_step_is_allowed(rate, step):
     check_rate(rate, step, "imu.rate")
 
 
-@pytest.mark.parametrize(
-    ("work", "named"),
-    [
-        (partial(check_rate, 501.0, 0.002, "imu.rate"), ("imu.rate", "501", "0.002")),
-        *(
-            (partial(check_rate, rate, 0.002, "gps.rate"), ("gps.rate", f"{rate:g}"))
-            for rate in (0.0, -1.0, math.nan, math.inf)
-        ),
-        (partial(Clock, rate=1000.0, step=0.002), ("clock.rate", "1000")),
-        *(
-            (partial(Clock, delay=delay), ("clock.delay", f"{delay:g}"))
-            for delay in (-0.01, math.nan, math.inf)
-        ),
-    ],
-)
-def test_impossible_rate_and_delay_are_refused(work, named):
-    assert_refused(work, UserError, *named)
+@pytest.mark.parametrize("rate", [501.0, 0.0, -1.0, math.nan, math.inf])
+def test_impossible_rate_is_refused(rate):
+    assert_refused(lambda: check_rate(rate, 0.002, "imu.rate"), UserError, "imu.rate", f"{rate:g}")

@@ -13,7 +13,7 @@ SCENARIO = load_rig_scenario("static")
 
 def turning(rate, until):
     """Angle and rate shown at `until` (s) by an encoder whose shaft turns steadily from 0.3 rad."""
-    encoder = RigEncoder(SCENARIO.encoder, SCENARIO.count_angle, 0.001)
+    encoder = RigEncoder(SCENARIO.encoder, SCENARIO.count_angle)
     simulator = Simulator(encoder)
     context = simulator.get_mutable_context()
     for k in range(round(until * 1000) + 1):

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from aerodima.workbench.aero.section_laws import cross as vector_product
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.scenario.signal_table import WHEELS
 
@@ -65,12 +66,7 @@ class Terms(NamedTuple):
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Returns the vector product along the first axis."""
-    x = a[1] * b[2] - a[2] * b[1]
-    product = np.empty_like(x, shape=(3, *x.shape))
-    product[0] = x
-    product[1] = a[2] * b[0] - a[0] * b[2]
-    product[2] = a[0] * b[1] - a[1] * b[0]
-    return product
+    return np.stack(vector_product(a, b))
 
 
 def up(pitch: FloatArray, roll: FloatArray) -> FloatArray:

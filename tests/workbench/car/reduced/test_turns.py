@@ -14,7 +14,6 @@ from aerodima.workbench.car.reduced.states import STATES
 from aerodima.workbench.car.reduced.turn_plans import TurnPlans
 from aerodima.workbench.car.reduced.turns import TurnRollout, drive_turns
 from aerodima.workbench.car.turn_course import ground_velocity
-from aerodima.workbench.control.manoeuvre import make_schedule, pulse_angle, wheel_angle
 from aerodima.workbench.control.swing_law import SwingSettings
 from aerodima.workbench.control.swing_machine import SwingLaw
 from tests.certain_cars import HIGH_BODY
@@ -158,18 +157,3 @@ def test_two_levels_take_the_car_where_the_full_car_goes():
     assert course == pytest.approx(full, rel=0.04)  # runs differ by 2 %
     peak_roll = np.max(reduced.history[:, STATES.index("roll")])
     assert peak_roll == pytest.approx(metrics_of(run).peak_roll_rad, abs=0.02)
-
-
-def test_the_wheels_follow_two_levels_at_the_rate_of_the_servo():
-    words = (
-        "manoeuvre.steer_angle=0.1",
-        "manoeuvre.first_angle=0.4",
-        "manoeuvre.first_hold=0.2",
-        "servo.rate=2.0",
-    )
-    schedule = make_schedule(load_scenario("turn_none", words))
-    times = (-0.1, 0.1, 0.2, 0.25, 0.4, 0.52, 0.6)
-    angles = [0, 0.2, 0.4, 0.3, 0.1, 0.06, 0]
-    assert [wheel_angle(schedule, 2.0, time) for time in times] == pytest.approx(angles)
-    assert wheel_angle(schedule, 2.0, np.array(times)) == pytest.approx(angles)
-    assert list(pulse_angle(schedule, np.array([-0.01, 0.0, 0.2, 0.5]))) == [0.0, 0.4, 0.1, 0.0]
