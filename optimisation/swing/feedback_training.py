@@ -2,14 +2,18 @@
 
 A law is scored by how far the last point of the outline has moved aside after 0.5 s, with the best
 of some steerings, over that of the same car without tail and with its own best steering: half the
-mean over cars, floors and speeds, half the mean of the worst fifth.
+mean over cars, floors and speeds, half the mean of the worst fifth. Each car, floor and speed has a
+condition of its own: how late the IMU is, what the car carries, how strong its motors are.
+
+Law and steerings are searched in turns, since a law that kicks the car wants another steering than
+a car without tail.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -45,11 +49,25 @@ RANGES = {
     "feedback.return_speed": (0.7, 12.0),
     "feedback.kp": (2.0, 60.0),
     "feedback.kd": (0.3, 5.0),
-    "feedback.pitch_angle": (-1.3, 0.6),
+    "feedback.pitch_angle": (-1.15, 0.6),
+    "feedback.kick_roll": (-1.0, 1.55),
+    "feedback.kick_time": (0.0, 0.6),
+    "feedback.counter_roll": (-1.55, 1.55),
+    "feedback.counter_time": (0.0, 0.6),
 }
 """Numbers that are free, in the units of `FeedbackParameters`."""
 ANGLE_SHARES = np.geomspace(0.4, 2.5, 10)
 """Shares of a steering's angles with which a law is tried."""
+CONDITIONS: tuple[tuple[float, float, float], ...] = (
+    (0.024, 1.0, 0.0),
+    (0.044, 1.0, 0.0),
+    (0.004, 1.0, 0.0),
+    (0.024, 1.1, 0.0),
+    (0.024, 1.0, -0.15),
+    (0.024, 1.0, 0.15),
+)
+"""In turn over places: delay of the IMU, s, mass over that of the car, and error of the motors'
+torque, as a share."""
 LAWS_PER_ITEM = 22
 """Laws in one item of work."""
 AIM = "aside-0.5"
@@ -70,6 +88,7 @@ class LawSearch:
         seed: of the first generation and of all later draws.
         around: share of the ranges, around the law that it starts from, over which the first
             generation is drawn.
+        rounds: so often the law is searched, each time with the best steerings of the law before.
 
     Raises:
         UserError: fewer than 3 laws, or a share out of range.
@@ -79,6 +98,7 @@ class LawSearch:
     generations: int = 8
     seed: int = 1
     around: float = 0.3
+    rounds: int = 3
 
     def __post_init__(self) -> None:
         check_range("laws for each number", self.laws, 3, math.inf, NO_UNIT, error=SweepError)
@@ -125,52 +145,91 @@ def train_feedback(
     Raises:
         UserError: no law keeps a car upright.
     """
-    places = find_places(cases, speeds, runs, effort or SearchEffort())
-    runs.stage = "feedback law"
-
-    def score_laws(laws: Sequence[Law]) -> FloatArray:
-        batches = []
-        for place in places:
-            for first in range(0, len(laws), LAWS_PER_ITEM):
-                batches.append(LawBatch(place, tuple(laws[first : first + LAWS_PER_ITEM])))
-        keys = [content_key("law scores", repr(batch)) for batch in batches]
-        ratios = np.concatenate(runs.map(score_law_batch, batches, keys))
-        return score(ratios.reshape(len(places), len(laws)).T)
-
+    effort = effort or SearchEffort()
+    places = find_places(cases, speeds, runs, effort)
     shipped = load_scenario(SWERVE).feedback
-    start = {name: float(getattr(shipped, name.split(".")[1])) for name in RANGES}
-    best = search_laws(search, start, score_laws, runs.say)
-    numbers = [f"{name}={value!r}" for name, value in best.items()]
-    return Candidate(f"trained {FEEDBACK.name}", (*FEEDBACK.settings, *numbers))
+    best: Law = {name: float(getattr(shipped, name.split(".")[1])) for name in RANGES}
+    for number in range(search.rounds):
+        tried = add_steerings(places, best, runs, effort)
+        runs.stage = "feedback law"
+
+        def score_laws(laws: Sequence[Law], places: Sequence[Place] = tried) -> FloatArray:
+            batches = []
+            for place in places:
+                for first in range(0, len(laws), LAWS_PER_ITEM):
+                    batches.append(LawBatch(place, tuple(laws[first : first + LAWS_PER_ITEM])))
+            keys = [content_key("law scores", repr(batch)) for batch in batches]
+            ratios = np.concatenate(runs.map(score_law_batch, batches, keys))
+            return score(ratios.reshape(len(places), len(laws)).T)
+
+        best = search_laws(replace(search, seed=search.seed + number), best, score_laws, runs.say)
+    return Candidate(f"trained {FEEDBACK.name}", (*FEEDBACK.settings, *law_settings(best)))
+
+
+def law_settings(law: Law) -> tuple[str, ...]:
+    """Returns the settings of a law."""
+    return tuple(f"{name}={value!r}" for name, value in law.items())
 
 
 def find_places(
     cases: Sequence[Case], speeds: Sequence[float], runs: CachedRunner, effort: SearchEffort
 ) -> list[Place]:
-    """Returns the places of cases and speeds; laws are tried there with the best steerings of the
-    car without tail and with its tail folded, by `ANGLE_SHARES`.
+    """Returns the places of cases and speeds, each in one of the `CONDITIONS`; laws are tried there
+    with the best steerings of the car without tail and with its tail folded, by `ANGLE_SHARES`.
     """
     runs.stage = "steerings"
-    names = [(case, speed) for case in cases for speed in speeds]
+    names = []
     items = []
-    for case, speed in names:
-        for candidate in (NO_TAIL, FOLDED):
-            settings = (*case.settings(), *candidate.settings, f"manoeuvre.speed={speed!r}")
-            items.append(SteeringItem((settings,), AIM, effort))
+    for case in cases:
+        for speed in speeds:
+            condition = condition_settings(case, len(names))
+            own = (*case.settings(), *condition, f"manoeuvre.speed={speed!r}")
+            names.append(own)
+            for candidate in (NO_TAIL, FOLDED):
+                items.append(SteeringItem(((*own, *candidate.settings),), AIM, effort))
     keys = [content_key("steering", repr(item)) for item in items]
     results = runs.map(best_steering, items, keys)
     places = []
-    for (case, speed), bare, folded in zip(names, results[::2], results[1::2], strict=True):
-        steerings = []
-        for result in (bare, folded):
-            angles = np.outer(ANGLE_SHARES, result["steering"][:LEVELS])
-            steerings += [(*row, *result["steering"][LEVELS:]) for row in angles.tolist()]
-        settings = (*case.settings(), *FEEDBACK.settings, f"manoeuvre.speed={speed!r}")
+    for own, bare, folded in zip(names, results[::2], results[1::2], strict=True):
+        steerings = (*shared(bare["steering"]), *shared(folded["steering"]))
         if bare["score"] > 0.0:
-            places.append(Place(settings, tuple(steerings), bare["score"]))
+            places.append(Place((*own, *FEEDBACK.settings), steerings, bare["score"]))
     if not places:
         raise SweepError("no training car stays upright without a tail")
     return places
+
+
+def condition_settings(case: Case, index: int) -> Settings:
+    """Returns the settings of a condition for a car."""
+    delay, load, torque_error = CONDITIONS[index % len(CONDITIONS)]
+    mass = load * load_scenario(SWERVE, case.settings()).car.mass
+    return (
+        f"imu.delay={delay}",
+        f"car.mass={mass:.6g}",
+        f"tail_motor.torque_error={torque_error}",
+    )
+
+
+def shared(steering: Sequence[float]) -> tuple[tuple[float, ...], ...]:
+    """Returns a steering with each of the `ANGLE_SHARES` of its angles."""
+    angles = np.outer(ANGLE_SHARES, steering[:LEVELS])
+    return tuple((*row, *steering[LEVELS:]) for row in angles.tolist())
+
+
+def add_steerings(
+    places: Sequence[Place], law: Law, runs: CachedRunner, effort: SearchEffort
+) -> list[Place]:
+    """Returns places at which laws are tried with the best steerings of a law, too."""
+    runs.stage = "steerings of the law"
+    items = [
+        SteeringItem(((*place.settings, *law_settings(law)),), AIM, effort) for place in places
+    ]
+    keys = [content_key("steering", repr(item)) for item in items]
+    results = runs.map(best_steering, items, keys)
+    return [
+        place._replace(steerings=(*place.steerings, *shared(result["steering"])))
+        for place, result in zip(places, results, strict=True)
+    ]
 
 
 def search_laws(
