@@ -2,7 +2,8 @@
 
 A law is scored by how far the last point of the outline has moved aside after 0.5 s, with the best
 of some steerings, over that of the same car without tail and with its own best steering: half the
-mean over cars, floors and speeds, half the mean of the worst fifth. Each car, floor and speed has a
+mean over cars, floors and speeds, half the mean of the worst fifth. NHTSA's fishhook and J-turn
+count as places, too, at which a law is worth `PASSED` where the car stays upright. Each place has a
 condition of its own: how late the IMU is, what the car carries, how strong its motors are.
 
 Law and steerings are searched in turns, since a law that kicks the car wants another steering than
@@ -20,7 +21,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from aerodima.optimisation.studies.runs import CachedRunner
-from aerodima.optimisation.swerve.aims import AIMS
+from aerodima.optimisation.swerve.aims import AIMS, FAILED
 from aerodima.optimisation.swerve.aims import score as score_swerves
 from aerodima.optimisation.swerve.candidate import NO_TAIL, SWERVE, Candidate, Settings
 from aerodima.optimisation.swerve.evolution import evolve
@@ -29,7 +30,13 @@ from aerodima.optimisation.swerve.reduced_swerves import (
     SteeringItem,
     best_steering,
 )
-from aerodima.optimisation.swerve.steering import SearchEffort, possible_steering
+from aerodima.optimisation.swerve.standard_manoeuvres import MANOEUVRES, SPEEDS, standard_angle
+from aerodima.optimisation.swerve.steering import (
+    CONSTANT_ENDS,
+    TICK,
+    SearchEffort,
+    possible_steering,
+)
 from aerodima.optimisation.swerve.suite import FEEDBACK, FOLDED, Case
 from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, content_key
 from aerodima.workbench.car.reduced.swerves import LEVELS
@@ -74,6 +81,12 @@ AIM = "aside-0.5"
 """What a law is scored by."""
 WORST_SHARE = 0.2
 """Share of cases that the second half of the score is made of."""
+PASSED = 1.25
+"""What a law is worth that keeps a car upright in manoeuvres of the standard: about what it is
+worth in a swerve."""
+REVERSALS = (0.2, 0.35, 0.5)
+"""Instants at which a fishhook is steered to the other side, s; on the full car its roll rate
+decides."""
 Law = Mapping[str, float]
 """Numbers of a law by the keys of `RANGES`."""
 
@@ -111,12 +124,13 @@ class Place(NamedTuple):
     Attributes:
         settings: that make it.
         steerings: with which laws are tried.
-        reference: largest aim of the same car without tail, m.
+        reference: largest aim of the same car without tail, m; None where all steerings have to be
+            survived.
     """
 
     settings: Settings
     steerings: tuple[tuple[float, ...], ...]
-    reference: float
+    reference: float | None
 
 
 class LawBatch(NamedTuple):
@@ -147,10 +161,11 @@ def train_feedback(
     """
     effort = effort or SearchEffort()
     places = find_places(cases, speeds, runs, effort)
+    standard = standard_places(cases)
     shipped = load_scenario(SWERVE).feedback
     best: Law = {name: float(getattr(shipped, name.split(".")[1])) for name in RANGES}
     for number in range(search.rounds):
-        tried = add_steerings(places, best, runs, effort)
+        tried = [*add_steerings(places, best, runs, effort), *standard]
         runs.stage = "feedback law"
 
         def score_laws(laws: Sequence[Law], places: Sequence[Place] = tried) -> FloatArray:
@@ -196,6 +211,23 @@ def find_places(
             places.append(Place((*own, *FEEDBACK.settings), steerings, bare["score"]))
     if not places:
         raise SweepError("no training car stays upright without a tail")
+    return places
+
+
+def standard_places(cases: Sequence[Case]) -> list[Place]:
+    """Returns the places of NHTSA's fishhook and J-turn at the standard's second and last speed."""
+    places = []
+    for case in cases:
+        car = load_scenario(SWERVE, case.settings())
+        fishhook = standard_angle(car, MANOEUVRES["fishhook"].factor)
+        j_turn = standard_angle(car, MANOEUVRES["j-turn"].factor)
+        steerings = [(fishhook, -fishhook, -fishhook, end, end + TICK) for end in REVERSALS]
+        steerings.append((j_turn, j_turn, j_turn, *CONSTANT_ENDS))
+        for speed in SPEEDS[1::2]:
+            condition = condition_settings(case, len(places))
+            driven = (*FEEDBACK.settings, f"manoeuvre.speed={speed!r}")
+            settings = (*case.settings(), *condition, *driven)
+            places.append(Place(settings, tuple(steerings), None))
     return places
 
 
@@ -309,7 +341,10 @@ def score_law_batch(batch: LawBatch) -> list[float]:
     limit = car.scenario.servo.limit
     steerings = possible_steering(np.tile(place.steerings, (len(laws), 1)), limit)
     numbers = {name.split(".")[1]: np.repeat([law[name] for law in laws], count) for name in RANGES}
-    values = score_swerves(car.drive(steerings.T, numbers), AIMS[AIM])
-    best = values.reshape(len(laws), count).max(axis=1)
-    ratios: list[float] = (np.maximum(best, 0.0) / place.reference).tolist()
+    values = score_swerves(car.drive(steerings.T, numbers), AIMS[AIM]).reshape(len(laws), count)
+    if place.reference is None:
+        worth = PASSED * np.mean(values > FAILED, axis=1)
+    else:
+        worth = np.maximum(values.max(axis=1), 0.0) / place.reference
+    ratios: list[float] = worth.tolist()
     return ratios
