@@ -181,6 +181,7 @@ def judge(
     standard: Annotated[
         bool, typer.Option("--standard", help="Also drive NHTSA's fishhook and J-turn.")
     ] = False,
+    settings: cli.Settings = None,
     *,
     options: CaseOptions,
     work: cli.WorkOptions,
@@ -210,10 +211,13 @@ def judge(
             runs=runs,
             step=None if reduced else step,
             further=0 if reduced else further,
+            conditions=settings or (),
             **arguments,
         )
         if standard:
-            files["standard.csv"] = _standard(names, law or (), cars, options, runs)
+            files["standard.csv"] = _standard(
+                names, law or (), cars, options, tuple(settings or ()), runs
+            )
     summary = optimisation.summarise_swerves(table)
     files |= {"swerves.csv": table, "summary.csv": summary}
     _write(out, {**files, "report.html": swerve_page(table, summary)})
@@ -229,6 +233,7 @@ def _standard(
     laws: Sequence[str],
     cars: int,
     options: CaseOptions,
+    conditions: tuple[str, ...],
     runs: CachedRunner,
 ) -> pd.DataFrame:
     """Drives the manoeuvres of the standard with all candidates but the bound, which has no law."""
@@ -239,7 +244,7 @@ def _standard(
     ensemble = options.ensemble
     tail = options.tail
     floors = options.arguments()["floors"]
-    cases = ensemble_cases(ensemble, "test", cars, tail, floors, options.seed)
+    cases = ensemble_cases(ensemble, "test", cars, tail, floors, options.seed, conditions)
     without_bound = [name for name in names if name != "bound"]
     chosen = tuned_candidates(without_bound, laws, ensemble, tail, floors, SPEEDS, options.seed)
     return compare_standard(chosen, cases, runs)
