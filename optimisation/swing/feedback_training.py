@@ -18,13 +18,11 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import qmc
 
 from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.optimisation.swerve.aims import AIMS, FAILED
 from aerodima.optimisation.swerve.aims import score as score_swerves
 from aerodima.optimisation.swerve.candidate import NO_TAIL, SWERVE, Candidate, Settings
-from aerodima.optimisation.swerve.evolution import evolve
 from aerodima.optimisation.swerve.reduced_swerves import (
     ReducedSwerve,
     SteeringItem,
@@ -42,6 +40,7 @@ from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, conten
 from aerodima.workbench.car.reduced.swerves import LEVELS
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.core.extras import require
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.scenario.scenario import load_scenario
 
@@ -96,25 +95,25 @@ class LawSearch:
     """Effort of a search.
 
     Attributes:
-        laws: of a generation, for each free number.
-        generations: beside the first one.
-        seed: of the first generation and of all later draws.
-        around: share of the ranges, around the law that it starts from, over which the first
-            generation is drawn.
+        laws: of a generation.
+        generations: of a round.
+        seed: of all draws.
+        around: standard deviation of the first generation around the law that it starts from, as a
+            share of the ranges.
         rounds: so often the law is searched, each time with the best steerings of the law before.
 
     Raises:
         UserError: fewer than 3 laws, or a share out of range.
     """
 
-    laws: int = 4
-    generations: int = 8
+    laws: int = 16
+    generations: int = 60
     seed: int = 1
-    around: float = 0.3
+    around: float = 0.1
     rounds: int = 3
 
     def __post_init__(self) -> None:
-        check_range("laws for each number", self.laws, 3, math.inf, NO_UNIT, error=SweepError)
+        check_range("laws", self.laws, 3, math.inf, NO_UNIT, error=SweepError)
         check_range("around", self.around, 0.0, 1.0, NO_UNIT, above_low=True, error=SweepError)
 
 
@@ -281,27 +280,36 @@ def search_laws(
     Raises:
         UserError: no score is above 0.
     """
-    best_score = 0.0
-    tried = 0
-    bar = ProgressBar(progress, search.generations + 1)
+    require("search", "training of a law", "cma", error=SweepError)
+    import cma
 
-    def cost(shares: FloatArray) -> FloatArray:
-        nonlocal best_score, tried
-        scores = score_laws(laws_at(shares.T))
-        best_score = max(best_score, float(np.max(scores)))
-        tried += len(scores)
+    rng = np.random.default_rng(search.seed)
+    strategy = cma.CMAEvolutionStrategy(
+        shares_of(start),
+        search.around,
+        {
+            "bounds": [0.0, 1.0],
+            "popsize": search.laws,
+            "randn": lambda *shape: rng.standard_normal(shape),
+            "seed": math.nan,
+            "verbose": -9,
+        },
+    )
+    best = start
+    best_score = float(score_laws([start])[0])
+    bar = ProgressBar(progress, search.generations)
+    for generation in range(search.generations):
+        shares = np.array(strategy.ask())
+        laws = laws_at(shares)
+        scores = score_laws(laws)
+        strategy.tell(shares, -scores)
+        first = int(np.argmax(scores))
+        if scores[first] > best_score:
+            best, best_score = laws[first], float(scores[first])
+        tried = (generation + 1) * search.laws + 1
         bar.advance(f"{tried} laws tried on reduced cars, the best {best_score - 1.0:+.1%}")
-        return -scores
-
-    numbers = len(RANGES)
-    centre = shares_of(start)
-    drawn = qmc.LatinHypercube(numbers, rng=search.seed).random(search.laws * numbers)
-    first = np.clip(centre + search.around * (drawn - centre), 0.0, 1.0)
-    first[0] = centre
-    least, shares = evolve(cost, first, search.generations, search.seed)
-    if least >= 0.0:
+    if best_score <= 0.0:
         raise SweepError("no law that was tried keeps a training car upright at any speed")
-    (best,) = laws_at(shares[None])
     return best
 
 
