@@ -259,25 +259,24 @@ def train(
     work: cli.WorkOptions,
     options: CaseOptions,
     cars: Annotated[int, typer.Option(help="So many of the training cars.", min=1)] = 6,
-    laws: Annotated[
-        int, typer.Option(help="Of a generation, for each number that is free.", min=3)
-    ] = 4,
-    generations: Annotated[int, typer.Option(help="Beside the first one.", min=0)] = 8,
+    laws: Annotated[int, typer.Option(help="Of a generation.", min=4)] = 16,
+    generations: Annotated[int, typer.Option(help="Of a round.", min=0)] = 60,
+    rounds: Annotated[
+        int, typer.Option(help="Each has the best steerings of the law before.", min=1)
+    ] = 3,
     around: Annotated[
         float,
-        typer.Option(
-            help="Share of the ranges around the present law that the first generation covers."
-        ),
-    ] = 0.3,
+        typer.Option(help="Spread of the first generation, as a share of the ranges."),
+    ] = 0.1,
 ) -> None:
     """Search the numbers of the feedback law.
 
     For swerves of reduced training cars; they are written as candidates.yaml.
 
-    Example: aerodima swing train --cars 2 --laws 3 --generations 1 --out out/train
+    Example: aerodima swing train --cars 2 --laws 4 --generations 1 --rounds 1 --out out/train
     """
     path = out / "candidates.yaml"
-    search = optimisation.LawSearch(laws, generations, options.seed, around)
+    search = optimisation.LawSearch(laws, generations, options.seed, around, rounds)
     with _new_file(path, work) as runs:
         optimisation.train_law(
             out, search, cars=cars, runs=runs, force=work.force, **options.arguments()

@@ -103,7 +103,7 @@ class LawSearch:
         rounds: so often the law is searched, each time with the best steerings of the law before.
 
     Raises:
-        UserError: fewer than 3 laws, or a share out of range.
+        UserError: fewer than 4 laws, no round, or a share out of range.
     """
 
     laws: int = 16
@@ -113,7 +113,8 @@ class LawSearch:
     rounds: int = 3
 
     def __post_init__(self) -> None:
-        check_range("laws", self.laws, 3, math.inf, NO_UNIT, error=SweepError)
+        check_range("laws", self.laws, 4, math.inf, NO_UNIT, error=SweepError)
+        check_range("rounds", self.rounds, 1, math.inf, NO_UNIT, error=SweepError)
         check_range("around", self.around, 0.0, 1.0, NO_UNIT, above_low=True, error=SweepError)
 
 
