@@ -49,7 +49,7 @@ RANGES = {
     "feedback.roll_gain": (-20.0, 30.0),
     "feedback.roll_rate_gain": (-1.0, 4.0),
     "feedback.yaw_rate_gain": (-1.0, 1.0),
-    "feedback.grip": (2.0, 25.0),
+    "feedback.grip": (2.0, 80.0),
     "feedback.most_roll": (0.8, 1.45),
     "feedback.out_speed": (2.0, 24.0),
     "feedback.return_speed": (0.7, 12.0),
@@ -215,19 +215,22 @@ def find_places(
 
 
 def standard_places(cases: Sequence[Case]) -> list[Place]:
-    """Returns the places of NHTSA's fishhook and J-turn at the standard's second and last speed."""
+    """Returns the places of NHTSA's fishhook and J-turn on the cars' own friction, at the speeds of
+    the standard in turn.
+    """
     places = []
-    for case in cases:
+    own = {case.car.name: replace(case, floor=1.0) for case in cases}
+    for index, case in enumerate(own.values()):
         car = load_scenario(SWERVE, case.settings())
         fishhook = standard_angle(car, MANOEUVRES["fishhook"].factor)
         j_turn = standard_angle(car, MANOEUVRES["j-turn"].factor)
         steerings = [(fishhook, -fishhook, -fishhook, end, end + TICK) for end in REVERSALS]
         steerings.append((j_turn, j_turn, j_turn, *CONSTANT_ENDS))
-        for speed in SPEEDS[1::2]:
-            condition = condition_settings(case, len(places))
-            driven = (*FEEDBACK.settings, f"manoeuvre.speed={speed!r}")
-            settings = (*case.settings(), *condition, *driven)
-            places.append(Place(settings, tuple(steerings), None))
+        speed = SPEEDS[index % len(SPEEDS)]
+        condition = condition_settings(case, index)
+        driven = (*FEEDBACK.settings, f"manoeuvre.speed={speed!r}")
+        settings = (*case.settings(), *condition, *driven)
+        places.append(Place(settings, tuple(steerings), None))
     return places
 
 
