@@ -181,6 +181,7 @@ def judge(
     standard: Annotated[
         bool, typer.Option("--standard", help="Also drive NHTSA's fishhook and J-turn.")
     ] = False,
+    settings: cli.Settings = None,
     *,
     options: CaseOptions,
     work: cli.WorkOptions,
@@ -210,10 +211,13 @@ def judge(
             runs=runs,
             step=None if reduced else step,
             further=0 if reduced else further,
+            conditions=settings or (),
             **arguments,
         )
         if standard:
-            files["standard.csv"] = _standard(names, law or (), cars, options, runs)
+            files["standard.csv"] = _standard(
+                names, law or (), cars, options, tuple(settings or ()), runs
+            )
     summary = optimisation.summarise_swerves(table)
     files |= {"swerves.csv": table, "summary.csv": summary}
     _write(out, {**files, "report.html": swerve_page(table, summary)})
@@ -229,6 +233,7 @@ def _standard(
     laws: Sequence[str],
     cars: int,
     options: CaseOptions,
+    conditions: tuple[str, ...],
     runs: CachedRunner,
 ) -> pd.DataFrame:
     """Drives the manoeuvres of the standard with all candidates but the bound, which has no law."""
@@ -239,7 +244,7 @@ def _standard(
     ensemble = options.ensemble
     tail = options.tail
     floors = options.arguments()["floors"]
-    cases = ensemble_cases(ensemble, "test", cars, tail, floors, options.seed)
+    cases = ensemble_cases(ensemble, "test", cars, tail, floors, options.seed, conditions)
     without_bound = [name for name in names if name != "bound"]
     chosen = tuned_candidates(without_bound, laws, ensemble, tail, floors, SPEEDS, options.seed)
     return compare_standard(chosen, cases, runs)
@@ -254,25 +259,24 @@ def train(
     work: cli.WorkOptions,
     options: CaseOptions,
     cars: Annotated[int, typer.Option(help="So many of the training cars.", min=1)] = 6,
-    laws: Annotated[
-        int, typer.Option(help="Of a generation, for each number that is free.", min=3)
-    ] = 4,
-    generations: Annotated[int, typer.Option(help="Beside the first one.", min=0)] = 8,
+    laws: Annotated[int, typer.Option(help="Of a generation.", min=4)] = 16,
+    generations: Annotated[int, typer.Option(help="Of a round.", min=0)] = 60,
+    rounds: Annotated[
+        int, typer.Option(help="Each has the best steerings of the law before.", min=1)
+    ] = 3,
     around: Annotated[
         float,
-        typer.Option(
-            help="Share of the ranges around the present law that the first generation covers."
-        ),
-    ] = 0.3,
+        typer.Option(help="Spread of the first generation, as a share of the ranges."),
+    ] = 0.1,
 ) -> None:
     """Search the numbers of the feedback law.
 
     For swerves of reduced training cars; they are written as candidates.yaml.
 
-    Example: aerodima swing train --cars 2 --laws 3 --generations 1 --out out/train
+    Example: aerodima swing train --cars 2 --laws 4 --generations 1 --rounds 1 --out out/train
     """
     path = out / "candidates.yaml"
-    search = optimisation.LawSearch(laws, generations, options.seed, around)
+    search = optimisation.LawSearch(laws, generations, options.seed, around, rounds)
     with _new_file(path, work) as runs:
         optimisation.train_law(
             out, search, cars=cars, runs=runs, force=work.force, **options.arguments()

@@ -69,11 +69,13 @@ class Case:
         car: of an ensemble.
         tail: of the suite.
         floor: friction over that of the car.
+        conditions: further settings of the drive, such as `imu.delay=0.024`.
     """
 
     car: Member
     tail: str
     floor: float
+    conditions: Settings = ()
 
     @property
     def names(self) -> dict[str, str]:
@@ -84,7 +86,8 @@ class Case:
         """Returns the settings that make the car on a scenario, but for those of a candidate."""
         own = self.car.settings_on(scenario)
         friction = self.floor * load_scenario(scenario, own).car.tyre_friction
-        return (*own, *tail_settings(self.tail), f"car.tyre_friction={friction:.6g}")
+        floor = f"car.tyre_friction={friction:.6g}"
+        return (*own, *tail_settings(self.tail), floor, *self.conditions)
 
 
 def tail_settings(tail: str) -> Settings:
@@ -108,7 +111,9 @@ def select_candidates(names: Sequence[str], laws: Sequence[str] = ()) -> list[Ca
     return chosen
 
 
-def make_cases(cars: Sequence[Member], tail: str, floors: Sequence[float]) -> list[Case]:
+def make_cases(
+    cars: Sequence[Member], tail: str, floors: Sequence[float], conditions: Settings = ()
+) -> list[Case]:
     """Pairs cars with floors.
 
     Raises:
@@ -118,7 +123,7 @@ def make_cases(cars: Sequence[Member], tail: str, floors: Sequence[float]) -> li
     tail_settings(tail)
     for scale in floors:
         check_range("floor", scale, *FRICTION_SCALES, "of the car's friction", error=SweepError)
-    return [Case(car, tail, scale) for scale in floors for car in cars]
+    return [Case(car, tail, scale, conditions) for scale in floors for car in cars]
 
 
 def ensemble_cases(
@@ -128,6 +133,7 @@ def ensemble_cases(
     tail: str,
     floors: Sequence[float],
     seed: int = 1,
+    conditions: Settings = (),
 ) -> list[Case]:
     """Returns the first cars of a part of an ensemble on floors; SweepError for more than there
     are.
@@ -135,4 +141,4 @@ def ensemble_cases(
     cars = getattr(load_ensemble(ensemble).split(seed), part)
     unit = f"of the {part} cars of {ensemble}"
     check_range("cars", number, 1, len(cars), unit, error=SweepError)
-    return make_cases(cars[:number], tail, floors)
+    return make_cases(cars[:number], tail, floors, conditions)

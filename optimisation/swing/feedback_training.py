@@ -2,35 +2,45 @@
 
 A law is scored by how far the last point of the outline has moved aside after 0.5 s, with the best
 of some steerings, over that of the same car without tail and with its own best steering: half the
-mean over cars, floors and speeds, half the mean of the worst fifth.
+mean over cars, floors and speeds, half the mean of the worst fifth. NHTSA's fishhook and J-turn
+count as places, too, at which a law is worth `PASSED` where the car stays upright. Each place has a
+condition of its own: how late the IMU is, what the car carries, how strong its motors are.
+
+Law and steerings are searched in turns, since a law that kicks the car wants another steering than
+a car without tail.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import qmc
 
 from aerodima.optimisation.studies.runs import CachedRunner
-from aerodima.optimisation.swerve.aims import AIMS
+from aerodima.optimisation.swerve.aims import AIMS, FAILED
 from aerodima.optimisation.swerve.aims import score as score_swerves
 from aerodima.optimisation.swerve.candidate import NO_TAIL, SWERVE, Candidate, Settings
-from aerodima.optimisation.swerve.evolution import evolve
 from aerodima.optimisation.swerve.reduced_swerves import (
     ReducedSwerve,
     SteeringItem,
     best_steering,
 )
-from aerodima.optimisation.swerve.steering import SearchEffort, possible_steering
+from aerodima.optimisation.swerve.standard_manoeuvres import MANOEUVRES, SPEEDS, standard_angle
+from aerodima.optimisation.swerve.steering import (
+    CONSTANT_ENDS,
+    TICK,
+    SearchEffort,
+    possible_steering,
+)
 from aerodima.optimisation.swerve.suite import FEEDBACK, FOLDED, Case
 from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, content_key
 from aerodima.workbench.car.reduced.swerves import LEVELS
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.core.extras import require
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.scenario.scenario import load_scenario
 
@@ -39,23 +49,43 @@ RANGES = {
     "feedback.roll_gain": (-20.0, 30.0),
     "feedback.roll_rate_gain": (-1.0, 4.0),
     "feedback.yaw_rate_gain": (-1.0, 1.0),
-    "feedback.grip": (2.0, 25.0),
+    "feedback.grip": (2.0, 80.0),
     "feedback.most_roll": (0.8, 1.45),
     "feedback.out_speed": (2.0, 24.0),
     "feedback.return_speed": (0.7, 12.0),
     "feedback.kp": (2.0, 60.0),
     "feedback.kd": (0.3, 5.0),
-    "feedback.pitch_angle": (-1.3, 0.6),
+    "feedback.pitch_angle": (-1.15, 0.6),
+    "feedback.kick_roll": (-1.0, 1.55),
+    "feedback.kick_time": (0.0, 0.6),
+    "feedback.counter_roll": (-1.55, 1.55),
+    "feedback.counter_time": (0.0, 0.6),
 }
 """Numbers that are free, in the units of `FeedbackParameters`."""
 ANGLE_SHARES = np.geomspace(0.4, 2.5, 10)
 """Shares of a steering's angles with which a law is tried."""
+CONDITIONS: tuple[tuple[float, float, float], ...] = (
+    (0.024, 1.0, 0.0),
+    (0.044, 1.0, 0.0),
+    (0.004, 1.0, 0.0),
+    (0.024, 1.1, 0.0),
+    (0.024, 1.0, -0.15),
+    (0.024, 1.0, 0.15),
+)
+"""In turn over places: delay of the IMU, s, mass over that of the car, and error of the motors'
+torque, as a share."""
 LAWS_PER_ITEM = 22
 """Laws in one item of work."""
 AIM = "aside-0.5"
 """What a law is scored by."""
 WORST_SHARE = 0.2
 """Share of cases that the second half of the score is made of."""
+PASSED = 1.25
+"""What a law is worth that keeps a car upright in manoeuvres of the standard: about what it is
+worth in a swerve."""
+REVERSALS = (0.2, 0.35, 0.5)
+"""Instants at which a fishhook is steered to the other side, s; on the full car its roll rate
+decides."""
 Law = Mapping[str, float]
 """Numbers of a law by the keys of `RANGES`."""
 
@@ -65,23 +95,26 @@ class LawSearch:
     """Effort of a search.
 
     Attributes:
-        laws: of a generation, for each free number.
-        generations: beside the first one.
-        seed: of the first generation and of all later draws.
-        around: share of the ranges, around the law that it starts from, over which the first
-            generation is drawn.
+        laws: of a generation.
+        generations: of a round.
+        seed: of all draws.
+        around: standard deviation of the first generation around the law that it starts from, as a
+            share of the ranges.
+        rounds: so often the law is searched, each time with the best steerings of the law before.
 
     Raises:
-        UserError: fewer than 3 laws, or a share out of range.
+        UserError: fewer than 4 laws, no round, or a share out of range.
     """
 
-    laws: int = 4
-    generations: int = 8
+    laws: int = 16
+    generations: int = 60
     seed: int = 1
-    around: float = 0.3
+    around: float = 0.1
+    rounds: int = 3
 
     def __post_init__(self) -> None:
-        check_range("laws for each number", self.laws, 3, math.inf, NO_UNIT, error=SweepError)
+        check_range("laws", self.laws, 4, math.inf, NO_UNIT, error=SweepError)
+        check_range("rounds", self.rounds, 1, math.inf, NO_UNIT, error=SweepError)
         check_range("around", self.around, 0.0, 1.0, NO_UNIT, above_low=True, error=SweepError)
 
 
@@ -91,12 +124,13 @@ class Place(NamedTuple):
     Attributes:
         settings: that make it.
         steerings: with which laws are tried.
-        reference: largest aim of the same car without tail, m.
+        reference: largest aim of the same car without tail, m; None where all steerings have to be
+            survived.
     """
 
     settings: Settings
     steerings: tuple[tuple[float, ...], ...]
-    reference: float
+    reference: float | None
 
 
 class LawBatch(NamedTuple):
@@ -125,52 +159,112 @@ def train_feedback(
     Raises:
         UserError: no law keeps a car upright.
     """
-    places = find_places(cases, speeds, runs, effort or SearchEffort())
-    runs.stage = "feedback law"
-
-    def score_laws(laws: Sequence[Law]) -> FloatArray:
-        batches = []
-        for place in places:
-            for first in range(0, len(laws), LAWS_PER_ITEM):
-                batches.append(LawBatch(place, tuple(laws[first : first + LAWS_PER_ITEM])))
-        keys = [content_key("law scores", repr(batch)) for batch in batches]
-        ratios = np.concatenate(runs.map(score_law_batch, batches, keys))
-        return score(ratios.reshape(len(places), len(laws)).T)
-
+    effort = effort or SearchEffort()
+    places = find_places(cases, speeds, runs, effort)
+    standard = standard_places(cases)
     shipped = load_scenario(SWERVE).feedback
-    start = {name: float(getattr(shipped, name.split(".")[1])) for name in RANGES}
-    best = search_laws(search, start, score_laws, runs.say)
-    numbers = [f"{name}={value!r}" for name, value in best.items()]
-    return Candidate(f"trained {FEEDBACK.name}", (*FEEDBACK.settings, *numbers))
+    best: Law = {name: float(getattr(shipped, name.split(".")[1])) for name in RANGES}
+    for number in range(search.rounds):
+        tried = [*add_steerings(places, best, runs, effort), *standard]
+        runs.stage = "feedback law"
+
+        def score_laws(laws: Sequence[Law], places: Sequence[Place] = tried) -> FloatArray:
+            batches = []
+            for place in places:
+                for first in range(0, len(laws), LAWS_PER_ITEM):
+                    batches.append(LawBatch(place, tuple(laws[first : first + LAWS_PER_ITEM])))
+            keys = [content_key("law scores", repr(batch)) for batch in batches]
+            ratios = np.concatenate(runs.map(score_law_batch, batches, keys))
+            return score(ratios.reshape(len(places), len(laws)).T)
+
+        best = search_laws(replace(search, seed=search.seed + number), best, score_laws, runs.say)
+    return Candidate(f"trained {FEEDBACK.name}", (*FEEDBACK.settings, *law_settings(best)))
+
+
+def law_settings(law: Law) -> tuple[str, ...]:
+    """Returns the settings of a law."""
+    return tuple(f"{name}={value!r}" for name, value in law.items())
 
 
 def find_places(
     cases: Sequence[Case], speeds: Sequence[float], runs: CachedRunner, effort: SearchEffort
 ) -> list[Place]:
-    """Returns the places of cases and speeds; laws are tried there with the best steerings of the
-    car without tail and with its tail folded, by `ANGLE_SHARES`.
+    """Returns the places of cases and speeds, each in one of the `CONDITIONS`; laws are tried there
+    with the best steerings of the car without tail and with its tail folded, by `ANGLE_SHARES`.
     """
     runs.stage = "steerings"
-    names = [(case, speed) for case in cases for speed in speeds]
+    names = []
     items = []
-    for case, speed in names:
-        for candidate in (NO_TAIL, FOLDED):
-            settings = (*case.settings(), *candidate.settings, f"manoeuvre.speed={speed!r}")
-            items.append(SteeringItem((settings,), AIM, effort))
+    for case in cases:
+        for speed in speeds:
+            condition = condition_settings(case, len(names))
+            own = (*case.settings(), *condition, f"manoeuvre.speed={speed!r}")
+            names.append(own)
+            for candidate in (NO_TAIL, FOLDED):
+                items.append(SteeringItem(((*own, *candidate.settings),), AIM, effort))
     keys = [content_key("steering", repr(item)) for item in items]
     results = runs.map(best_steering, items, keys)
     places = []
-    for (case, speed), bare, folded in zip(names, results[::2], results[1::2], strict=True):
-        steerings = []
-        for result in (bare, folded):
-            angles = np.outer(ANGLE_SHARES, result["steering"][:LEVELS])
-            steerings += [(*row, *result["steering"][LEVELS:]) for row in angles.tolist()]
-        settings = (*case.settings(), *FEEDBACK.settings, f"manoeuvre.speed={speed!r}")
+    for own, bare, folded in zip(names, results[::2], results[1::2], strict=True):
+        steerings = (*shared(bare["steering"]), *shared(folded["steering"]))
         if bare["score"] > 0.0:
-            places.append(Place(settings, tuple(steerings), bare["score"]))
+            places.append(Place((*own, *FEEDBACK.settings), steerings, bare["score"]))
     if not places:
         raise SweepError("no training car stays upright without a tail")
     return places
+
+
+def standard_places(cases: Sequence[Case]) -> list[Place]:
+    """Returns the places of NHTSA's fishhook and J-turn on the cars' own friction, at the speeds of
+    the standard in turn.
+    """
+    places = []
+    own = {case.car.name: replace(case, floor=1.0) for case in cases}
+    for index, case in enumerate(own.values()):
+        car = load_scenario(SWERVE, case.settings())
+        fishhook = standard_angle(car, MANOEUVRES["fishhook"].factor)
+        j_turn = standard_angle(car, MANOEUVRES["j-turn"].factor)
+        steerings = [(fishhook, -fishhook, -fishhook, end, end + TICK) for end in REVERSALS]
+        steerings.append((j_turn, j_turn, j_turn, *CONSTANT_ENDS))
+        speed = SPEEDS[index % len(SPEEDS)]
+        condition = condition_settings(case, index)
+        driven = (*FEEDBACK.settings, f"manoeuvre.speed={speed!r}")
+        settings = (*case.settings(), *condition, *driven)
+        places.append(Place(settings, tuple(steerings), None))
+    return places
+
+
+def condition_settings(case: Case, index: int) -> Settings:
+    """Returns the settings of a condition for a car."""
+    delay, load, torque_error = CONDITIONS[index % len(CONDITIONS)]
+    mass = load * load_scenario(SWERVE, case.settings()).car.mass
+    return (
+        f"imu.delay={delay}",
+        f"car.mass={mass:.6g}",
+        f"tail_motor.torque_error={torque_error}",
+    )
+
+
+def shared(steering: Sequence[float]) -> tuple[tuple[float, ...], ...]:
+    """Returns a steering with each of the `ANGLE_SHARES` of its angles."""
+    angles = np.outer(ANGLE_SHARES, steering[:LEVELS])
+    return tuple((*row, *steering[LEVELS:]) for row in angles.tolist())
+
+
+def add_steerings(
+    places: Sequence[Place], law: Law, runs: CachedRunner, effort: SearchEffort
+) -> list[Place]:
+    """Returns places at which laws are tried with the best steerings of a law, too."""
+    runs.stage = "steerings of the law"
+    items = [
+        SteeringItem(((*place.settings, *law_settings(law)),), AIM, effort) for place in places
+    ]
+    keys = [content_key("steering", repr(item)) for item in items]
+    results = runs.map(best_steering, items, keys)
+    return [
+        place._replace(steerings=(*place.steerings, *shared(result["steering"])))
+        for place, result in zip(places, results, strict=True)
+    ]
 
 
 def search_laws(
@@ -190,27 +284,36 @@ def search_laws(
     Raises:
         UserError: no score is above 0.
     """
-    best_score = 0.0
-    tried = 0
-    bar = ProgressBar(progress, search.generations + 1)
+    require("search", "training of a law", "cma", error=SweepError)
+    import cma
 
-    def cost(shares: FloatArray) -> FloatArray:
-        nonlocal best_score, tried
-        scores = score_laws(laws_at(shares.T))
-        best_score = max(best_score, float(np.max(scores)))
-        tried += len(scores)
+    rng = np.random.default_rng(search.seed)
+    strategy = cma.CMAEvolutionStrategy(
+        shares_of(start),
+        search.around,
+        {
+            "bounds": [0.0, 1.0],
+            "popsize": search.laws,
+            "randn": lambda *shape: rng.standard_normal(shape),
+            "seed": math.nan,
+            "verbose": -9,
+        },
+    )
+    best = start
+    best_score = float(score_laws([start])[0])
+    bar = ProgressBar(progress, search.generations)
+    for generation in range(search.generations):
+        shares = np.array(strategy.ask())
+        laws = laws_at(shares)
+        scores = score_laws(laws)
+        strategy.tell(shares, -scores)
+        first = int(np.argmax(scores))
+        if scores[first] > best_score:
+            best, best_score = laws[first], float(scores[first])
+        tried = (generation + 1) * search.laws + 1
         bar.advance(f"{tried} laws tried on reduced cars, the best {best_score - 1.0:+.1%}")
-        return -scores
-
-    numbers = len(RANGES)
-    centre = shares_of(start)
-    drawn = qmc.LatinHypercube(numbers, rng=search.seed).random(search.laws * numbers)
-    first = np.clip(centre + search.around * (drawn - centre), 0.0, 1.0)
-    first[0] = centre
-    least, shares = evolve(cost, first, search.generations, search.seed)
-    if least >= 0.0:
+    if best_score <= 0.0:
         raise SweepError("no law that was tried keeps a training car upright at any speed")
-    (best,) = laws_at(shares[None])
     return best
 
 
@@ -250,7 +353,10 @@ def score_law_batch(batch: LawBatch) -> list[float]:
     limit = car.scenario.servo.limit
     steerings = possible_steering(np.tile(place.steerings, (len(laws), 1)), limit)
     numbers = {name.split(".")[1]: np.repeat([law[name] for law in laws], count) for name in RANGES}
-    values = score_swerves(car.drive(steerings.T, numbers), AIMS[AIM])
-    best = values.reshape(len(laws), count).max(axis=1)
-    ratios: list[float] = (np.maximum(best, 0.0) / place.reference).tolist()
+    values = score_swerves(car.drive(steerings.T, numbers), AIMS[AIM]).reshape(len(laws), count)
+    if place.reference is None:
+        worth = PASSED * np.mean(values > FAILED, axis=1)
+    else:
+        worth = np.maximum(values.max(axis=1), 0.0) / place.reference
+    ratios: list[float] = worth.tolist()
     return ratios

@@ -50,6 +50,7 @@ def judge(
     bound_effort: BoundEffort | None = None,
     step: float | None = FINE_STEP,
     further: int = 0,
+    conditions: Sequence[str] = (),
 ) -> pd.DataFrame:
     """Compares candidates in swerves on test cars, each with its own best steering.
 
@@ -67,11 +68,12 @@ def judge(
         step: of the plant of the full car, s; a claim needs the fine one. None compares reduced
             cars alone.
         further: so many full runs with which each candidate is searched on.
+        conditions: settings of the drive, the same for all candidates, such as `imu.delay=0.024`.
 
     Returns:
         The table of `compare_swerves`; `summarise_swerves` makes medians and intervals of it.
     """
-    cases = ensemble_cases(ensemble, "test", cars, tail, floors, seed)
+    cases = ensemble_cases(ensemble, "test", cars, tail, floors, seed, tuple(conditions))
     chosen = tuned_candidates(candidates, laws, ensemble, tail, floors, speeds, seed)
     with _runs_in(folder, runs) as runner:
         return compare_swerves(

@@ -1,18 +1,25 @@
-"""A law that leans the tail by the state of the car, without an announced turn. No Drake.
+"""A law that swings the tail as the steering starts, and leans it by the car's state. No Drake.
 
-The tail waits at `pitch_angle`, its roll in the middle. Steering and IMU ask for a roll of the
-tail:
+The tail waits at `pitch_angle`, its roll in the middle. No turn needs to be announced. The steering
+asks for a share of the grip of the floor, to the left positive:
 
-    lean = lean_gain tanh(v^2 tan(delta) / (L a_grip))
-           + roll_gain phi + roll_rate_gain dphi/dt + yaw_rate_gain (r - r_d)
+    demand = tanh(v^2 tan(delta) / (L grip))
 
-with speed v, steering command delta, wheelbase L, the lateral acceleration a_grip that a floor
-gives, roll phi and yaw rate r. The first term is the lateral acceleration of the kinematic bicycle,
-limited by the floor, and r_d is its yaw rate under the same limit. A negative `lean_gain` leans the
-tail to the inside of the turn. The reference follows the lean, limited to `most_roll`: at
-`out_speed` where the lean is larger than the reference, to either side, else at `return_speed`.
-When the wheels are straight again, the tail comes back by itself, to be there for the next turn to
-either side. Without a valid IMU the tail is held still.
+with speed v, steering command delta and wheelbase L. A demand of at least `MIN_DEMAND` releases a
+swing: for `kick_time` the tail goes `kick_roll` to the inside of the turn, then for `counter_time`
+`counter_roll` to the outside. The next swing can be released when this one is over and the wheels
+were straight or are turned to the other side. Both angles are multiplied by the `level`: the
+largest demand of the swing, later the demand of the moment. Beside the swing the tail leans:
+
+    lean = lean_gain demand
+           + level (roll_gain (phi - phi_0) + roll_rate_gain dphi/dt + yaw_rate_gain (r - r_d))
+
+with roll phi and yaw rate r; r_d is the yaw rate of the kinematic bicycle within the grip. With
+straight wheels the level is zero, so that noise of the IMU does not move the tail, and the zero of
+the roll, phi_0, follows the roll. Without a valid IMU the level's terms are zero.
+
+The reference follows swing and lean together, limited to `most_roll`: at `out_speed` where they are
+larger than the reference, to either side, else at `return_speed`.
 
 The law is one function of arrays, `respond`, so that a batch of cars and the car itself run the
 same lines.
@@ -35,6 +42,12 @@ GYRO_X = IMU.index("gyro_x")
 GYRO_Z = IMU.index("gyro_z")
 MIDDLE = 0.1
 """rad; a reference nearer to the middle counts as waiting in the log."""
+MIN_DEMAND = 0.3
+"""Demand that releases a swing; below half of it the wheels are straight."""
+ZERO_TIME = 1.0
+"""Time constant with which the zero of the roll follows the roll, s."""
+OVER = 10.0
+"""Time since the release of a swing that is long over, s."""
 
 
 class FeedbackSignals(NamedTuple):
@@ -56,46 +69,82 @@ class FeedbackSignals(NamedTuple):
     valid: Any
 
 
-class Response(NamedTuple):
-    """Command to the roll motor, numbers or arrays (n).
+class LawMemory(NamedTuple):
+    """What the law carries from tick to tick, numbers or arrays (n).
 
     Attributes:
-        reference: rad, of the roll of the tail; the memory of the law.
-        state: of `SwingState`.
+        reference: of the roll of the tail, rad.
+        side: of the last swing, +1 after steering to the left, -1 to the right, 0 where the wheels
+            were straight since.
+        since: time since its release, s.
+        level: by which its angles and the state of the car count, 0 to 1.
+        zero: roll of the car that counts as none, rad.
     """
 
     reference: Any
-    state: Any
+    side: Any
+    since: Any
+    level: Any
+    zero: Any
 
 
 def respond(
-    gains: Any, wheelbase: Any, rate: float, reference: Any, signals: FeedbackSignals
-) -> Response:
-    """Returns the response of the law to one tick.
+    gains: Any, wheelbase: Any, rate: float, memory: LawMemory, signals: FeedbackSignals
+) -> LawMemory:
+    """Returns the memory after one tick, with the reference that the roll motor is given.
 
     Args:
         gains: any object with the fields of `FeedbackParameters`, numbers or arrays (n).
         wheelbase: m.
         rate: of the controller, Hz.
-        reference: of the step before, rad.
+        memory: of the tick before.
         signals: signals.
     """
     curvature = np.tan(signals.steering_angle) / wheelbase
-    most_yaw = gains.grip / np.maximum(signals.speed, 1.0)
-    lean = (
-        gains.lean_gain * np.tanh(signals.speed**2 * curvature / gains.grip)
-        + gains.roll_gain * signals.roll
+    demand = np.tanh(signals.speed**2 * curvature / gains.grip)
+    swung = _release(gains, rate, memory, demand)
+    straight = (np.abs(demand) < MIN_DEMAND / 2.0) * (swung.side == 0.0)
+    followed = straight * signals.valid / (ZERO_TIME * rate)
+    zero = memory.zero + followed * (signals.roll - memory.zero)
+    max_yaw_rate = gains.grip / np.maximum(signals.speed, 1.0)
+    steered_yaw_rate = np.clip(signals.speed * curvature, -max_yaw_rate, max_yaw_rate)
+    by_state = (
+        gains.roll_gain * (signals.roll - zero)
         + gains.roll_rate_gain * signals.roll_rate
-        + gains.yaw_rate_gain
-        * (signals.yaw_rate - np.clip(signals.speed * curvature, -most_yaw, most_yaw))
+        + gains.yaw_rate_gain * (signals.yaw_rate - steered_yaw_rate)
     )
+    lean = _swing(gains, swung) + gains.lean_gain * demand + swung.level * signals.valid * by_state
+    reference = _follow(gains, rate, memory.reference, lean)
+    return swung._replace(reference=reference, zero=zero)
+
+
+def _release(gains: Any, rate: float, memory: LawMemory, demand: Any) -> LawMemory:
+    """Returns the memory with side, time and level of the swing at this tick."""
+    asked = np.abs(demand)
+    over = memory.since >= gains.kick_time + gains.counter_time
+    side = np.where(over * (asked < MIN_DEMAND / 2.0), 0.0, memory.side)
+    released = over * (asked >= MIN_DEMAND) * (demand * side <= 0.0)
+    side = np.where(released, np.where(demand > 0.0, 1.0, -1.0), side)
+    since = np.where(released, 0.0, np.minimum(memory.since + 1.0 / rate, OVER))
+    during = np.maximum(memory.level, asked * (demand * side > 0.0))
+    level = np.where(over, asked, during)
+    return memory._replace(side=side, since=since, level=level)
+
+
+def _swing(gains: Any, memory: LawMemory) -> Any:
+    """Returns the roll of the swing at a tick, rad."""
+    counter_end = gains.kick_time + gains.counter_time
+    counter = np.where(memory.since < counter_end, gains.counter_roll, 0.0)
+    to_the_outside = np.where(memory.since < gains.kick_time, -gains.kick_roll, counter)
+    return memory.side * memory.level * to_the_outside
+
+
+def _follow(gains: Any, rate: float, reference: Any, lean: Any) -> Any:
+    """Returns the reference after one tick towards a lean, rad."""
     lean = np.clip(lean, -gains.most_roll, gains.most_roll)
     outwards = np.abs(lean) > np.abs(reference)
     most = np.where(outwards, gains.out_speed, gains.return_speed) / rate
-    moved = np.where(signals.valid, np.clip(lean - reference, -most, most), 0.0)
-    moving = np.where(outwards, SwingState.SWING, SwingState.RECOCK)
-    state = np.where(np.abs(reference + moved) > MIDDLE, moving, SwingState.HOLD)
-    return Response(reference + moved, state)
+    return reference + np.clip(lean - reference, -most, most)
 
 
 @dataclass(frozen=True)
@@ -113,7 +162,7 @@ class FeedbackLaw:
     wheelbase: float
     rate: float
     pitch_hold: tuple[float, float]
-    memory_size = 1
+    memory_size = len(LawMemory._fields)
 
     @classmethod
     def from_scenario(cls, scenario: Any) -> "FeedbackLaw":
@@ -123,42 +172,47 @@ class FeedbackLaw:
         return cls(scenario.feedback, scenario.car.wheelbase, controller.rate, hold)
 
     def start(self) -> FloatArray:
-        """Returns the memory (1): reference of the roll of the tail, rad; NaN before its angle was
-        known.
-        """
-        return np.array([math.nan])
+        """Returns the memory (5), see `LawMemory`; NaN where an angle is not known yet."""
+        return np.array(LawMemory(math.nan, 0.0, OVER, 0.0, math.nan))
 
     def step(self, memory: FloatArray, observation: Observation) -> LawStep:
         """Ticks once, see `TailLaw`.
 
-        Without speed or steering, roll and roll rate decide alone. A tail of unknown angle is not
-        moved.
+        Without speed or steering nothing is demanded. A tail of unknown angle is not moved.
         """
-        if math.isfinite(memory[0]):
-            reference = float(memory[0])
-        else:
-            reference = observation.roll_angle
-        if not math.isfinite(reference):
+        known = LawMemory(*memory.tolist())
+        if not math.isfinite(known.reference):
+            known = known._replace(reference=observation.roll_angle)
+        if not math.isfinite(known.reference):
             return memory, NO_COMMAND, NO_COMMAND, int(SwingState.OFF)
-        steering = observation.steering_angle
         valid = observation.imu_valid
         roll = 0.0
         roll_rate = 0.0
         yaw_rate = 0.0
-        speed = 0.0
-        steering_angle = 0.0
         if valid:
             roll = observation.imu[ROLL]
             roll_rate = observation.imu[GYRO_X]
-        if math.isfinite(observation.speed) and math.isfinite(steering):
+            yaw_rate = observation.imu[GYRO_Z]
+        if not math.isfinite(known.zero):
+            known = known._replace(zero=roll)
+        speed = 0.0
+        steering_angle = 0.0
+        if math.isfinite(observation.speed) and math.isfinite(observation.steering_angle):
             speed = observation.speed
-            steering_angle = steering
-            if valid:
-                yaw_rate = observation.imu[GYRO_Z]
+            steering_angle = observation.steering_angle
         signals = FeedbackSignals(roll, roll_rate, yaw_rate, speed, steering_angle, valid)
         gains = self.gains
-        response = respond(gains, self.wheelbase, self.rate, reference, signals)
+        after = respond(gains, self.wheelbase, self.rate, known, signals)
+        reference = float(after.reference)
         pitch = np.array([gains.pitch_angle, 0.0, *self.pitch_hold, 0.0])
-        moved = float(response.reference)
-        command = np.array([moved, 0.0, gains.kp, gains.kd, 0.0])
-        return np.array([moved]), pitch, command, int(response.state)
+        command = np.array([reference, 0.0, gains.kp, gains.kd, 0.0])
+        return np.array(after, float), pitch, command, int(_state(known.reference, after))
+
+
+def _state(before: float, after: LawMemory) -> SwingState:
+    """Returns the state for the log: whether the tail waits, goes out, or comes back."""
+    if abs(after.reference) <= MIDDLE:
+        return SwingState.HOLD
+    if abs(after.reference) > abs(before):
+        return SwingState.SWING
+    return SwingState.RECOCK

@@ -61,8 +61,16 @@ class FeedbackParameters(QuantityModel):
         "s", "roll of the tail per yaw rate beyond that of the steering", "[-10, 10]"
     )
     grip: float = quantity(
-        "m/s2", "lateral acceleration at which the prediction saturates", "(0, 30]"
+        "m/s2", "lateral acceleration at which the demand saturates", "(0, 200]"
     )
+    kick_roll: float = quantity(
+        "rad", "roll of the tail to the inside as the steering starts", "[-3.1416, 3.1416]"
+    )
+    kick_time: float = quantity("s", "how long it goes there", "[0, 5]")
+    counter_roll: float = quantity(
+        "rad", "roll of the tail to the outside after that", "[-3.1416, 3.1416]"
+    )
+    counter_time: float = quantity("s", "how long it goes there", "[0, 5]")
     most_roll: float = quantity("rad", "largest roll of the tail to either side", "(0, 3.1416]")
     out_speed: float = quantity(
         "rad/s", "roll rate of the reference towards a larger lean", "(0, 50]"

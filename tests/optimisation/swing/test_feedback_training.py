@@ -13,6 +13,7 @@ from aerodima.optimisation.swerve.reduced_swerves import ReducedSwerve
 from aerodima.optimisation.swerve.steering import steering_settings
 from aerodima.optimisation.swerve.suite import FEEDBACK, ensemble_cases, select_candidates
 from aerodima.optimisation.swing.feedback_training import (
+    PASSED,
     RANGES,
     LawBatch,
     LawSearch,
@@ -51,6 +52,8 @@ def test_laws_are_scored_by_their_best_steering_over_the_car_without_tail():
     assert 0.0 < one != law
     tips = place._replace(steerings=((0.5, 0.5, 0.5, 0.2, 0.4),))
     assert score_law_batch(LawBatch(tips, (still,))) == [0.0]
+    survived = place._replace(reference=None)
+    assert score_law_batch(LawBatch(survived, (still,))) == [PASSED / 2.0], "one of two steerings"
 
 
 @pytest.mark.slow
@@ -69,7 +72,7 @@ def test_reduced_cars_swerve_as_full_ones_with_the_feedback_law():
 
 @pytest.mark.slow
 def test_search_finds_a_law_that_a_file_of_candidates_brings_back(tmp_path):
-    search = LawSearch(laws=3, generations=0)
+    search = LawSearch(laws=4, generations=1, rounds=1)
     found = train_feedback(CASES, [6.0], search, CachedRunner(), SearchEffort(24, 2))
     assert {setting.split("=")[0] for setting in found.settings} >= set(RANGES)
     path = write_candidate(tmp_path / "laws.yaml", found, "test")
@@ -84,7 +87,7 @@ def test_the_search_comes_to_the_best_law_and_begins_with_the_present_one():
         return np.array([2.0 - np.linalg.norm(shares_of(law) - 0.3) for law in laws])
 
     (start,) = laws_at(np.full((1, len(RANGES)), 0.5))
-    search = LawSearch(laws=5, generations=60, seed=1, around=1.0)
+    search = LawSearch(laws=12, generations=80, seed=1)
     best = search_laws(search, start, worth, [].append)
     assert tried[0] == start
     assert shares_of(best) == pytest.approx(0.3, abs=0.12)
@@ -94,7 +97,7 @@ def test_the_search_comes_to_the_best_law_and_begins_with_the_present_one():
 def no_law():
     (start,) = laws_at(np.full((1, len(RANGES)), 0.5))
     search_laws(
-        LawSearch(laws=3, generations=0), start, lambda laws: np.zeros(len(laws)), [].append
+        LawSearch(laws=4, generations=1), start, lambda laws: np.zeros(len(laws)), [].append
     )
 
 
@@ -102,7 +105,8 @@ def no_law():
     ("wrong", "named"),
     [
         (no_law, ()),
-        (lambda: LawSearch(laws=2), ("2", "3")),
+        (lambda: LawSearch(laws=2), ("2", "4")),
+        (lambda: LawSearch(rounds=0), ("rounds", "0", "1")),
         (lambda: LawSearch(around=0.0), ("around", "0")),
     ],
 )

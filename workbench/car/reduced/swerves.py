@@ -26,7 +26,7 @@ from aerodima.workbench.car.reduced.rollout import (
 )
 from aerodima.workbench.car.reduced.states import RATES, SPIN, STATES, TAIL_RATE, V, W
 from aerodima.workbench.car.swerve import Swerve
-from aerodima.workbench.control.feedback_law import FeedbackSignals, respond
+from aerodima.workbench.control.feedback_law import OVER, FeedbackSignals, LawMemory, respond
 from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE, level_angle, slewed_angle
 from aerodima.workbench.control.swing_player import RollTrajectory
 from aerodima.workbench.core.array_types import FloatArray
@@ -151,7 +151,8 @@ class FeedbackSwerve(SwerveRollout):
         self._gains = gains
         self._wheelbase = scenario.car.wheelbase * np.ones(n)
         self._pitch = np.stack([gains.pitch_angle, 0.0 * kp, kp, kd])
-        self._reference = np.zeros(n)
+        still = np.zeros(n)
+        self._memory = np.stack([still, still, still + OVER, still, still])
 
     def tick(self, time: Any) -> None:
         """Asks the law once."""
@@ -159,10 +160,10 @@ class FeedbackSwerve(SwerveRollout):
         speed = self.state[RATES][V][0]
         roll, roll_rate, yaw_rate = self._measure()
         seen = FeedbackSignals(roll, roll_rate, yaw_rate, speed, self._seen_steering(time), True)
-        response = respond(gains, self._wheelbase, self._rate, self._reference, seen)
-        self._reference = response.reference
-        still = 0.0 * self._reference
-        self._command(self._pitch, np.stack([self._reference, still, gains.kp, gains.kd]))
+        memory = LawMemory(*self._memory)
+        self._memory = np.stack(respond(gains, self._wheelbase, self._rate, memory, seen))
+        reference = self._memory[0]
+        self._command(self._pitch, np.stack([reference, 0.0 * reference, gains.kp, gains.kd]))
 
 
 def drive_swerves(rollout: SwerveRollout, scenario: Scenario) -> Swerve:
