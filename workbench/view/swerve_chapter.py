@@ -121,7 +121,7 @@ def figure_from_above(run_logs: Mapping[str, RunLog]) -> Figure:
             ahead, left = outline_from_above(log, instant)[:, AROUND]
             axis.fill(ahead, left, fill=False, edgecolor=colour, label=name)
         axis.set_aspect("equal")
-        axis.set_title(f"{instant:g} s after the start of the steering")
+        axis.set_title(f"after {instant:g} s")
         axis.set_xlabel("ahead, m")
     axes[0, 0].set_ylabel("to the left, m")
     axes[0, 0].legend(loc="upper center", bbox_to_anchor=(1.0, -0.2), ncols=3)
