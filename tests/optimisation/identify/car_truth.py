@@ -62,12 +62,10 @@ def emulated(truth):
     schedule = make_schedule(planned)
     table["steering_command_rad"] = [schedule.at(time).steering_angle for time in table["time_s"]]
     gyro = "imu_gyro_z_rad_per_s"
-    rounding = np.random.default_rng(truth.seed).uniform(
-        -0.5, 0.5, len(table)
-    )  # undone, before it is rounded again
-    table[gyro] = (
-        np.rint((table[gyro] + truth.values["gyro_bias_z"]) / STEPS[3] + rounding) * STEPS[3]
-    )
+    biased = (table[gyro] + truth.values["gyro_bias_z"]) / STEPS[3]
+    # The rounding is undone, before it is rounded again.
+    rounding = np.random.default_rng(truth.seed).uniform(-0.5, 0.5, len(table))
+    table[gyro] = np.rint(biased + rounding) * STEPS[3]
     for source, sensor in (("imu", planned.imu), ("speed", planned.gps)):
         taken = np.floor((table["time_s"] - sensor.delay) * sensor.rate + 1e-6) / sensor.rate
         table[f"status_{source}_age_s"] = table["time_s"] - taken

@@ -110,11 +110,6 @@ def test_other_schema_and_missing_scenario_are_refused(tmp_path, was, becomes):
     assert_refused(lambda: load_study(path), UserError, str(path), becomes.split(": ")[-1])
 
 
-def test_a_missing_file_is_named(tmp_path):
-    path = tmp_path / "absent.yaml"
-    assert_refused(lambda: load_study(path), UserError, str(path))
-
-
 def test_study_survives_a_round_trip_through_json(tmp_path):
     study = load_study(tiny_study(tmp_path))
     assert Study.model_validate_json(study.model_dump_json(by_alias=True)) == study
