@@ -150,12 +150,10 @@ def rigid(prior: CarPrior) -> CarPrior:
     swing.
     """
     plan = prior.plan
-    low = dict(zip(prior.names, prior.ranges[:, 0], strict=True))
-    delay = float(low.get("controller.delay", 0.0))
-    slips = {name: float(value) for name, value in low.items() if name.endswith(SLIP)}
-    ranges = plan.ranges | {name: (slip, slip + 1e-3) for name, slip in slips.items()}
-    if "controller.delay" in plan.body:
-        ranges["controller.delay"] = (delay, delay + 1e-3)
+    ranges = dict(plan.ranges)
+    for name, low in zip(prior.names, prior.ranges[:, 0].tolist(), strict=True):
+        if name.endswith((SLIP, "controller.delay")):
+            ranges[name] = (low, low + 1e-3)
     nuisances = {
         "window": (0.639, 0.641),
         "latency": (0.0, 1e-3),
@@ -279,7 +277,7 @@ def combinations(
     before, after = (prior.scaled(c)[:, physical] for c in (prior.draw(4000, seed), cars))
     ratios, vectors = eigh(np.cov(after.T), np.cov(before.T))
     best = []
-    for ratio, vector in list(zip(ratios, vectors.T, strict=True))[:5]:
+    for ratio, vector in zip(ratios[:5], vectors.T[:5], strict=True):
         share = vector * np.std(before, axis=0)
         share = share / np.linalg.norm(share)
         largest = np.argsort(-np.abs(share))[:4]
