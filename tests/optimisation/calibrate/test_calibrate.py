@@ -2,8 +2,6 @@
 which goes on.
 """
 
-from dataclasses import fields
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -88,15 +86,16 @@ def test_acceleration_at_the_imu_is_that_of_its_path():
     imu = np.array([0.13, 0.0, 0.21])
     time = STEP * np.arange(round(AFTER / STEP))[:, None]
     rates = (1.0 + 1.6 * time) * turning
-    moved = np.hstack([2.0 + 2.0 * time, 1.2 * np.cos(3.0 * time), -0.2 * np.sin(2.0 * time)])
-    pushed = np.hstack([0.0 * time + 2.0, -3.6 * np.sin(3.0 * time), -0.4 * np.cos(2.0 * time)])
+    start, push, more = np.array([[2.0, 1.2, 0.0], [2.0, -0.6, -0.4], [0.2, -4.0, 0.3]])
+    moved = start + time * (push + time * more)
+    pushed = push + 2.0 * time * more
     lever = 1.6 * np.cross(turning, imu) + np.cross(rates, np.cross(rates, imu))
     expected = (pushed + np.cross(rates, moved) + lever)[:, 1]
     history = np.zeros((len(time), len(STATES), 1))
     history[:, RATES][:, W, 0] = rates
     history[:, RATES][:, V, 0] = moved
     loads = np.ones((len(history), 4, 1))
-    nothing = dict.fromkeys((field.name for field in fields(Turns)), np.zeros(1))
+    nothing = dict.fromkeys(Turns.__dataclass_fields__, np.zeros(1))
     driven = Turns(**nothing | {"history": history, "loads": loads})
     (found,) = _motions(driven, imu[:1], imu[2:])
     first = round(BEFORE / STEP) + 1

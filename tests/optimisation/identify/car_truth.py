@@ -57,7 +57,14 @@ def emulated(truth):
         f"seed={truth.seed}",
     ]
     planned = load_scenario("turn_none", settings)
-    run = simulate(_real(planned, truth), record="outcome", stop_when_certain=False)
+    real = planned.varied(
+        car={key: truth.values[key] for key in ("tyre_friction", "tyre_slip_angle", "com_height")},
+        manoeuvre={"turn_start": planned.manoeuvre.turn_start + truth.values["delay"]},
+        simulation={"step": STEP},
+        controller={"rate": 1.0 / STEP},
+        servo={"frame_rate": 1.0 / STEP},
+    )
+    run = simulate(real, record="outcome", stop_when_certain=False)
     table = run.table[[column for column in run.table if "_truth_" not in str(column)]].copy()
     schedule = make_schedule(planned)
     table["steering_command_rad"] = [schedule.at(time).steering_angle for time in table["time_s"]]
@@ -70,14 +77,3 @@ def emulated(truth):
         taken = np.floor((table["time_s"] - sensor.delay) * sensor.rate + 1e-6) / sensor.rate
         table[f"status_{source}_age_s"] = table["time_s"] - taken
     return replace(run, table=table, scenario=planned.resolved(), source="turn_none.parquet")
-
-
-def _real(planned, truth):
-    car = {key: truth.values[key] for key in ("tyre_friction", "tyre_slip_angle", "com_height")}
-    return planned.varied(
-        car=car,
-        manoeuvre={"turn_start": planned.manoeuvre.turn_start + truth.values["delay"]},
-        simulation={"step": STEP},
-        controller={"rate": 1.0 / STEP},
-        servo={"frame_rate": 1.0 / STEP},
-    )

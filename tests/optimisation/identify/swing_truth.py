@@ -56,7 +56,8 @@ def flick_log(added_mass, seed, wind_speed=10.0, duration=1.5):
     time = np.arange(round(duration * RATE)) / RATE
     rng = np.random.default_rng(seed)
     current = 1.5 * np.sin(2.0 * math.pi * (1.0 + rng.uniform()) * time)
-    return _log(scenario, torques, added_mass, current, rng)
+    noise = scenario.maxon.current_noise * rng.normal(size=len(time))
+    return _log(scenario, torques, added_mass, current, noise)
 
 
 def added_mass_of(log, options=FREE):
@@ -77,33 +78,29 @@ def robot_log(cn, angle, wind_speed, kp, duration=2.0):
     return _log(scenario, [air, known_friction(scenario), motor_of(scenario)])
 
 
-def _log(scenario, torques, added_mass=0.0, current=None, rng=None):
+def _log(scenario, torques, added_mass=0.0, current=0.0, noise=0.0):
     count = round(scenario.experiment.duration * RATE) + 1
-    motor = None if current is None else (-scenario.maxon.torque_constant * current).tolist()
+    current = np.full(count - 1, current)
     angle, rate = simulate_swing(
         PendulumModel.from_scenario(scenario),
         torques,
         (scenario.experiment.angle, 0.0),
         1.0 / RATE,
         count,
-        motor=motor,
+        motor=(-scenario.maxon.torque_constant * current).tolist(),
         added_mass=added_mass,
     )
-    # The current of a step is logged at the end of that step.
-    logged = np.zeros(count)
-    if current is not None:
-        logged[1:] = current + scenario.maxon.current_noise * rng.normal(size=count - 1)
     step = scenario.count_angle
     if scenario.is_robot:
-        step = (
-            2.0 * scenario.robot_motor.position_range / (2**16 - 1)
-        )  # its position in a reply has 16 bits
+        # Its position in a reply has 16 bits.
+        step = 2.0 * scenario.robot_motor.position_range / (2**16 - 1)
     table = pd.DataFrame(
         {
             "time_s": np.arange(count) / RATE,
             "angle_rad": np.round(angle / step) * step,
             "angular_velocity_rad_per_s": rate,
-            "current_a": logged,
+            # The current of a step is logged at the end of that step.
+            "current_a": np.append(0.0, current + noise),
         }
     )
     return run_log_from_metadata(table, rig_log_metadata(scenario, truth={}))

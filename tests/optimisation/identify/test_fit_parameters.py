@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters
@@ -53,8 +52,3 @@ def test_the_old_name_of_the_initial_value_warns_and_is_the_same_number():
     with pytest.warns(DeprecationWarning, match="initial"):
         assert parameter.seed == 2.0
     assert replace(parameter, initial=3.0).initial == 3.0
-
-
-def test_active_bounds_are_named_by_side():
-    assert AB.active(np.array([0.0, 1.0])) == {"a": "lower"}
-    assert AB.active(np.array([1.0, 9.0])) == {"b": "upper"}

@@ -3,7 +3,6 @@ log.
 """
 
 import math
-from collections import defaultdict
 from dataclasses import replace
 
 import numpy as np
@@ -22,7 +21,6 @@ from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.rig.pendulum import StaticBalance
 from aerodima.workbench.rig.rig_plant import Rig
 from aerodima.workbench.rig.static_hold import simulate_static_log
-from tests.optimisation.coverage import assert_held, draws
 from tests.optimisation.identify import static_truth as truth
 from tests.refusals import assert_refused
 from tests.workbench.made_up_runs import changed, stating
@@ -72,27 +70,6 @@ def test_truth_lies_within_narrow_intervals_and_scipy_agrees(windy):
     assert [result[name].value for name in problem.parameters.names] == pytest.approx(
         reference.x.tolist(), rel=1e-5
     )
-
-
-@pytest.mark.slow
-@draws(1, 5)
-def test_intervals_hold_the_truth_in_95_percent(number):
-    """So many logs of each of 108 holds, of which those at 75 degrees are out of the jet: only the
-    current is known there.
-    """
-    held = defaultdict(list)
-    for log in truth.static_logs(number, rest=1.0, duration=3.0, seed=4):
-        result = fit_static(static_data(log))
-        for name, value in log.extra["truth"].items():
-            seen = log.extra["exposed"] or name == "current"
-            assert result[name].identifiable == seen
-            if seen:
-                held[name].append(result[name].holds(value))
-    counts = {name: len(good) for name, good in held.items()}
-    exposed = 90 * number
-    assert counts == {"cd": exposed, "cl": exposed, "psi3": exposed, "current": 108 * number}
-    for good in held.values():
-        assert_held(good)
 
 
 def test_rounding_of_the_angle_is_half_a_count_in_the_residual(windy):

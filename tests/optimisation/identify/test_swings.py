@@ -173,18 +173,19 @@ def test_the_release_of_a_log_that_was_cut_is_found(told):
     table = pd.concat(
         [rest, swing.table.assign(time_s=swing.table.time_s + 1.0)], ignore_index=True
     )
+    facts, moved = {}, {"conditioning": [{"time_shift_s": 0.6}]}
+    if told == "metadata":
+        facts, moved = {"rest_s": [0.0, 1.0]}, {"rest_s": [-0.6, 0.4]}
     experiment = {**swing.scenario["experiment"], "rest": 1.0}
-    extra = {**swing.extra, **({"rest_s": [0.0, 1.0]} if told == "metadata" else {})}
-    log = replace(
-        swing, table=table, scenario={**swing.scenario, "experiment": experiment}, extra=extra
-    )
+    log = replace(swing, table=table, scenario={**swing.scenario, "experiment": experiment})
+    log = stating(**facts)(log)
     kept = table[table.time_s > 0.6 - 1e-9].reset_index(drop=True)
-    moved = (
-        {"rest_s": [-0.6, 0.4]} if told == "metadata" else {"conditioning": [{"time_shift_s": 0.6}]}
-    )
-    part = replace(log, table=kept.assign(time_s=kept.time_s - 0.6), extra={**extra, **moved})
-    assert swing_data(log, "bar_swing").release == pytest.approx(1.0)
-    assert swing_data(part, "bar_swing").release == pytest.approx(0.4)
+    part = stating(**moved)(replace(log, table=kept.assign(time_s=kept.time_s - 0.6)))
+    released = swing_data(swing, "bar_swing")
+    for one in (log, part):
+        data = swing_data(one, "bar_swing")
+        assert data.angle.tolist() == released.angle.tolist()
+        assert data.time == pytest.approx(released.time)
 
 
 def test_a_filtered_angle_is_no_count():
