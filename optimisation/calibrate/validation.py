@@ -92,7 +92,11 @@ def leave_out(question: Question) -> LeftOut:
     own = [figure for figure in figures if figure.turn.table == table]
     others = [figure for figure in figures if figure not in own]
     cars = sample(surrogate, others, seed, prior).cars
-    survivors = _survivors(surrogate, surrogate.prior.draw(len(cars), seed), own[0], seed)
+    drawn = surrogate.prior.draw(len(cars), seed)
+    # By their probability to survive the turn, as the printed one did.
+    weight = surrogate.survival(drawn, own[0].turn)
+    chosen = np.random.default_rng(seed).choice(len(cars), len(cars), p=weight / weight.sum())
+    survivors = drawn[chosen]
     rng = np.random.default_rng(seed)
     rows = []
     for figure in own:
@@ -120,12 +124,6 @@ def joint_density(surrogate: Surrogate, figures: Sequence[Figure], cars: FloatAr
     """Returns the logarithm of the density of figures together, averaged over cars (m, n)."""
     logs = np.sum([log_density(surrogate, figure, cars) for figure in figures], axis=0)
     return float(logsumexp(logs) - np.log(len(cars)))
-
-
-def _survivors(surrogate: Surrogate, cars: FloatArray, figure: Figure, seed: int) -> FloatArray:
-    """Draws cars of the prior by their probability to survive the turn, as the printed one did."""
-    weight = surrogate.survival(cars, figure.turn)
-    return cars[np.random.default_rng(seed).choice(len(cars), len(cars), p=weight / weight.sum())]
 
 
 def _constant(own: Sequence[Figure], figures: Sequence[Figure]) -> float:

@@ -48,7 +48,7 @@ def check_published() -> tuple[list[FitResult], dict[str, pd.DataFrame]]:
     """Recompute everything: the fits of the rig constants and of the robot tail's line, and all
     tables by name.
     """
-    constants = fit_rig_constants()
+    constants = fit_rig_constants(static_rows())
     line = robot_tail_line()
     table = recompute_averages()
     currents = constants.rows
@@ -236,14 +236,8 @@ def predicted_currents(rigs: dict[int, StaticBalance], rows: pd.DataFrame) -> Fl
     return np.array(currents)
 
 
-def fit_rig_constants(rows: pd.DataFrame | None = None) -> RigConstants:
-    """Fits the constants to the published currents.
-
-    Args:
-        rows: of `static_fits.csv`; the distinct ones by default.
-    """
-    if rows is None:
-        rows = static_rows()
+def fit_rig_constants(rows: pd.DataFrame) -> RigConstants:
+    """Fit the constants to the published currents of rows of `static_fits.csv`."""
     parameters = constants_parameters()
     rigs = balances()
     published = rows.current_a.to_numpy(float)

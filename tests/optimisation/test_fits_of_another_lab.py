@@ -97,6 +97,10 @@ def test_a_rig_scenario_is_taken_from_a_mapping(tmp_path):
     assert result.rig == {"bar.mass": 0.35}
 
 
+SHEET = [0.01, 0.01, 0.01, 0.001, 0.001, 0.001]
+"""What a sheet says of the offsets: standard deviations, N and N m."""
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("stated", ["tare", "sheet", "scenario"])
 def test_an_offset_and_its_uncertainty_are_taken_as_stated(stated):
@@ -112,7 +116,7 @@ def test_an_offset_and_its_uncertainty_are_taken_as_stated(stated):
         bias = -lab.weight(lab.LAB, angle)[0]
         facts = {"tared_angle_rad": angle}
     elif stated == "sheet":
-        facts["offsets_uncertainty"] = [0.01, 0.01, 0.01, 0.001, 0.001, 0.001]
+        facts["offsets_uncertainty"] = SHEET
     else:
         settings = tuple(f"force_sensor.{axis}_accuracy=0.005" for axis in REACTIONS)
     log = lab.hold(replace(lab.LAB, force_bias=bias), angle=angle, rest=0.0, **facts)
@@ -329,7 +333,7 @@ def test_intervals_hold_the_truth_when_the_constants_are_off_and_when_they_are_e
             assert 0.90 <= np.mean(np.abs(found) < 1.96) <= 0.98
 
 
-KNOWN_OFFSETS = {"rest": 0.0, "offsets_uncertainty": [0.01, 0.01, 0.01, 0.001, 0.001, 0.001]}
+KNOWN_OFFSETS = {"rest": 0.0, "offsets_uncertainty": SHEET}
 
 
 @pytest.mark.parametrize(

@@ -39,12 +39,13 @@ def changed(**columns):
     return replace(log, table=log.table.assign(**columns))
 
 
-def without(column):
-    return replace(still_log(), table=still_log().table.drop(columns=column))
-
-
 def gyro_with_nan(table):
     return np.where(table.time_s == table.time_s[1100], math.nan, 0.0)
+
+
+def nameless_gyro():
+    log = still_log()
+    return replace(log, table=log.table.rename(columns={"imu_gyro_x_rad_per_s": "x"}))
 
 
 def cut():
@@ -57,7 +58,7 @@ def cut():
         (lambda: replace(still_log(), kind="swing"), ("swing",)),
         (lambda: still_log(0.0), ("steering_command_rad", "0.01 rad")),
         (lambda: changed(imu_gyro_z_rad_per_s=gyro_with_nan), ("imu_gyro_z_rad_per_s", "2.2 s")),
-        (lambda: without("imu_gyro_x_rad_per_s"), ("imu_gyro_x_rad_per_s",)),
+        (nameless_gyro, ("imu_gyro_x_rad_per_s",)),
         (
             lambda: changed(status_speed_age_s=lambda table: table.time_s % 1.0),
             ("speed_m_per_s", "2", "5"),

@@ -29,7 +29,7 @@ def test_constants_of_the_models_predict_the_published_currents_as_the_design_sa
 
 @pytest.mark.slow
 def test_joint_fit_meets_the_published_currents_within_physical_bounds():
-    found = fit_rig_constants()
+    found = fit_rig_constants(static_rows())
     assert len(found.rows) == 200
     assert found.median_error <= 0.02
     bounds = {p.name: (p.lower, p.upper) for p in constants_parameters().all}

@@ -20,7 +20,7 @@ from aerodima.optimisation.studies.run_study import (
     run_study,
 )
 from aerodima.optimisation.studies.runs import load_any_scenario, make_frame
-from aerodima.optimisation.studies.study import load_study
+from aerodima.optimisation.studies.study import Study, load_study
 from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.core.errors import SweepError
@@ -103,7 +103,8 @@ def test_table_is_tidy_and_carries_the_study(undisturbed):
     assert (table["outcome"] == "survived").all()
     assert not [name for name in table.columns if "wall" in name or "created" in name]
     metadata = json.loads(pq.read_schema(undisturbed / TABLE).metadata[METADATA_KEY])
-    assert metadata["study"]["name"] == "tiny"
+    study = load_study(undisturbed.parent / "study.yaml")
+    assert Study.model_validate(metadata["study"]) == study
     assert json.loads((undisturbed / "timing.json").read_text())["runs_of_the_last_call"] == 4
 
 

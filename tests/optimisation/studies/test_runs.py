@@ -129,7 +129,9 @@ def test_the_key_of_a_run_follows_all_that_determines_its_row(tmp_path, monkeypa
     law = tmp_path / "law.py"
     scenario.write_text("schema: aerodima/scenario/1\nname: mine\n")
     law.write_text("class Mine: pass\nclass Other: pass\n")
-    base = RunTask("", str(scenario), ("controller.swing_file=none",), law=f"{law}:Mine")
+    thesis = read_swing(model_path("swings/thesis_8_rad_per_s.yaml"))
+    swing = write_swing(thesis, tmp_path / "swing.yaml")
+    base = RunTask("", str(scenario), (f"controller.swing_file={swing}",), law=f"{law}:Mine")
     changes = [
         {},
         {"settings": (*base.settings, "car.mass=6.5")},
@@ -144,20 +146,12 @@ def test_the_key_of_a_run_follows_all_that_determines_its_row(tmp_path, monkeypa
     keys.append(run_key(base))
     scenario.write_text("schema: aerodima/scenario/1\nname: mine\ncar: {mass: 6.6}\n")
     keys.append(run_key(base))
+    limits = thesis.limits.model_copy(update={"velocity_rad_per_s": 9.0})
+    write_swing(thesis.model_copy(update={"limits": limits}), swing, force=True)
+    keys.append(run_key(base))
     monkeypatch.setattr(engine_module, "software_versions", lambda: {"project": "0.0.0"})
     keys.append(run_key(base))
     assert len(set(keys)) == len(keys), keys
-
-
-def test_another_swing_of_the_same_name_is_another_run(tmp_path):
-    thesis = read_swing(model_path("swings/thesis_8_rad_per_s.yaml"))
-    path = tmp_path / "swing.yaml"
-    keys = set()
-    for speed in (8.0, 9.0):
-        limits = thesis.limits.model_copy(update={"velocity_rad_per_s": speed})
-        write_swing(thesis.model_copy(update={"limits": limits}), path, force=True)
-        keys.add(run_key(RunTask("", "turn_fast", (f"controller.swing_file={path}",))))
-    assert len(keys) == 2
 
 
 def test_a_run_of_two_names_is_made_once_and_a_kept_one_not_again(monkeypatch):

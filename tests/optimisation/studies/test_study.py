@@ -6,7 +6,6 @@ import pytest
 from aerodima.optimisation.studies.study import (
     Normal,
     Sample,
-    Study,
     Uniform,
     load_study,
     plan_runs,
@@ -108,8 +107,3 @@ def test_other_schema_and_missing_scenario_are_refused(tmp_path, was, becomes):
     path = tiny_study(tmp_path)
     path.write_text(path.read_text().replace(was, becomes))
     assert_refused(lambda: load_study(path), UserError, str(path), becomes.split(": ")[-1])
-
-
-def test_study_survives_a_round_trip_through_json(tmp_path):
-    study = load_study(tiny_study(tmp_path))
-    assert Study.model_validate_json(study.model_dump_json(by_alias=True)) == study

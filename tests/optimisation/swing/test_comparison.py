@@ -120,11 +120,15 @@ def test_a_run_of_a_search_is_confirmed_where_no_share_of_the_first_steering_cou
 
 
 def test_reduced_cars_alone_are_compared_without_a_full_run(tmp_path):
-    efforts = {"steering_effort": SearchEffort(16, 1, 1)}
     table = judge(
-        ["none", "held"], cars=1, speeds=[6.0], folder=tmp_path, step=None, runs=CachedRunner(),
-        **efforts,
-    )  # fmt: skip
+        ["none", "held"],
+        cars=1,
+        speeds=[6.0],
+        folder=tmp_path,
+        step=None,
+        runs=CachedRunner(),
+        steering_effort=SearchEffort(16, 1, 1),
+    )
     assert list(table["candidate"])[:2] == ["no tail", "tail to the inside, held"]
     assert set(table["plant"]) == {"reduced"}
     assert table["value"].equals(table["reduced_value"])
