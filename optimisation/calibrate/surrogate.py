@@ -221,12 +221,12 @@ def _fit(
         min_cars: that a fit needs.
         base: surrogate that is corrected.
     """
-    searches = {
-        turn.name: _search(turn, cars, results[turn.name], min_cars) for turn in prior.plan.turns
-    }
+    searches = {}
     sets = {}
     for turn in prior.plan.turns:
-        known, flip = searches[turn.name][:2]
+        search = _search(turn, cars, results[turn.name], min_cars)
+        searches[turn.name] = search
+        known, flip, *_ = search
         scaled = prior.scaled(cars[known])
         values = flip[known, None]
         if base is not None:

@@ -88,7 +88,7 @@ def figures_of_motion(motion: Motion, turn: Turn, nuisances: dict[str, float]) -
         else:
             signals = [low_pass(time, values, IMU_FILTER) for values in signals]
     window = (time >= start - 1e-9) & (time <= start + nuisances["window"] + 1e-9)
-    figures: list[float] = []
+    figures = []
     inside = time[window]
     span = inside[-1] - inside[0]
     for values in signals[:2]:

@@ -92,7 +92,11 @@ def leave_out(question: Question) -> LeftOut:
     own = [figure for figure in figures if figure.turn.table == table]
     others = [figure for figure in figures if figure not in own]
     cars = sample(surrogate, others, seed, prior).cars
-    survivors = _survivors(surrogate, surrogate.prior.draw(len(cars), seed), own[0], seed)
+    drawn = surrogate.prior.draw(len(cars), seed)
+    # By their probability to survive the turn, as the printed one did.
+    weight = surrogate.survival(drawn, own[0].turn)
+    chosen = np.random.default_rng(seed).choice(len(cars), len(cars), p=weight / weight.sum())
+    survivors = drawn[chosen]
     rng = np.random.default_rng(seed)
     rows = []
     for figure in own:
@@ -122,12 +126,6 @@ def joint_density(surrogate: Surrogate, figures: Sequence[Figure], cars: FloatAr
     return float(logsumexp(logs) - np.log(len(cars)))
 
 
-def _survivors(surrogate: Surrogate, cars: FloatArray, figure: Figure, seed: int) -> FloatArray:
-    """Draws cars of the prior by their probability to survive the turn, as the printed one did."""
-    weight = surrogate.survival(cars, figure.turn)
-    return cars[np.random.default_rng(seed).choice(len(cars), len(cars), p=weight / weight.sum())]
-
-
 def _constant(own: Sequence[Figure], figures: Sequence[Figure]) -> float:
     """Returns the density by the other tables' values of the same metrics, with Student's t for so
     few; NaN where only one other has them.
@@ -150,12 +148,10 @@ def rigid(prior: CarPrior) -> CarPrior:
     swing.
     """
     plan = prior.plan
-    low = dict(zip(prior.names, prior.ranges[:, 0], strict=True))
-    delay = float(low.get("controller.delay", 0.0))
-    slips = {name: float(value) for name, value in low.items() if name.endswith(SLIP)}
-    ranges = plan.ranges | {name: (slip, slip + 1e-3) for name, slip in slips.items()}
-    if "controller.delay" in plan.body:
-        ranges["controller.delay"] = (delay, delay + 1e-3)
+    ranges = dict(plan.ranges)
+    for name, low in zip(prior.names, prior.ranges[:, 0].tolist(), strict=True):
+        if name.endswith((SLIP, "controller.delay")):
+            ranges[name] = (low, low + 1e-3)
     nuisances = {
         "window": (0.639, 0.641),
         "latency": (0.0, 1e-3),
@@ -279,7 +275,7 @@ def combinations(
     before, after = (prior.scaled(c)[:, physical] for c in (prior.draw(4000, seed), cars))
     ratios, vectors = eigh(np.cov(after.T), np.cov(before.T))
     best = []
-    for ratio, vector in list(zip(ratios, vectors.T, strict=True))[:5]:
+    for ratio, vector in zip(ratios[:5], vectors.T[:5], strict=True):
         share = vector * np.std(before, axis=0)
         share = share / np.linalg.norm(share)
         largest = np.argsort(-np.abs(share))[:4]

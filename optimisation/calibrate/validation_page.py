@@ -194,7 +194,7 @@ def write_pages(result: Result, out: Path) -> Path:
     cars = result.posterior.cars
     figures = pd.DataFrame([row for left in result.left_out for row in left.rows])
     systems = dict.fromkeys(turn.system for turn in prior.plan.turns)
-    ensembles = {
+    contents: dict[str, Content] = {
         f"{system}.yaml": ensemble_text(prior, result.fine, system, result.posterior.size)
         for system in systems
     }
@@ -202,14 +202,12 @@ def write_pages(result: Result, out: Path) -> Path:
     measured = measure_table(prior, cars)
     score, chances = brier(result.surrogate, cars)
     outcomes = outcome_table(result, chances)
-    posterior = pd.DataFrame(cars, columns=prior.names)
-    contents: dict[str, Content] = {
-        **ensembles,
+    contents |= {
         "figures.csv": figures,
         "outcomes.csv": outcomes,
         "parameters.csv": parameters,
         "measure_next.csv": measured,
-        "posterior.parquet": posterior,
+        "posterior.parquet": pd.DataFrame(cars, columns=prior.names),
         PAGE: validation_page(result, figures, outcomes, parameters, score),
         MEASURE: measure_page(measured),
     }

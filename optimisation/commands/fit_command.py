@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -167,8 +167,6 @@ def static_tables(results: list[FitResult], out: Path) -> Extra:
     """Writes coefficient files of what the logs span; averages per tail, axis, angle and wind
     speed.
     """
-    from dataclasses import replace
-
     from aerodima.optimisation.identify.coefficient_averages import (
         averages_table,
         node_angle,

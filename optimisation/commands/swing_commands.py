@@ -29,13 +29,19 @@ Step = Annotated[
 TestCars = Annotated[int, typer.Option(help="So many of the test cars.", min=1)]
 
 
+def _candidate_names() -> list[str]:
+    from aerodima.optimisation.swerve.suite import NAMED_CANDIDATES
+
+    return list(NAMED_CANDIDATES)
+
+
 Candidates = Annotated[
     list[str] | None,
     typer.Option(
         help="none, limited, low-ballast, folded, held, published, feedback, bound, a swing, "
         "or a file of candidates; may be repeated; by default the first eight. The car without "
         "tail always takes part.",
-        autocompletion=lambda: _suite("NAMED_CANDIDATES"),
+        autocompletion=_candidate_names,
     ),
 ]
 Aims = Annotated[
@@ -44,12 +50,6 @@ Aims = Annotated[
         help="aside-0.5, aside-1.0, course, sustained; may be repeated; by default the first."
     ),
 ]
-
-
-def _suite(table: str) -> list[str]:
-    from aerodima.optimisation.swerve import suite
-
-    return list(getattr(suite, table))
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,11 @@ class CaseOptions:
 
     def arguments(self) -> dict[str, Any]:
         """Returns arguments of `judge` and `train_law`."""
-        arguments: dict[str, Any] = {"ensemble": self.ensemble, "tail": self.tail}
-        arguments["floors"] = self.floors or [1.0]
+        arguments: dict[str, Any] = {
+            "ensemble": self.ensemble,
+            "tail": self.tail,
+            "floors": self.floors or [1.0],
+        }
         if self.speeds:
             arguments["speeds"] = self.speeds
         return arguments
@@ -196,6 +199,7 @@ def judge(
     """
     from aerodima.optimisation.swerve.suite import SUITE
     from aerodima.optimisation.swerve.swerve_table import has_gain, swerve_lines, swerve_page
+    from aerodima.workbench.view.report_page import write_files
 
     names = candidate or SUITE.default
     arguments = options.arguments()
@@ -220,7 +224,7 @@ def judge(
             )
     summary = optimisation.summarise_swerves(table)
     files |= {"swerves.csv": table, "summary.csv": summary}
-    _write(out, {**files, "report.html": swerve_page(table, summary)})
+    write_files(out, {**files, "report.html": swerve_page(table, summary)}, error=SweepError)
     typer.echo("\n".join(swerve_lines(summary)))
     typer.echo(f"written: {', '.join(files)} and report.html in {out}")
     if not has_gain(summary):
@@ -291,12 +295,6 @@ def _new_file(path: Path, work: cli.WorkOptions) -> Iterator[CachedRunner]:
     refuse_existing(path, work.force, SwingError)
     with runs_in(path.parent, work) as runs:
         yield runs
-
-
-def _write(out: Path, files: dict[str, Any]) -> None:
-    from aerodima.workbench.view.report_page import write_files
-
-    write_files(out, files, error=SweepError)
 
 
 def verify(

@@ -38,13 +38,12 @@ def weights(resnorms: FloatArray) -> FloatArray:
     Raises:
         FitError: a resnorm that is not above zero; its weight would be infinite.
     """
-    res = np.asarray(resnorms, float)
-    bad = np.flatnonzero(~(np.isfinite(res) & (res > 0.0)))
+    bad = np.flatnonzero(~(np.isfinite(resnorms) & (resnorms > 0.0)))
     if bad.size:
         raise FitError(
-            f"weighted average: resnorm {res[bad[0]]} in row {bad[0]}, but it must be above 0"
+            f"weighted average: resnorm {resnorms[bad[0]]} in row {bad[0]}, but it must be above 0"
         )
-    eps = np.sum(res) / res
+    eps = np.sum(resnorms) / resnorms
     return eps / np.sum(eps)
 
 
@@ -59,18 +58,17 @@ def averages(values: FloatArray, resnorms: FloatArray) -> dict[str, float]:
         `weighted` by resnorm (eqs. 4.29-4.31), `mean`, `median`, `huber` (see `huber_location`),
         percentiles `p10` and `p90`, number of `samples`.
     """
-    x = np.asarray(values, float)
-    if not (len(x) and np.all(np.isfinite(x))):
+    if not (len(values) and np.all(np.isfinite(values))):
         raise FitError("weighted average: there are no values, or one is not finite")
-    low, high = np.percentile(x, (10.0, 90.0))
+    low, high = np.percentile(values, (10.0, 90.0))
     return {
-        "weighted": float(weights(resnorms) @ x),
-        "mean": float(np.mean(x)),
-        "median": float(np.median(x)),
-        "huber": huber_location(x),
+        "weighted": float(weights(resnorms) @ values),
+        "mean": float(np.mean(values)),
+        "median": float(np.median(values)),
+        "huber": huber_location(values),
         "p10": float(low),
         "p90": float(high),
-        "samples": len(x),
+        "samples": len(values),
     }
 
 
@@ -117,9 +115,7 @@ def huber_location(values: FloatArray) -> float:
     def pull(x: float) -> float:
         return float(np.sum(np.clip((values - x) / scale, -LIMIT, LIMIT)))
 
-    low = float(np.min(values))
-    high = float(np.max(values))
-    return float(brentq(pull, low, high, xtol=1e-9 * scale))
+    return float(brentq(pull, np.min(values), np.max(values), xtol=1e-9 * scale))
 
 
 def node_angle(result: FitResult) -> float:
@@ -162,16 +158,16 @@ def static_sets(results: Sequence[FitResult]) -> tuple[dict[str, Json], list[str
                 f"{angle:g} degrees{more}"
             )
             continue
-        content: Json = {
+        nodes = [_static_node(*place, grid[place]) for place in places]
+        sets[name] = {
             "schema": SCHEMA,
             "law": "polar",
             "quasi_steady_limit_m_per_s": CHEETAH_LIMIT,
             "name": f"cheetah tail {tail}, {axis} axis",
             "source": f"aerodima fit static over {sum(map(len, grid.values()))} holds",
             "kind": "table",
+            **_nodes_and_range(nodes, "speed_m_per_s", "angle_rad"),
         }
-        nodes = [_static_node(*place, grid[place]) for place in places]
-        sets[name] = content | _nodes_and_range(nodes, "speed_m_per_s", "angle_rad")
     return sets, left_out
 
 

@@ -25,7 +25,7 @@ class FitOptions:
         rig: name or file of the rig scenario that the log was made on; the log's own by default,
             else `models/`.
         settings: overrides on top of the rig, `section.key=value`.
-        free: constants of the rig and errors of its instruments (`CONSTANTS`, `BIASES`) that are
+        free: constants of the rig and errors of its instruments (`models/rig/constants.csv`) as
             unknowns without a prior.
         constants: `uncertain`, by the scenario's section `uncertainty`; or `exact`: intervals are
             those of noise alone.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodima.optimisation.identify.huber import LIMIT, Loss, huber_weight, spread
+from aerodima.optimisation.identify.huber import Loss, clip, huber_weight, spread
 from aerodima.optimisation.identify.noise import correlation_time
 from aerodima.optimisation.identify.residual_check import (
     CHANCE,
@@ -103,9 +103,8 @@ def _coefficients(
         change = np.abs((solution - before) @ design)
         if np.max(change) < _SETTLED * scale:
             break
-    limit = LIMIT * scale
-    within = float(np.mean(np.abs(residual) <= limit))
-    return solution, np.clip(residual, -limit, limit), 1.0 / within**2
+    clipped, within = clip(residual, scale)
+    return solution, clipped, 1.0 / within**2
 
 
 def residual_warnings(mean: HoldMean, channels: list[str], time: FloatArray) -> list[str]:

@@ -49,6 +49,12 @@ def spread(values: FloatArray) -> float:
     return _NORMAL * float(np.median(np.abs(values - np.median(values))))
 
 
+def clip(residual: FloatArray, scale: float) -> tuple[FloatArray, float]:
+    """Clip a residual (m) at the limit of a scale; also compute the share that lies within."""
+    limit = LIMIT * scale
+    return np.clip(residual, -limit, limit), float(np.mean(np.abs(residual) <= limit))
+
+
 @dataclass(frozen=True)
 class HuberSolution:
     """A solution under Huber's loss.
@@ -59,13 +65,11 @@ class HuberSolution:
         influence: the same x with the clipped residual, and the Jacobian times the share of the
             residuals within the limit: J^+ S J^+' of it is Huber's asymptotic covariance.
         outliers: number of residuals beyond three scales.
-        scale: standard deviation of the residual without its outliers.
     """
 
     solution: Solution
     influence: Solution
     outliers: int
-    scale: float
 
 
 def solve_huber(problem: Problem, squares: Solution) -> HuberSolution:
@@ -79,7 +83,7 @@ def solve_huber(problem: Problem, squares: Solution) -> HuberSolution:
     # Residuals that vanish (fewer rows than unknowns, exact data) have no outliers.
     least = 1e-9 * max(float(np.max(np.abs(squares.residual))), 1e-300)
     if scale <= least:
-        return HuberSolution(squares, squares, 0, scale)
+        return HuberSolution(squares, squares, 0)
     x = squares.x
     for _ in range(_MAX_SCALES):
         best = solve(_huberised(problem, scale), [x]).best
@@ -93,16 +97,11 @@ def solve_huber(problem: Problem, squares: Solution) -> HuberSolution:
     attempts = (*squares.attempts, best)
     solution = Solution(problem, x, residual, problem.central_jacobian(x), best, attempts)
     if scale <= least:
-        return HuberSolution(solution, solution, 0, scale)
-    limit = LIMIT * scale
-    within = float(np.mean(np.abs(residual) <= limit))
-    influence = replace(
-        solution,
-        residual=np.clip(residual, -limit, limit),
-        jacobian=within * solution.jacobian,
-    )
+        return HuberSolution(solution, solution, 0)
+    clipped, within = clip(residual, scale)
+    influence = replace(solution, residual=clipped, jacobian=within * solution.jacobian)
     outliers = int(np.sum(np.abs(residual) > _OUTLIER * scale))
-    return HuberSolution(solution, influence, outliers, scale)
+    return HuberSolution(solution, influence, outliers)
 
 
 def _huberised(problem: Problem, scale: float) -> Problem:

@@ -7,7 +7,6 @@ facts (kind, tail, axis, wind) go last.
 
 from __future__ import annotations
 
-import json
 import math
 from functools import lru_cache
 
@@ -96,7 +95,7 @@ def rig_of(log: RunLog, kind: str, options: FitOptions = FREE) -> RigScenario:
             values = {**below, **values}
         content[section] = values
     content["experiment"] = {**content.get("experiment", {}), **_experiment(log, kind)}
-    return _scenario(json.dumps(content, sort_keys=True))
+    return rig_scenario_from_dict(content)
 
 
 @lru_cache(maxsize=16)
@@ -122,13 +121,8 @@ def named_rig(rig: str, settings: tuple[str, ...]) -> Json:
                 f"--set {setting}: a log says itself what was tested; allowed: what describes the "
                 "rig"
             )
-    _scenario(json.dumps(data, sort_keys=True))
+    rig_scenario_from_dict(data)
     return data
-
-
-@lru_cache(maxsize=64)
-def _scenario(key: str) -> RigScenario:
-    return rig_scenario_from_dict(json.loads(key))
 
 
 def _experiment(log: RunLog, kind: str) -> Json:
@@ -170,7 +164,7 @@ def wind_speed(log: RunLog, least: float, most: float) -> float:
 def differences(scenario: RigScenario) -> Json:
     """Lists what of a rig differs from `models/`, as `section.key`; the experiment is left out."""
     changes = {}
-    known = _scenario("{}").resolved()
+    known = rig_scenario_from_dict({}).resolved()
     for section, values in scenario.resolved().items():
         if section == "experiment" or not isinstance(values, dict):
             continue

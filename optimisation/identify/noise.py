@@ -47,7 +47,7 @@ def correlation_time(residual: FloatArray) -> float:
     sequence): longer sums scatter too much in short logs. Of a steep filter, whose autocorrelation
     rings, this takes the first lobe only and makes intervals about 8 % too wide.
     """
-    x = np.asarray(residual, float) - np.mean(residual)
+    x = residual - np.mean(residual)
     n = len(x)
     power = float(x @ x)
     if n < 4 or power <= 0.0:
@@ -83,10 +83,9 @@ def serial_noise(
         part = residual[channel]
         power = float(np.mean(np.square(part)))
         explained = rounding**2 / 12.0
+        slow = 1.0
         if explained > 0.0:
             slow = min(max(power / explained - 1.0, 0.0) / _EXCESS, 1.0)
-        else:
-            slow = 1.0
         variance[channel] = power * (1.0 + slow * (correlation_time(part) - 1.0))
         effective += len(part) * (power / variance[channel][0] if power > 0.0 else 1.0)
     freedom = max(effective - unknowns, 1.0)

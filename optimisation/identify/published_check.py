@@ -19,7 +19,7 @@ import pandas as pd
 from aerodima.optimisation.identify.coefficient_averages import averages
 from aerodima.optimisation.identify.fit_pipeline import fit
 from aerodima.optimisation.identify.fit_result import FitResult, make_curve
-from aerodima.optimisation.identify.huber import Loss, huber
+from aerodima.optimisation.identify.huber import huber
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem
 from aerodima.optimisation.identify.noise import Noise, independent_noise
 from aerodima.optimisation.identify.rig_constants import with_values
@@ -48,7 +48,7 @@ def check_published() -> tuple[list[FitResult], dict[str, pd.DataFrame]]:
     """Recompute everything: the fits of the rig constants and of the robot tail's line, and all
     tables by name.
     """
-    constants = fit_rig_constants()
+    constants = fit_rig_constants(static_rows())
     line = robot_tail_line()
     table = recompute_averages()
     currents = constants.rows
@@ -120,41 +120,6 @@ def _average_row(fits: pd.DataFrame, column: str, quantity: str, text: str) -> J
     }
 
 
-def fit_line(
-    x: FloatArray,
-    y: FloatArray,
-    slope: tuple[str, str],
-    offset: tuple[str, str],
-    *,
-    name: str,
-    channel: str,
-    loss: Loss = "squares",
-) -> FitResult:
-    """Fit the line y = slope x + offset through points.
-
-    Args:
-        x, y: points (n), at least three.
-        slope, offset: name and unit of the two parameters.
-        channel: what y is, for the residual.
-        loss: `huber` holds points back that lie far off.
-    """
-    height = float(np.std(y)) or float(np.max(np.abs(y))) or 1.0
-    steepness = height / (float(np.std(x)) or 1.0)
-    unknowns = [Parameter(*slope, 0.0, scale=steepness), Parameter(*offset, 0.0, scale=height)]
-    design = np.column_stack([x, np.ones_like(x)]) / height
-
-    def residual(p: FloatArray) -> FloatArray:
-        return design @ p - y / height
-
-    return fit(
-        Problem(Parameters.of(unknowns), residual, lambda _: design, name=name),
-        lambda solution: independent_noise(solution.residual, len(unknowns)),
-        channels={channel: (slice(None), height)},
-        facts={"points": len(x)},
-        loss=loss,
-    )
-
-
 def robot_tail_line() -> FitResult:
     """Fit C_N = slope v + intercept through the 160 distinct coefficients (Tables 6.3, 11.4-11.7;
     ERRATA E26).
@@ -162,13 +127,22 @@ def robot_tail_line() -> FitResult:
     rows = robot_tail_rows().sort_values("relative_velocity_m_per_s")
     speed = rows.relative_velocity_m_per_s.to_numpy(float)
     values = rows.cd.to_numpy(float)
-    line = fit_line(
-        speed,
-        values,
-        ("slope", "s/m"),
-        ("intercept", "1"),
-        name="robot tail, Tables 6.3 and 11.4-11.7",
-        channel="cn",
+    height = float(np.std(values))
+    unknowns = [
+        Parameter("slope", "s/m", 0.0, scale=height / float(np.std(speed))),
+        Parameter("intercept", "1", 0.0, scale=height),
+    ]
+    design = np.column_stack([speed, np.ones_like(speed)]) / height
+
+    def residual(p: FloatArray) -> FloatArray:
+        return design @ p - values / height
+
+    name = "robot tail, Tables 6.3 and 11.4-11.7"
+    line = fit(
+        Problem(Parameters.of(unknowns), residual, lambda _: design, name=name),
+        lambda solution: independent_noise(solution.residual, len(unknowns)),
+        channels={"cn": (slice(None), height)},
+        facts={"points": len(speed)},
     )
     model = line["slope"].value * speed + line["intercept"].value
     curve = make_curve(speed, values, model, "relative speed, m/s", "C_N")
@@ -262,14 +236,8 @@ def predicted_currents(rigs: dict[int, StaticBalance], rows: pd.DataFrame) -> Fl
     return np.array(currents)
 
 
-def fit_rig_constants(rows: pd.DataFrame | None = None) -> RigConstants:
-    """Fits the constants to the published currents.
-
-    Args:
-        rows: of `static_fits.csv`; the distinct ones by default.
-    """
-    if rows is None:
-        rows = static_rows()
+def fit_rig_constants(rows: pd.DataFrame) -> RigConstants:
+    """Fit the constants to the published currents of rows of `static_fits.csv`."""
     parameters = constants_parameters()
     rigs = balances()
     published = rows.current_a.to_numpy(float)

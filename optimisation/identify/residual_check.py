@@ -53,7 +53,7 @@ def check_residual(residual: FloatArray, unknowns: int = 1) -> ResidualCheck:
         unknowns: that were fitted to it, a constant among them; each takes a slow mode's worth of
             freedom.
     """
-    x = np.asarray(residual, float) - np.median(residual)
+    x = residual - np.median(residual)
     scale = spread(x)
     if scale == 0.0 or len(x) < _MIN_SAMPLES:
         return ResidualCheck()

@@ -143,7 +143,8 @@ class StaticResidual:
         of_rows = data.covariance[np.ix_(rows, rows)]
         covariance[:count, :count] = of_rows / np.outer(weights, weights)
         covariance[count, count] = (data.speed_deviation / speed_accuracy()) ** 2
-        rounding = math.sqrt(3.0) * data.angle_deviation * self._angle_slope(x)
+        deviation = data.scenario.count_angle / math.sqrt(12.0)
+        rounding = math.sqrt(3.0) * deviation * self._angle_slope(x)
         covariance = covariance + np.outer(rounding, rounding) / 3.0
         return Noise(covariance, np.inf, data.effective_samples, rounding)
 
@@ -341,5 +342,4 @@ def fit_static_log(
     Raises:
         UserError: what is wrong with the log or the options.
     """
-    options.require_known(list(UNKNOWNS))
     return fit_static(static_data(read_run_log(path), rest, options), options)

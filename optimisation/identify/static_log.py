@@ -85,8 +85,6 @@ class StaticData:
         present: which of the six axes are there (6).
         speed: mean of the logged rate, rad/s; zero when it was not logged.
         speed_deviation: standard deviation of its error, rad/s.
-        angle_deviation: of the error of the angle (half a count of the encoder, evenly spread),
-            rad.
         current, current_deviation: mean of the logged current and standard deviation of its error,
             A; NaN without.
         effective_samples: that the hold counts as.
@@ -109,7 +107,6 @@ class StaticData:
     present: np.ndarray
     speed: float
     speed_deviation: float
-    angle_deviation: float
     current: float
     current_deviation: float
     effective_samples: float
@@ -184,7 +181,6 @@ def _static_data(log: RunLog, rest: Interval | None, name: str, options: FitOpti
         present=np.isin(np.arange(6), channels),
         speed=rate,
         speed_deviation=rate_deviation,
-        angle_deviation=scenario.count_angle / math.sqrt(12.0),
         current=current,
         current_deviation=current_deviation,
         effective_samples=float(np.count_nonzero(hold) / mean.lags.max()),

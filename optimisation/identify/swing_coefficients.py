@@ -93,13 +93,8 @@ def fit_friction(data: SwingData, options: FitOptions = FREE) -> FitResult:
         options: loss and bounds.
 
     Raises:
-        FitError: another kind of swing, or no rollout exists.
+        FitError: no rollout exists.
     """
-    if data.scenario.has_cheetah_tail:
-        raise FitError(
-            f"{data.name}: friction is fitted on bar or robot swings, not with a cheetah tail in "
-            "the wind"
-        )
     return SwingModel(data, friction_law).fit(
         friction_parameters(data.scenario.is_robot), options=options
     )
@@ -232,11 +227,14 @@ def fit_robot_tail(
 ) -> FitResult:
     """Fit C_N of one swing as a constant, a line over the relative speed, or a table of bins.
 
+    Args:
+        data: a robot swing.
+        shape: of C_N.
+        options: loss and bounds.
+
     Raises:
-        FitError: not a robot swing, or no rollout exists.
+        FitError: no rollout exists.
     """
-    if not data.scenario.is_robot:
-        raise FitError(f"{data.name}: is not a swing of the robot tail")
     low, high = speed_range(data)
     facts = {
         "shape": shape,

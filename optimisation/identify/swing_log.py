@@ -130,7 +130,6 @@ class SwingData:
         start_rate: estimate of the rate at the first sample, rad/s.
         current: of a driven swing.
         constants: of the rig that are not exact, see `constant_parameters`.
-        release: time of the first sample in the log, s.
         facts: tail, axis, wind_speed_m_per_s.
         warnings: of the log.
     """
@@ -146,7 +145,6 @@ class SwingData:
     start_rate: float
     current: LoggedCurrent | None
     constants: tuple[Parameter, ...]
-    release: float = 0.0
     facts: Facts = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
@@ -201,10 +199,9 @@ def _swing_data(log: RunLog, kind: str, name: str, options: FitOptions) -> Swing
         picked = picked[: _end_of_motion(readings, rounding, stride * sampling)]
         readings = angle[picked]
     count = len(picked)
-    release = time[picked[0]]
     current, warnings = _current(log, scenario, picked)
     motor, ramp = motor_torque(scenario, current, count - 1)
-    t = time[picked] - release
+    t = time[picked] - time[picked[0]]
     early = slice(0, 8)
     rate = float(np.polyfit(t[early], readings[early], 2)[1])
     experiment = scenario.experiment
@@ -228,7 +225,6 @@ def _swing_data(log: RunLog, kind: str, name: str, options: FitOptions) -> Swing
         start_rate=rate,
         current=current,
         constants=constant_parameters(log, scenario, kind, options),
-        release=float(release),
         facts=facts,
         warnings=tuple(warnings),
     )
@@ -249,10 +245,8 @@ def _release(time: FloatArray, angle: FloatArray, scenario: RigScenario, log: Ru
                 f"the rest ends at {end:g} s, but the log at {last:g} s; there is no swing in it"
             )
         return int(np.searchsorted(time, end - 1e-9))
-    moved = np.flatnonzero(np.abs(angle - angle[0]) > _COUNTS_MOVED * reading_step(scenario))
-    if not moved.size:
-        raise FitError(f"the angle stays at {angle[0]:.4f} rad; there is no swing in it")
-    return int(moved[0])
+    moved = np.abs(angle - angle[0]) > _COUNTS_MOVED * reading_step(scenario)
+    return int(np.argmax(moved))
 
 
 def reading_step(scenario: RigScenario) -> float:

@@ -115,10 +115,7 @@ def _with_moving_constants(rig: UncertainRig, given: list[Parameter]) -> tuple[P
     whitened = Whitening.from_covariance(noise.covariance)(start.jacobian)
     effects = np.linalg.norm(whitened, axis=0) * sizes
     effect = problem.parameters.by_name(effects)
-    kept = []
-    for c in rig.constants:
-        fixed = c.has_prior and effect[c.name] < _NEGLIGIBLE
-        kept.append(replace(c, fixed=fixed))
+    kept = [replace(c, fixed=c.has_prior and effect[c.name] < _NEGLIGIBLE) for c in rig.constants]
     return rig.problem(Parameters.of([*given, *kept])), noise
 
 

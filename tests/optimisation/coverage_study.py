@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from aerodima.optimisation.identify.fit_options import FitOptions
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.static_fit import fit_static
 from aerodima.optimisation.identify.static_log import static_data
 from aerodima.optimisation.identify.swing_coefficients import fit_added_mass, fit_friction
@@ -31,7 +31,7 @@ def shifted(rig, rng):
     return replace(rig, pivot=tuple(pivot), wind_gain=1.0 + off["wind_speed"], **changes)
 
 
-def static(rig, rng, axes=lab.READINGS, degrees=(5.0, 45.0)):
+def static(rig, rng, axes=lab.READINGS, degrees=(5.0, 45.0), options=FREE):
     """A hold at a random angle and wind, with rest, of a sensor with some axes."""
     rig = replace(
         rig,
@@ -44,7 +44,7 @@ def static(rig, rng, axes=lab.READINGS, degrees=(5.0, 45.0)):
     seed = int(rng.integers(1 << 30))
     log = lab.hold(rig, cd=cd, cl=cl, psi=psi, angle=angle, wind=wind, duration=6.0, seed=seed)
     table = log.table.drop(columns=[name for name in lab.READINGS if name not in axes])
-    return log, fit_static(static_data(replace(log, table=table)))
+    return log, fit_static(static_data(replace(log, table=table), options=options))
 
 
 OPEN = {
@@ -56,12 +56,17 @@ OPEN = {
 """Draws of holds that leave unknowns open."""
 
 
-def friction(rig, rng):
+def friction(rig, rng, options=FREE):
     """A free swing of the bar; what the scenario says of its friction is not used."""
     coulomb, viscous, angle = rng.uniform([0.02, 0.02, 1.0], [0.08, 0.05, 1.5])
     rig = replace(rig, coulomb=coulomb, viscous=viscous)
     log = lab.bar_swing(rig, angle=angle, duration=4.0)
-    return log, fit_friction(swing_data(log, "bar_swing"))
+    return log, fit_friction(swing_data(log, "bar_swing", options=options))
+
+
+def exact(draw):
+    """Draws of a laboratory whose constants are right, in fits that take them as exact."""
+    return lambda rig, rng: draw(lab.LAB, rng, options=FitOptions(constants="exact"))
 
 
 def added_mass(rig, rng):

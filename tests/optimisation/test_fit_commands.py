@@ -1,16 +1,14 @@
 """`aerodima fit ...` as a user calls it."""
 
-import re
 from dataclasses import replace
 
 import pandas as pd
 import pytest
-import yaml
 
 from aerodima.workbench.logs.schema import write_run_log
 from aerodima.workbench.rig.static_hold import simulate_static_log
 from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
-from tests.commands import call, done, refused
+from tests.commands import done, refused
 from tests.refusals import assert_named
 
 
@@ -20,22 +18,6 @@ def hold():
     return simulate_static_log(
         load_rig_scenario("static", ["experiment.duration=2", "experiment.wind_speed=20"])
     )
-
-
-@pytest.mark.slow
-def test_static_logs_in_two_processes(hold, tmp_path):
-    paths = [write_run_log(hold, tmp_path / f"{number}.parquet") for number in (1, 2)]
-    cut = tmp_path / "cut.parquet"
-    cut.write_bytes(paths[0].read_bytes()[:1000])
-    result = call("fit", "static", *paths, cut, "--out", tmp_path / "fits", "--workers", 2)
-    assert result.exit_code == 3
-    assert "cut.parquet" in result.stderr
-    report = yaml.safe_load((tmp_path / "fits" / "fits.yaml").read_text())
-    assert report["schema"] == "aerodima/fit-report/1"
-    assert list(report["failed"]) == [str(cut)]
-    page = (tmp_path / "fits" / "report.html").read_text()
-    assert not re.findall(r"(?:src|href|url|import|fetch)\W{1,4}https?:", page)
-    assert pd.read_csv(tmp_path / "fits" / "fits.csv").wind_speed_m_per_s.tolist() == [20.0, 20.0]
 
 
 @pytest.mark.parametrize(

@@ -3,14 +3,15 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pandas as pd
 import pytest
 import yaml
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from aerodima.optimisation.identify.coefficient_averages import write_sets
+from aerodima.optimisation.identify.coefficient_averages import robot_tail_set, write_sets
 from aerodima.optimisation.identify.fit_report import format_estimate, write_report
-from aerodima.optimisation.identify.fit_result import Estimate, FitResult
+from aerodima.optimisation.identify.fit_result import Estimate, FitResult, make_curve
 from aerodima.workbench.aero.coefficient_files import load_coefficients
 from aerodima.workbench.core.errors import ModelError
 from tests.refusals import assert_refused
@@ -61,13 +62,7 @@ def test_an_infinite_interval_is_in_every_file_of_the_report(tmp_path):
 
 
 def test_a_report_that_cannot_be_finished_leaves_the_earlier_one_whole(tmp_path, monkeypatch):
-    curve = {
-        "x": [0.0, 1.0],
-        "measured": [0.0, 1.0],
-        "model": [0.0, 1.1],
-        "labels": ["t, s", "q, rad"],
-    }
-    curves = {"angle": curve}
+    curves = {"angle": make_curve(*np.eye(3), "t, s", "q, rad")}
     write_report(tmp_path, "Robot tail", [result("a", "cn", curves=curves)])
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     assert {"fits.csv", "fits.yaml", "report.html", "curves.png"} <= set(before)
@@ -82,21 +77,10 @@ def test_a_report_that_cannot_be_finished_leaves_the_earlier_one_whole(tmp_path,
 
 
 def test_a_coefficient_file_that_the_aerodynamics_refuse_is_not_left(tmp_path):
-    nodes = [{"speed_m_per_s": v, "cn": 2.0} for v in (5.0, 7.5)]
-    good = {
-        "schema": "aerodima/coefficients/1",
-        "name": "bins",
-        "source": "test",
-        "kind": "speed_table",
-    }
-    good |= {
-        "law": "normal_force",
-        "quasi_steady_limit_m_per_s": 10.0,
-        "range": {"speed_m_per_s": [5.0, 7.5]},
-        "nodes": nodes,
-    }
+    bins = tuple(Estimate(f"cn_at_{v}", "1", 2.0, 0.1, 1.8, 2.2) for v in (5.0, 7.5))
+    good = robot_tail_set([replace(result("a"), estimates=bins)])
     (path,) = write_sets(tmp_path, {"good": good})
-    assert load_coefficients(path).name == "bins"
-    bad = {"bad": {**good, "nodes": nodes[::-1]}}
+    assert load_coefficients(path).name == good["name"]
+    bad = {"bad": {**good, "nodes": good["nodes"][::-1]}}
     assert_refused(lambda: write_sets(tmp_path, bad), ModelError, "bad.yaml")
     assert [found.name for found in tmp_path.iterdir()] == ["good.yaml"]

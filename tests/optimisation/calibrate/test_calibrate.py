@@ -2,8 +2,6 @@
 which goes on.
 """
 
-from dataclasses import fields
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -48,6 +46,11 @@ def sized(plan, **size):
     return plan.model_copy(update={"size": plan.size.model_copy(update=size)})
 
 
+def item(cars, system, plan=PLAN, **search):
+    """Work on cars (m, n) in the slow turn of a system."""
+    return WorkItem(plan, SLOW[system], tuple(map(tuple, cars)), **search)
+
+
 def test_figures_of_a_steady_turn_in_the_simulated_system():
     found = figures_of_motion(motion(), SLOW["simulated"], STILL)
     assert [found[name] for name in FIGURES[:4]] == pytest.approx([2.0, 2.0, 6.0, 6.0])
@@ -55,29 +58,26 @@ def test_figures_of_a_steady_turn_in_the_simulated_system():
     assert found[LIFT] == 2.0
 
 
+def mean_yaw_rate(begin=0.0, end=2.0, **nuisances):
+    """Average yaw rate of a motion in the physical system, rad/s."""
+    found = figures_of_motion(motion(begin, end), SLOW["physical"], STILL | nuisances)
+    return found["average_yaw_rate_rad_per_s"]
+
+
 def test_latency_moves_the_window_back_and_bias_adds():
-    late = figures_of_motion(
-        motion(0.0, 0.5), SLOW["physical"], STILL | {"latency": 0.1, "gyro_bias": 0.03}
+    assert mean_yaw_rate(0.0, 0.5, latency=0.1, gyro_bias=0.03) == pytest.approx(
+        2.0 * 0.5 / 0.6 + 0.03, rel=0.02
     )
-    assert late["average_yaw_rate_rad_per_s"] == pytest.approx(2.0 * 0.5 / 0.6 + 0.03, rel=0.02)
-    short = STILL | {"window": 0.5}
-    ended = figures_of_motion(motion(0.0, 0.25), SLOW["physical"], short)
-    shifted = figures_of_motion(motion(0.0, 0.25), SLOW["physical"], short | {"latency": 0.25})
-    for found in (ended, shifted):
-        assert found["average_yaw_rate_rad_per_s"] == pytest.approx(1.0, rel=0.1)
-    missed = figures_of_motion(motion(0.3, 0.5), SLOW["physical"], short | {"latency": 0.25})
-    assert missed["average_yaw_rate_rad_per_s"] < 0.1
+    for latency in (0.0, 0.25):
+        assert mean_yaw_rate(0.0, 0.25, window=0.5, latency=latency) == pytest.approx(1.0, rel=0.1)
+    assert mean_yaw_rate(0.3, 0.5, window=0.5, latency=0.25) < 0.1
 
 
 def test_filter_that_runs_forwards_only_is_late():
-    both, forwards = (
-        figures_of_motion(motion(), SLOW["physical"], STILL | {"forward": forward})
-        for forward in (0.0, 1.0)
-    )
-    name = "average_yaw_rate_rad_per_s"
     delay = np.sqrt(2.0) / (2.0 * np.pi * 5.0)  # s, of a second-order Butterworth of 5 Hz
-    assert forwards[name] == pytest.approx(2.0 * (1.0 - delay / 0.6), rel=0.01)
-    assert both[name] > 1.03 * forwards[name]
+    forwards = mean_yaw_rate(forward=1.0)
+    assert forwards == pytest.approx(2.0 * (1.0 - delay / 0.6), rel=0.01)
+    assert mean_yaw_rate(forward=0.0) > 1.03 * forwards
 
 
 def test_acceleration_at_the_imu_is_that_of_its_path():
@@ -86,15 +86,16 @@ def test_acceleration_at_the_imu_is_that_of_its_path():
     imu = np.array([0.13, 0.0, 0.21])
     time = STEP * np.arange(round(AFTER / STEP))[:, None]
     rates = (1.0 + 1.6 * time) * turning
-    moved = np.hstack([2.0 + 2.0 * time, 1.2 * np.cos(3.0 * time), -0.2 * np.sin(2.0 * time)])
-    pushed = np.hstack([0.0 * time + 2.0, -3.6 * np.sin(3.0 * time), -0.4 * np.cos(2.0 * time)])
+    start, push, more = np.array([[2.0, 1.2, 0.0], [2.0, -0.6, -0.4], [0.2, -4.0, 0.3]])
+    moved = start + time * (push + time * more)
+    pushed = push + 2.0 * time * more
     lever = 1.6 * np.cross(turning, imu) + np.cross(rates, np.cross(rates, imu))
     expected = (pushed + np.cross(rates, moved) + lever)[:, 1]
     history = np.zeros((len(time), len(STATES), 1))
     history[:, RATES][:, W, 0] = rates
     history[:, RATES][:, V, 0] = moved
     loads = np.ones((len(history), 4, 1))
-    nothing = dict.fromkeys((field.name for field in fields(Turns)), np.zeros(1))
+    nothing = dict.fromkeys(Turns.__dataclass_fields__, np.zeros(1))
     driven = Turns(**nothing | {"history": history, "loads": loads})
     (found,) = _motions(driven, imu[:1], imu[2:])
     first = round(BEFORE / STEP) + 1
@@ -107,18 +108,17 @@ def test_acceleration_at_the_imu_is_that_of_its_path():
 @pytest.mark.parametrize("system", ["simulated", "physical"])
 def test_reduced_cars_show_the_figures_of_full_ones(system):
     # Of 16 cars that were looked at, one misses its largest acceleration by 16 %, half by 4 %.
-    turn = SLOW[system]
     cars = PRIOR.draw(2, seed=1)
-    friction = PRIOR.column(f"{system} car.tyre_friction")
+    friction = PRIOR.column(SLOW[system].friction)
     cars[:, friction] = 0.5
     plan = sized(PLAN, rounds=2)
-    reduced = run_reduced(WorkItem(plan, turn, tuple(map(tuple, cars.tolist())), reach=0.02))
+    reduced = run_reduced(item(cars, system, plan, reach=0.02))
     middle = [
         place for place, car in enumerate(reduced["inputs"]) if car[friction] == pytest.approx(0.5)
     ]
     inputs = [reduced["inputs"][place] for place in middle]
     assert len(inputs) == 2
-    whole = run_full(WorkItem(plan, turn, tuple(map(tuple, inputs))))
+    whole = run_full(item(inputs, system, plan))
     for full, place in zip(whole, middle, strict=True):
         assert full["survived"]
         shown = reduced["figures"][place]
@@ -129,9 +129,9 @@ def test_reduced_cars_show_the_figures_of_full_ones(system):
 
 
 def test_car_that_cannot_be_run_has_no_figures_and_no_flip_and_its_error_is_kept():
-    car = PRIOR.draw(1, seed=4)[0]
-    car[PRIOR.column("car.mass")] = 1.0
-    piece = WorkItem(PLAN, SLOW["simulated"], (tuple(car.tolist()),), reach=0.05, margins=(0.0,))
+    car = PRIOR.draw(1, seed=4)
+    car[0, PRIOR.column("car.mass")] = 1.0
+    piece = item(car, "simulated", reach=0.05, margins=(0.0,))
     (row,) = run_full(piece)
     found = search_full(piece)
     assert (found["flips"], found["inputs"]) == ([None], [])
@@ -165,14 +165,12 @@ SHORT = ("manoeuvre.speed_ramp=1.2", "manoeuvre.turn_start=1.5", "manoeuvre.dura
 def test_full_car_flips_at_the_friction_of_the_reduced_one():
     """Without a tail within 5 %, which is three times what the calibration found them apart."""
     plan = sized(small_plan(), rounds=6, full_rounds=3)
-    turn = SLOW["physical"]
-    car = CarPrior(plan).ranges.mean(axis=1)[None]
-    (flip,) = run_reduced(WorkItem(plan, turn, tuple(map(tuple, car.tolist())), reach=0.8))["flips"]
-    column = CarPrior(plan).column("physical car.tyre_friction")
+    prior = CarPrior(plan)
+    car = prior.ranges.mean(axis=1)[None]
+    (flip,) = run_reduced(item(car, "physical", plan, reach=0.8))["flips"]
+    column = prior.column("physical car.tyre_friction")
     car[0, column] = np.exp(flip)
-    found = search_full(
-        WorkItem(plan, turn, tuple(map(tuple, car.tolist())), reach=0.05, margins=(0.0,))
-    )
+    found = search_full(item(car, "physical", plan, reach=0.05, margins=(0.0,)))
     assert found["flips"][0] == pytest.approx(flip, abs=0.05)
     for tried, shown in zip(found["inputs"], found["figures"], strict=True):
         assert tried[column] < np.exp(found["flips"][0])

@@ -8,6 +8,7 @@ import yaml
 from aerodima.optimisation.calibrate.calibration_plan import CarPrior, figures_of, load_plan
 from aerodima.workbench.core.errors import ScenarioError
 from aerodima.workbench.core.resources import model_path
+from aerodima.workbench.core.yaml_files import read_yaml
 from aerodima.workbench.scenario.scenario import load_scenario
 from tests.refusals import assert_refused
 
@@ -16,12 +17,9 @@ PRIOR = CarPrior(PLAN)
 
 
 def changed(tmp_path, **changes):
-    content = (
-        yaml.safe_load(model_path("calibration/plans/two_systems.yaml").read_text(encoding="utf-8"))
-        | changes
-    )
+    content = read_yaml(model_path("calibration/plans/two_systems.yaml"))
     path = tmp_path / "plan.yaml"
-    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    path.write_text(yaml.safe_dump(content | changes))
     return path
 
 
@@ -86,10 +84,9 @@ def test_the_systems_share_a_body_and_have_tyres_of_their_own():
 def test_a_biased_gyro_swings_earlier():
     car = PRIOR.draw(1, seed=3)[0]
     car[PRIOR.column("gyro_bias")] = 0.04
-    fast = next(turn for turn in PLAN.turns if turn.table == "Table 7.4")
-    assert load_scenario(
-        "turn_swing", PRIOR.settings(car, fast)
-    ).controller.trigger_yaw_rate == pytest.approx(0.96)
+    (fast,) = (turn for turn in PLAN.turns if turn.table == "Table 7.4")
+    scenario = load_scenario("turn_swing", PRIOR.settings(car, fast))
+    assert scenario.controller.trigger_yaw_rate == pytest.approx(0.96)
 
 
 def test_parts_of_the_car_lie_inside_the_prior():
@@ -104,13 +101,9 @@ def test_parts_of_the_car_lie_inside_the_prior():
 
 
 def test_density_is_that_of_the_plan_and_nothing_outside():
-    car = PRIOR.draw(1, seed=4)
-    height = PRIOR.column("car.com_height")
+    cars = np.tile(PRIOR.draw(1, seed=4), (3, 1))
     mean = PLAN.density["car.com_height"].mean
-    here, there, outside = (np.repeat(car, 1, axis=0) for _ in range(3))
-    here[0, height] = mean
-    there[0, height] = mean + 0.04
-    outside[0, height] = 0.5
-    both = PRIOR.log_density(np.vstack([here, there, outside]))
-    assert both[0] - both[1] == pytest.approx(0.5)
-    assert both[2] == -np.inf
+    cars[:, PRIOR.column("car.com_height")] = mean, mean + 0.04, 0.5
+    here, there, outside = PRIOR.log_density(cars)
+    assert here - there == pytest.approx(0.5)
+    assert outside == -np.inf

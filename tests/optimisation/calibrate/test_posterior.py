@@ -38,17 +38,19 @@ RNG = np.random.default_rng(0)
 
 
 def constant(value, deviation=1e-6):
-    return Regression((0,), partial(_level, value), np.array([deviation]))
+    return level([value], deviation)
 
 
-def _level(value, inputs):
-    return np.full((len(inputs), 1), value)
+def level(values, deviation=1e-6):
+    """Values (k) that are the same for all cars."""
+    model = partial(_line, values, np.zeros((1, len(values))))
+    return Regression((0,), model, np.full(len(values), deviation))
 
 
 def cars_on(turn, friction, number=1):
     """Drawn cars, always the same, of which each has this friction in the system of a turn."""
     cars = PRIOR.draw(number, seed=4)
-    cars[:, PRIOR.column(f"{turn.system} car.tyre_friction")] = friction
+    cars[:, PRIOR.column(turn.friction)] = friction
     return cars
 
 
@@ -72,9 +74,9 @@ def emulator(slope=None, level=0.0):
                 if slope is not None and figure.name == slope[0]:
                     row[place] += level
                     line[PRIOR.column(slope[1]), place] = slope[2]
-            columns = tuple(range(len(PRIOR.names)))
+            columns = tuple(range(len(line)))
             model = partial(_line, row, line)
-            figures[turn.name] = Regression(columns, model, np.full(len(METRICS), 1e-6))
+            figures[turn.name] = Regression(columns, model, np.full(len(row), 1e-6))
     flips = {turn.name: constant(9.0 if turn.ends == "survived" else -9.0) for turn in PLAN.turns}
     return Surrogate(PRIOR, flips, figures)
 
@@ -95,7 +97,7 @@ def test_a_trend_counts_what_differs_from_a_power_of_the_speed():
 
     def log_trends(rates):
         means = {
-            turn.name: Regression((0,), partial(_means, np.log([rate, 1.0])), np.full(2, 1e-6))
+            turn.name: level(np.log([rate, 1.0]))
             for turn, rate in zip(trend.turns(), rates, strict=True)
         }
         surrogate = replace(emulator(), prior=replace(PRIOR, plan=plan), means=means)
@@ -106,25 +108,19 @@ def test_a_trend_counts_what_differs_from_a_power_of_the_speed():
     assert log_trends([2.0, off, 2.0, 2.0]) == pytest.approx(-0.5 * (1.0 - 1.0 / 5.0))
 
 
-def _means(logs, inputs):
-    return np.tile(logs, (len(inputs), 1))
-
-
 def test_curved_figures_are_learnt_and_what_is_missed_is_said():
     cars = PRIOR.spread(900, seed=1)
     scaled = PRIOR.scaled(cars)
-    bent = (
-        2.0 + scaled[:, 0] - 0.5 * scaled[:, 0] * scaled[:, 2] + 0.3 * np.tanh(2.0 * scaled[:, 1])
-    )
+    x, y, z = scaled[:, :3].T
+    bent = 2.0 + x - 0.5 * x * z + 0.3 * np.tanh(2.0 * y)
     values = np.column_stack([bent, 1.0 - bent]) + 0.05 * RNG.standard_normal((len(cars), 1))
     fitted = Regression.process(TrainingSet([0, 1, 2], scaled, values, np.arange(len(cars))))
     assert np.std(fitted(scaled)[:, 0] - bent) < 0.04
     assert fitted.deviation == pytest.approx([0.05, 0.05], rel=0.35)
     twice = np.tile(np.arange(900), 2)
     repeated = Regression.process(TrainingSet([0, 1, 2], scaled[twice], values[twice], twice))
-    assert repeated.deviation == pytest.approx(
-        [0.05, 0.05], rel=0.35
-    )  # a car does not vouch for itself
+    # A car does not vouch for itself.
+    assert repeated.deviation == pytest.approx([0.05, 0.05], rel=0.35)
 
 
 def test_deviation_of_a_surface_is_that_of_normal_errors_and_knows_no_wild_ones():
@@ -134,15 +130,6 @@ def test_deviation_of_a_surface_is_that_of_normal_errors_and_knows_no_wild_ones(
     errors[50::100] -= 2.0
     fitted = Regression.line(TrainingSet([0], scaled, scaled + errors, np.arange(1000)))
     assert fitted.deviation == pytest.approx([0.05, 0.2], rel=0.12)
-
-
-def test_survival_is_as_wide_as_the_outcome_and_what_is_missed_together():
-    turn = PLAN.turns[0]
-    missed = 0.05
-    car = cars_on(turn, 0.6 * np.exp(-np.hypot(PLAN.outcome_width[turn.tail], missed)))
-    flips = emulator().flips | {turn.name: constant(np.log(0.6), missed)}
-    made = replace(emulator(), flips=flips)
-    assert made.survival(car, turn)[0] == pytest.approx(norm.cdf(1.0))
 
 
 def test_what_is_missed_of_a_row_is_its_value_less_the_prediction_without_its_car():
@@ -169,10 +156,8 @@ def test_full_cars_shift_flips_and_figures_go_with_the_margin():
     """Full cars flip at a tenth more friction, and show a figure that is 3 less the logarithm of
     their margin.
     """
-    at_last = len(PRIOR.names)
-    leaning = Regression(
-        (at_last,), lambda inputs: 3.0 - inputs @ np.ones((1, len(METRICS))), np.ones(len(METRICS))
-    )
+    slopes = -np.ones((1, len(METRICS)))
+    leaning = Regression((len(PRIOR.names),), partial(_line, 3.0, slopes), np.ones(len(METRICS)))
     flips = {turn.name: constant(np.log(0.6)) for turn in PLAN.turns}
     figures = {turn.name: leaning for turn in PLAN.turns if turn.table}
     first = replace(emulator(), flips=flips, figures=figures)
@@ -180,16 +165,12 @@ def test_full_cars_shift_flips_and_figures_go_with_the_margin():
     found = {}
     for t in PLAN.turns:
         tried = cars.copy()
-        tried[:, PRIOR.column(f"{t.system} car.tyre_friction")] = 0.66 * np.exp(-0.2)
-        shown = np.full((len(cars), len(METRICS)), 3.0 - np.log(0.2))
-        found[t.name] = {
-            "flips": [np.log(0.66)] * len(cars),
-            "inputs": tried.tolist(),
-            "figures": shown.tolist(),
-        }
-    found[PLAN.turns[0].name]["flips"][0] = None
+        tried[:, PRIOR.column(t.friction)] = 0.66 * np.exp(-0.2)
+        shown = np.full((20, len(METRICS)), 3.0 - np.log(0.2))
+        found[t.name] = {"flips": [np.log(0.66)] * 20, "inputs": tried, "figures": shown}
+    figure = figures_of(PLAN)[0]
+    found[figure.turn.name]["flips"][0] = None
     corrected = first.corrected(cars, found)
-    figure = next(f for f in figures_of(PLAN) if f.turn == PLAN.turns[0])
     car = cars_on(figure.turn, 0.66 * np.exp(-0.05))
     assert corrected.margin(car, figure.turn)[0] == pytest.approx(0.05, abs=1e-6)
     assert corrected.flip_deviation(figure.turn) < 1e-6
@@ -208,6 +189,8 @@ def test_what_is_missed_of_a_car_is_one_number_for_all_speeds(margin):
     car = cars_on(slow, 0.6 * np.exp(-margin))
     one = constant(np.log(0.6), missed)
     made = replace(emulator(), flips=emulator().flips | {slow.name: one, fast.name: one})
+    alone = norm.cdf(margin / np.hypot(width, missed))
+    assert made.survival(car, slow)[0] == pytest.approx(alone)
     errors = np.linspace(-6.0, 6.0, 20_001) * missed
     z = (errors + margin) / width
     expected = np.trapezoid(norm.pdf(errors, 0.0, missed) * norm.cdf(z) * norm.cdf(-z), errors)
@@ -228,36 +211,27 @@ def test_likelihood_knows_who_survived_and_whose_wheel_lifted():
     """
     first = emulator()
     turn = PLAN.turns[0]
-    low, high = (cars_on(turn, friction) for friction in (0.5, 0.7))
+    cars = np.vstack([cars_on(turn, friction) for friction in (0.5, 0.7)])
     made = replace(first, flips=first.flips | {turn.name: constant(np.log(0.6))})
-    assert log_likelihood(made, (), low)[0] > log_likelihood(made, (), high)[0] + 5.0
-    ends = tuple(
-        one.model_copy(update={"ends": "flipped"}) if one == turn else one for one in PLAN.turns
-    )
+    low, high = log_likelihood(made, (), cars)
+    assert low > high + 5.0
+    ends = (turn.model_copy(update={"ends": "flipped"}), *PLAN.turns[1:])
     flipped = replace(made, prior=CarPrior(PLAN.model_copy(update={"turns": ends})))
-    assert log_likelihood(flipped, (), low)[0] < log_likelihood(flipped, (), high)[0] - 5.0
-    place = METRICS.index(LIFT)
-    early, late = (
-        replace(
-            first,
-            figures=first.figures
-            | {turn.name: Regression((0,), partial(_lifting, place, at), np.full(6, 1e-6))},
-        )
-        for at in (0.8, 1.2)
-    )
-    assert log_likelihood(late, (), low)[0] > log_likelihood(early, (), low)[0] + 2.0
+    low, high = log_likelihood(flipped, (), cars)
+    assert low < high - 5.0
 
+    def lifting(rate):
+        row = np.where(np.array(METRICS) == LIFT, rate, 3.0)
+        figures = first.figures | {turn.name: level(row)}
+        return log_likelihood(replace(first, figures=figures), (), cars)[0]
 
-def _lifting(place, at, inputs):
-    values = np.full((len(inputs), len(METRICS)), 3.0)
-    values[:, place] = at
-    return values
+    assert lifting(1.2) > lifting(0.8) + 2.0
 
 
 @pytest.mark.slow
 def test_posterior_is_that_of_the_closed_form():
     """A figure that is linear in one coordinate leaves a normal of known mean and deviation."""
-    figure = next(f for f in figures_of(PLAN) if f.name == "Table 7.3 max_yaw_rate_rad_per_s")
+    (figure,) = (f for f in figures_of(PLAN) if f.name == "Table 7.3 max_yaw_rate_rad_per_s")
     slope = 4.0 * 0.05 * figure.published
     found = sample(emulator((figure.name, "imu.x", slope), -0.2 * slope), figures_of(PLAN), seed=1)
     scaled = PRIOR.scaled(found.cars)[:, PRIOR.column("imu.x")]
@@ -272,8 +246,8 @@ def test_density_of_a_figure_is_a_normal_of_its_share_and_that_of_cars_their_mea
     figure = figures_of(PLAN)[0]
     car = PRIOR.draw(1, seed=5)
     made = emulator((figure.name, "imu.x", 0.0), 0.1 * figure.published)
-    spread = car[0, PRIOR.column(DISCREPANCY)]
-    spread *= 1.1  # a share of what is predicted
+    # A share of what is predicted.
+    spread = 1.1 * car[0, PRIOR.column(DISCREPANCY)]
     expected = -0.5 * (0.1 / spread) ** 2 - np.log(spread * np.sqrt(2 * np.pi))
     assert log_density(made, figure, car)[0] == pytest.approx(expected, rel=1e-6)
     same = np.repeat(car, 5, axis=0)
@@ -330,12 +304,10 @@ def test_simulated_measurement_narrows_the_posterior_as_promised(name):
 @pytest.mark.slow
 def test_best_determined_combination_is_the_one_that_was_measured():
     cars = PRIOR.draw(3000, seed=14)
-    friction = PRIOR.column("physical car.tyre_friction")
-    height = PRIOR.column("car.com_height")
-    product = cars[:, friction] * cars[:, height]
+    measured = "physical car.tyre_friction", "car.com_height"
+    product = np.prod(cars[:, [PRIOR.column(name) for name in measured]], axis=1)
     kept = cars[np.abs(product / np.median(product) - 1.0) < 0.05]
     ratio, weights = validation.combinations(PRIOR, kept, 15)[0]
     assert ratio < 0.1
-    first = list(weights)[:2]
-    assert set(first) == {"physical car.tyre_friction", "car.com_height"}
-    assert weights[first[0]] * weights[first[1]] > 0.0
+    assert set(list(weights)[:2]) == set(measured)
+    assert np.prod([weights[name] for name in measured]) > 0.0

@@ -57,29 +57,23 @@ def emulated(truth):
         f"seed={truth.seed}",
     ]
     planned = load_scenario("turn_none", settings)
-    run = simulate(_real(planned, truth), record="outcome", stop_when_certain=False)
-    table = run.table[[column for column in run.table if "_truth_" not in str(column)]].copy()
-    schedule = make_schedule(planned)
-    table["steering_command_rad"] = [schedule.at(time).steering_angle for time in table["time_s"]]
-    gyro = "imu_gyro_z_rad_per_s"
-    rounding = np.random.default_rng(truth.seed).uniform(
-        -0.5, 0.5, len(table)
-    )  # undone, before it is rounded again
-    table[gyro] = (
-        np.rint((table[gyro] + truth.values["gyro_bias_z"]) / STEPS[3] + rounding) * STEPS[3]
-    )
-    for source, sensor in (("imu", planned.imu), ("speed", planned.gps)):
-        taken = np.floor((table["time_s"] - sensor.delay) * sensor.rate + 1e-6) / sensor.rate
-        table[f"status_{source}_age_s"] = table["time_s"] - taken
-    return replace(run, table=table, scenario=planned.resolved(), source="turn_none.parquet")
-
-
-def _real(planned, truth):
-    car = {key: truth.values[key] for key in ("tyre_friction", "tyre_slip_angle", "com_height")}
-    return planned.varied(
-        car=car,
+    real = planned.varied(
+        car={key: truth.values[key] for key in ("tyre_friction", "tyre_slip_angle", "com_height")},
         manoeuvre={"turn_start": planned.manoeuvre.turn_start + truth.values["delay"]},
         simulation={"step": STEP},
         controller={"rate": 1.0 / STEP},
         servo={"frame_rate": 1.0 / STEP},
     )
+    run = simulate(real, record="outcome", stop_when_certain=False)
+    table = run.table[[column for column in run.table if "_truth_" not in str(column)]].copy()
+    schedule = make_schedule(planned)
+    table["steering_command_rad"] = [schedule.at(time).steering_angle for time in table["time_s"]]
+    gyro = "imu_gyro_z_rad_per_s"
+    biased = (table[gyro] + truth.values["gyro_bias_z"]) / STEPS[3]
+    # The rounding is undone, before it is rounded again.
+    rounding = np.random.default_rng(truth.seed).uniform(-0.5, 0.5, len(table))
+    table[gyro] = np.rint(biased + rounding) * STEPS[3]
+    for source, sensor in (("imu", planned.imu), ("speed", planned.gps)):
+        taken = np.floor((table["time_s"] - sensor.delay) * sensor.rate + 1e-6) / sensor.rate
+        table[f"status_{source}_age_s"] = table["time_s"] - taken
+    return replace(run, table=table, scenario=planned.resolved(), source="turn_none.parquet")

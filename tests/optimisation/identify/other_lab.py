@@ -191,12 +191,9 @@ def hold(
     if wander is not None:
         readings += np.outer(wander(time), ACCURACY)
     readings += lab.force_noise * rng.normal(size=readings.shape)
-    table = pd.DataFrame(
-        {"time_s": time, "angle_rad": np.full(len(time), _count(lab, angle - lab.encoder_zero))}
-    )
+    table = pd.DataFrame({"time_s": time, "angle_rad": _count(lab, angle - lab.encoder_zero)})
     table["current_a"] = current + lab.current_noise * rng.normal(size=len(time))
-    for column, values in zip(READINGS, readings.T, strict=True):
-        table[column] = values
+    table[list(READINGS)] = readings
     truth = {"cd": cd, "cl": cl, "psi3": psi, "current": float(current[-1])}
     facts = {
         "tail": "1",
@@ -207,7 +204,7 @@ def hold(
     }
     if rest > 0.0:
         facts["rest_s"] = [0.0, float(rest)]
-    return _log(table, "static", {**facts, **extra})
+    return _log(table, "static", facts | extra)
 
 
 def bar_swing(lab=LAB, *, angle=1.4, duration=5.0, **extra):
@@ -261,7 +258,7 @@ def flick(
     )
     table["current_a"] = current + lab.current_noise * rng.normal(size=len(late))
     facts = {"tail": "1", "axis": "major", "wind_speed_m_per_s": 10.0, "rest_s": [-1.0, 0.0]}
-    return _log(table, "swing", {**facts, "truth": {"added_mass": added_mass}, **extra})
+    return _log(table, "swing", facts | {"truth": {"added_mass": added_mass}} | extra)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters
@@ -43,18 +42,9 @@ def test_fixed_parameters_keep_their_place_and_may_stand_outside_their_bounds():
     assert parameters.values([10.0, 30.0]) == {"a": 10.0, "b": 2.0, "c": 30.0}
 
 
-def test_starts_are_the_initial_values_then_named_ones():
-    assert [start.tolist() for start in AB.starts([{"b": 7.0}])] == [[1.0, 5.0], [1.0, 7.0]]
-
-
 def test_the_old_name_of_the_initial_value_warns_and_is_the_same_number():
     with pytest.warns(DeprecationWarning, match="initial="):
         parameter = Parameter("a", "m", seed=2.0)
     with pytest.warns(DeprecationWarning, match="initial"):
         assert parameter.seed == 2.0
     assert replace(parameter, initial=3.0).initial == 3.0
-
-
-def test_active_bounds_are_named_by_side():
-    assert AB.active(np.array([0.0, 1.0])) == {"a": "lower"}
-    assert AB.active(np.array([1.0, 9.0])) == {"b": "upper"}

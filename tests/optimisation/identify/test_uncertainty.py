@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import butter, lfilter, sosfiltfilt
 from scipy.stats import norm, t
 
 from aerodima.optimisation.identify.active_bounds import one_sided_quantile
@@ -48,11 +48,14 @@ def test_errors_that_are_common_to_all_rows_do_not_average_out():
     assert sure.standard_deviation == pytest.approx([0.0, 0.5], abs=1e-8)
 
 
-def test_a_parameter_without_effect_has_an_infinite_interval_and_is_named():
+@pytest.mark.parametrize("initial", [1.3, 0.0])
+def test_a_parameter_without_effect_has_an_infinite_interval_and_is_named(initial):
+    """Also where it stands at a bound, which is no active one then."""
     t = np.linspace(0.0, 1.0, 20)
-    problem = line(3.0 * t, t, Parameter("cd", "1", 1.3, 0.0, 3.0))
+    problem = line(3.0 * t, t, Parameter("cd", "1", initial, 0.0, 3.0))
     result = fit(problem, lambda s: independent_noise(s.residual, 3))
     assert not result["cd"].identifiable
+    assert not result["cd"].bound
     assert (result["cd"].lower, result["cd"].upper) == (-np.inf, np.inf)
     assert result["slope"].identifiable
     assert result.unidentifiable == ("cd",)
@@ -109,12 +112,8 @@ def test_filtered_white_noise_counts_as_far_fewer_samples():
 
 
 def test_first_order_noise_has_its_known_correlation_time():
-    rng = np.random.default_rng(2)
     rho = 0.9
-    x = np.empty(100_000)
-    x[0] = 0.0
-    for i, e in enumerate(rng.normal(size=len(x) - 1)):
-        x[i + 1] = rho * x[i] + e
+    x = lfilter([1.0], [1.0, -rho], np.random.default_rng(2).normal(size=100_000))
     assert correlation_time(x) == pytest.approx((1.0 + rho) / (1.0 - rho), rel=0.1)
 
 
@@ -150,9 +149,7 @@ def test_unknowns_are_paid_for_out_of_the_effective_samples(correlated):
     assert noise.degrees_of_freedom == pytest.approx(effective - 6)
     # Each effective sample has the mean square of the residual, less what the unknowns took.
     power = np.mean(residual**2)
-    assert noise.covariance[0] == pytest.approx(
-        power * len(residual) / effective * effective / (effective - 6)
-    )
+    assert noise.covariance[0] == pytest.approx(power * len(residual) / (effective - 6))
 
 
 def test_channels_have_a_noise_of_their_own():
@@ -198,17 +195,18 @@ def test_interval_of_a_rounded_reading_holds_95_percent(even):
     assert np.mean(np.abs(error) <= sure.upper[0]) == pytest.approx(0.95, abs=0.003)
 
 
-def fitted(y, x, low=-math.inf, high=math.inf):
-    """A line through points of unit noise, its slope within bounds."""
+def fitted(low=-math.inf, high=math.inf):
+    """The line y = 2 x + 1 through eleven points of unit noise, its slope within bounds."""
+    x = np.linspace(0.0, 10.0, 11)
     slope = Parameter("slope", "N/m", min(max(0.5, low), high), low, high)
-    problem = problem_of(lambda p: p[0] * x + p[1] - y, slope, Parameter("offset", "N", 0.0))
-    return fit(problem, lambda solution: Noise(np.ones(len(x))))
+    offset = Parameter("offset", "N", 0.0)
+    problem = problem_of(lambda p: p[0] * x + p[1] - (2.0 * x + 1.0), slope, offset)
+    return fit(problem, lambda solution: Noise(np.ones(11)))
 
 
 def test_what_stopped_at_a_bound_is_one_sided_and_the_others_are_given_it():
-    x = np.linspace(0.0, 10.0, 11)
-    free = fitted(2.0 * x + 1.0, x)
-    bound = fitted(2.0 * x + 1.0, x, high=1.9)
+    free = fitted()
+    bound = fitted(high=1.9)
     slope = bound["slope"]
     # Deviations of the textbook: 1 / sqrt(sum (x - mean)^2) of the slope, 1 / sqrt(n) of the offset
     # with it given.
@@ -234,11 +232,9 @@ def test_what_stopped_at_a_bound_is_one_sided_and_the_others_are_given_it():
 
 @pytest.mark.parametrize("far", [0.3, 3.0, 300.0])
 def test_intervals_hold_their_estimates_however_wrong_the_bound(far):
-    x = np.linspace(0.0, 10.0, 11)
-    deviation = 1.0 / math.sqrt(110.0)
-    for low, high in ((-math.inf, 2.0 - far * deviation), (2.0 + far * deviation, math.inf)):
-        result = fitted(2.0 * x + 1.0, x, low, high)
-        for estimate in result.estimates:
+    far /= math.sqrt(110.0)
+    for limits in ((-math.inf, 2.0 - far), (2.0 + far, math.inf)):
+        for estimate in fitted(*limits).estimates:
             assert estimate.identifiable
             assert estimate.lower <= estimate.value <= estimate.upper
             assert estimate.standard_deviation > 0.0
@@ -283,36 +279,19 @@ def test_the_one_sided_quantile_is_that_of_the_tail_and_stays_finite_far_out(fre
     for beyond in (0.0, 1.0, 4.0):
         q = one_sided_quantile(beyond, freedom)
         assert t.sf(beyond + q, freedom) == pytest.approx(0.05 * t.sf(beyond, freedom))
-    near, far = (
-        one_sided_quantile(33.0, freedom),
-        one_sided_quantile(34.0, freedom),
-    )  # on both sides of the smallest tail
+    # On both sides of the smallest tail.
+    near, far = (one_sided_quantile(beyond, freedom) for beyond in (33.0, 34.0))
     assert far == pytest.approx(near, rel=0.05)
     assert 0.0 < one_sided_quantile(1e6, freedom) < math.inf
     assert one_sided_quantile(0.0, math.inf) == pytest.approx(1.959964, rel=1e-6)
 
 
-def test_a_bound_that_the_data_do_not_see_is_no_active_one():
-    x = np.linspace(0.0, 10.0, 11)
-    problem = problem_of(
-        lambda p: p[0] * x - 2.0 * x,
-        Parameter("slope", "N/m", 0.5),
-        Parameter("speed", "m/s", 0.0, 0.0, 1.0),
-    )
-    result = fit(problem, lambda solution: Noise(np.ones(len(x))))
-    assert not result["speed"].identifiable
-    assert not result["speed"].bound
-    assert result["slope"].identifiable
-
-
 def test_two_bounds_at_once():
     x = np.linspace(-1.0, 1.0, 21)
-    problem = problem_of(
-        lambda p: p[0] + p[1] * x + p[2] * x**2 - (2.0 - 3.0 * x + 0.5 * x**2),
-        Parameter("a", "1", 0.0, -1.0, 1.0),
-        Parameter("b", "1", 0.0, -1.0, 1.0),
-        Parameter("c", "1", 0.0, -9.0, 9.0),
-    )
+    bounds = {"a": 1.0, "b": 1.0, "c": 9.0}
+    parameters = (Parameter(name, "1", 0.0, -end, end) for name, end in bounds.items())
+    # The minimum without bounds is 2 - 3 x + x^2 / 2.
+    problem = problem_of(lambda p: np.polyval(p[::-1] - [0.5, -3.0, 2.0], x), *parameters)
     result = fit(problem, lambda solution: Noise(np.full(21, 0.01)))
     assert (result["a"].bound, result["b"].bound, result["c"].bound) == ("upper", "lower", "")
     assert result["a"].lower < 1.0 == result["a"].upper

@@ -1,6 +1,7 @@
 """Threshold search on made-up survival: the step is bracketed, islands are reported."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -19,47 +20,32 @@ from tests.refusals import assert_refused
 
 
 class MadeUp(Engine):
-    """Survival as a function of the searched factor instead of a run."""
+    """Survival, or a row, as a function of the friction instead of a run."""
 
-    def __init__(self, survives, factor):
+    def __init__(self, survives):
         self.survives = survives
-        self.factor = factor
         self.runs = []
 
     def map(self, work, tasks, done=None, lost=None):
-        rows = []
         for place, task in enumerate(tasks):
-            value = float(dict(setting.split("=") for setting in task.settings)[self.factor])
+            value = float(dict(setting.split("=") for setting in task.settings)[FRICTION])
             self.runs.append(value)
             outcome = self.survives(value)
-            kind = outcome if isinstance(outcome, str) else "survived" if outcome else "flipped"
-            speeds = {
-                "speed_m_per_s": 0.5 if kind == "tipped" else 3.3,
-                "commanded_speed_m_per_s": 3.33,
-            }
-            kind = "flipped" if kind == "tipped" else kind
-            row = {
-                "clean": kind == "survived",
-                "outcome": None if kind == "error" else kind,
-                "error": "broken" if kind == "error" else "",
-            }
-            rows.append(row | speeds)
-            if done is not None:
-                done(place, rows[-1])
-        return rows
+            done(place, outcome if isinstance(outcome, dict) else OUTCOMES[outcome])
+
+
+OUTCOMES = {
+    True: {"outcome": "survived", "error": ""},
+    False: {"outcome": "flipped", "error": ""},
+}
+BROKEN = {"outcome": None, "error": "broken"}
+SLOW = OUTCOMES[False] | {"speed_m_per_s": 0.5, "commanded_speed_m_per_s": 3.33}
 
 
 def search(survives, **changes):
-    settings = {
-        "factor": FRICTION,
-        "low": 0.4,
-        "high": 1.0,
-        "scan": 0.1,
-        "tolerance": 0.01,
-    } | changes
-    engine = MadeUp(survives, settings["factor"])
-    runs = CachedRunner(engine)
-    return find_threshold("turn_none", (), LimitSearch(**settings), runs), engine
+    engine = MadeUp(survives)
+    settings = replace(LimitSearch(FRICTION, 0.4, 1.0, 0.1, 0.01), **changes)
+    return find_threshold("turn_none", (), settings, CachedRunner(engine)), engine
 
 
 def test_step_is_bracketed_within_the_tolerance_with_few_runs():
@@ -85,16 +71,11 @@ def test_threshold_outside_the_range_is_said_so():
     assert (never.survived, never.value, never.found) == (None, -math.inf, False)
 
 
-def test_failed_runs_are_counted_and_passed_over():
-    found, _ = search(lambda friction: "error" if abs(friction - 0.5) < 1e-6 else friction < 0.72)
+@pytest.mark.parametrize(("row", "words"), [(BROKEN, "failed: broken"), (SLOW, TIPPED)])
+def test_a_run_that_failed_or_tipped_over_before_its_turn_is_counted_and_passed_over(row, words):
+    found, _ = search(lambda friction: row if abs(friction - 0.5) < 1e-6 else friction < 0.72)
     assert found.survived < 0.72 <= found.lost
-    assert "broken" in found.outcomes[0.5]
-
-
-def test_tipping_over_before_the_turn_is_no_flip_in_the_turn():
-    found, _ = search(lambda friction: "tipped" if abs(friction - 0.5) < 1e-6 else friction < 0.72)
-    assert found.survived < 0.72 <= found.lost
-    assert found.outcomes[0.5] == TIPPED
+    assert found.outcomes[0.5] == words
 
 
 @pytest.mark.parametrize(
@@ -111,7 +92,7 @@ def test_impossible_search_is_refused(changes, named):
 
 
 def test_scenario_that_cannot_be_resolved_is_refused_before_any_run():
-    engine = MadeUp(lambda friction: True, FRICTION)
+    engine = MadeUp(lambda friction: True)
     assert_refused(
         lambda: critical_friction("turn_none", ["car.mass=-1"], engine), UserError, "car.mass", "-1"
     )

@@ -1,4 +1,4 @@
-"""`aerodima sweep run`, end to end in processes: a worker killed, Ctrl-C, a scheduler that was
+"""`aerodima sweep run`, end to end in processes: Ctrl-C, a scheduler that was
 started by hand.
 """
 
@@ -12,7 +12,6 @@ import time
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-import psutil
 import pytest
 
 from aerodima.optimisation.studies.run_study import ROWS, TABLE, run_study
@@ -71,29 +70,21 @@ def rows(out):
     return len(path.read_bytes().splitlines()) - 1 if path.exists() else 0
 
 
-def workers_of(process):
-    children = psutil.Process(process.pid).children(recursive=True)
-    return [child for child in children if "spawn_main" in " ".join(child.cmdline())]
-
-
 @pytest.mark.slow
 @pytest.mark.nightly
-def test_killed_worker_and_ctrl_c_lose_and_double_nothing(tmp_path):
+def test_ctrl_c_loses_and_doubles_nothing(tmp_path):
     grid = f"grid:\n  manoeuvre.speed: {{first: 1.0, last: 2.0, number: {MANY}}}\n"
     study = write_study(tmp_path / "study.yaml", grid)
     out = tmp_path / "out"
     command = [*AERODIMA, "sweep", "run", str(study), "--out", str(out)]
     with started(*command) as client:
         wait_for(lambda: rows(out) >= 2, client)
-        workers_of(client)[0].send_signal(signal.SIGKILL)
-        there = rows(out)
-        wait_for(lambda: rows(out) >= there + 2, client)
         os.killpg(client.pid, signal.SIGINT)  # as the terminal does: the workers get it too
         _, told = client.communicate(timeout=PATIENCE)
     assert client.returncode == 130, told
     assert str(rows(out)) in told
     assert "Traceback" not in told
-    assert 4 <= rows(out) < MANY
+    assert 2 <= rows(out) < MANY
     assert not (out / TABLE).exists()
     subprocess.run(command, capture_output=True, timeout=PATIENCE, check=True)
     run_study(load_study(study), tmp_path / "undisturbed", Engine())
@@ -118,18 +109,9 @@ def test_scheduler_and_worker_of_the_page_give_the_same_table(tmp_path):
         worker = [chosen.get(word, word) for word in worker]
         stack.enter_context(started(dask, *worker, "--local-directory", str(tmp_path)))
         wait_for(lambda: _has_worker(address))
-        command = [
-            *AERODIMA,
-            "sweep",
-            "run",
-            str(study),
-            "--out",
-            str(tmp_path / "out"),
-            "--scheduler",
-            address,
-        ]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
-        assert done.returncode == 0, done.stderr
+        words = ("sweep", "run", study, "--out", tmp_path / "out", "--scheduler", address)
+        command = [*AERODIMA, *map(str, words)]
+        subprocess.run(command, timeout=PATIENCE, check=True)
     run_study(load_study(study), tmp_path / "here", Engine())
     assert_same_table(tmp_path / "out", tmp_path / "here")
 

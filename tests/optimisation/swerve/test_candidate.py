@@ -76,14 +76,3 @@ def test_low_ballast_moves_gearbox_and_arm_and_leaves_the_chassis():
     # What the chassis has more is the arm's mass where it was put; its tyres sink in a little more.
     assert (m1 * x1 - m0 * x0) / arm == pytest.approx(before.car.gearbox_x)
     assert (m1 * z1 - m0 * z0) / arm == pytest.approx(LOW_MASS_HEIGHT, abs=2e-3)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "named"),
-    [
-        (lambda: select_candidates(["folde"]), ("folde", "folded")),
-        (lambda: select_candidates(["folded", "folded"]), ("folded",)),
-    ],
-)
-def test_wrong_input_is_named(wrong, named):
-    assert_refused(wrong, UserError, *named)

@@ -49,6 +49,7 @@ def test_cars_are_those_of_a_part_of_the_ensemble():
         (lambda: suite.make_cases(CARS, "built", [3.0]), ("floor", "3", "0.2", "2")),
         (lambda: suite.make_cases(CARS, "built", [1.0, 1.0]), ("floor", "1")),
         (lambda: suite.select_candidates(["feedbak"]), ("feedbak", "feedback")),
+        (lambda: suite.select_candidates(["folded", "folded"]), ("folded",)),
         (
             lambda: suite.ensemble_cases("physical", "test", 999, "built", [1.0]),
             ("cars", "999"),

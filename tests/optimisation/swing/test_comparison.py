@@ -10,17 +10,16 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from typer.testing import CliRunner
 
 from aerodima.optimisation import BoundEffort, SearchEffort, judge
 from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.optimisation.swerve.candidate import LIMITED
 from aerodima.optimisation.swerve.suite import FOLDED, ensemble_cases
 from aerodima.optimisation.swing.full_runs import CLIMB_STEP, Descent, FullRun, drive_full
-from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.swing_file import read_swing
 from tests.code_measure import ROOT
+from tests.commands import call, done
 from tests.page_blocks import blocks
 
 GUIDE = ROOT / "docs" / "howto" / "optimise.md"
@@ -121,11 +120,15 @@ def test_a_run_of_a_search_is_confirmed_where_no_share_of_the_first_steering_cou
 
 
 def test_reduced_cars_alone_are_compared_without_a_full_run(tmp_path):
-    efforts = {"steering_effort": SearchEffort(16, 1, 1)}
     table = judge(
-        ["none", "held"], cars=1, speeds=[6.0], folder=tmp_path, step=None, runs=CachedRunner(),
-        **efforts,
-    )  # fmt: skip
+        ["none", "held"],
+        cars=1,
+        speeds=[6.0],
+        folder=tmp_path,
+        step=None,
+        runs=CachedRunner(),
+        steering_effort=SearchEffort(16, 1, 1),
+    )
     assert list(table["candidate"])[:2] == ["no tail", "tail to the inside, held"]
     assert set(table["plant"]) == {"reduced"}
     assert table["value"].equals(table["reduced_value"])
@@ -186,36 +189,34 @@ def test_an_aim_of_ones_own_becomes_a_verified_motion_and_a_replay(tmp_path):
     words = ["--aim", f"{aim}:thrifty", "--limit", "roll=0.3", "--floor", "1.2", "--speed", "6"]
     words += ["--members", "60", "--generations", "3", "--starts", "1", "--iterations", "8"]
     words += ["--step", "0.002"]
-    found = CliRunner().invoke(build_app(), ["swing", "search", *words, "--out", str(out)])
+    found = call("swing", "search", *words, "--out", out)
     assert found.exit_code in (0, 1), found.output
-    swing = read_swing(out / "swing.yaml")
+    path = out / "swing.yaml"
+    swing = read_swing(path)
     assert str(swing.provenance.found["aim"]).endswith("aims.py:thrifty")
-    verdict = CliRunner().invoke(
-        build_app(),
-        ["swing", "verify", str(out / "swing.yaml"), "--out", f"{tmp_path}/v", "--step", "0.002"],
-    )
+    verdict = call("swing", "verify", path, "--out", tmp_path / "v", "--step", "0.002")
     checks = yaml.safe_load((tmp_path / "v" / "verification.yaml").read_text())["checks"]
     values = {check["name"]: check["value"] for check in checks}
     assert values["the swerve counts"] == 1.0, verdict.output
     claimed = swing.provenance.found["aim_value"]
-    words = ["run", "--swing", str(out / "swing.yaml"), "--set", "simulation.step=0.002"]
-    files = [tmp_path / name for name in ("thrifty.parquet", "thrifty.html")]
-    run = CliRunner().invoke(build_app(), [*words, "--out", str(files[0]), "--html", str(files[1])])
-    assert run.exit_code == 0, run.output
-    assert all(file.is_file() for file in files)
+    log, page = tmp_path / "thrifty.parquet", tmp_path / "thrifty.html"
+    setting = "simulation.step=0.002"
+    done("run", "--swing", path, "--set", setting, "--out", log, "--html", page)
+    assert log.is_file()
+    assert page.is_file()
     assert values[f"aim {aim}:thrifty"] == pytest.approx(claimed, abs=1e-6)
 
 
 @pytest.mark.slow
 def test_the_command_leaves_table_summary_and_page_and_goes_on_in_its_folder(tmp_path):
     words = ["swing", "judge", "--reduced", "--cars", "1", "--speed", "6", "--candidate", "none"]
-    words += ["--workers", "1", "--out", str(tmp_path)]
-    first = CliRunner().invoke(build_app(), words)
+    words += ["--workers", "1", "--out", tmp_path]
+    first = call(*words)
     assert first.exit_code in (0, 1), first.output
     table = pd.read_csv(tmp_path / "swerves.csv")
     assert set(table["plant"]) == {"reduced"}
     assert "no tail" in first.output
     assert "no tail" in (tmp_path / "report.html").read_text()
-    again = CliRunner().invoke(build_app(), words)
+    again = call(*words)
     assert again.exit_code == first.exit_code
     assert pd.read_csv(tmp_path / "swerves.csv").equals(table)
