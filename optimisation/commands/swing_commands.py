@@ -264,7 +264,7 @@ def train(
     options: CaseOptions,
     cars: Annotated[int, typer.Option(help="So many of the training cars.", min=1)] = 6,
     laws: Annotated[int, typer.Option(help="Of a generation.", min=4)] = 16,
-    generations: Annotated[int, typer.Option(help="Of a round.", min=0)] = 60,
+    generations: Annotated[int, typer.Option(help="Of a round.", min=1)] = 60,
     rounds: Annotated[
         int, typer.Option(help="Each has the best steerings of the law before.", min=1)
     ] = 3,

@@ -35,7 +35,7 @@ from aerodima.optimisation.swerve.steering import (
     SearchEffort,
     possible_steering,
 )
-from aerodima.optimisation.swerve.suite import FEEDBACK, FOLDED, Case
+from aerodima.optimisation.swerve.suite import FEEDBACK, Case
 from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, content_key
 from aerodima.workbench.car.reduced.swerves import LEVELS
 from aerodima.workbench.core.array_types import FloatArray
@@ -74,8 +74,6 @@ CONDITIONS: tuple[tuple[float, float, float], ...] = (
 )
 """In turn over places: delay of the IMU, s, mass over that of the car, and error of the motors'
 torque, as a share."""
-LAWS_PER_ITEM = 22
-"""Laws in one item of work."""
 AIM = "aside-0.5"
 """What a law is scored by."""
 WORST_SHARE = 0.2
@@ -169,13 +167,9 @@ def train_feedback(
         runs.stage = "feedback law"
 
         def score_laws(laws: Sequence[Law], places: Sequence[Place] = tried) -> FloatArray:
-            batches = []
-            for place in places:
-                for first in range(0, len(laws), LAWS_PER_ITEM):
-                    batches.append(LawBatch(place, tuple(laws[first : first + LAWS_PER_ITEM])))
+            batches = [LawBatch(place, tuple(laws)) for place in places]
             keys = [content_key("law scores", repr(batch)) for batch in batches]
-            ratios = np.concatenate(runs.map(score_law_batch, batches, keys))
-            return score(ratios.reshape(len(places), len(laws)).T)
+            return score(np.transpose(runs.map(score_law_batch, batches, keys)))
 
         best = search_laws(replace(search, seed=search.seed + number), best, score_laws, runs.say)
     return Candidate(f"trained {FEEDBACK.name}", (*FEEDBACK.settings, *law_settings(best)))
@@ -190,25 +184,21 @@ def find_places(
     cases: Sequence[Case], speeds: Sequence[float], runs: CachedRunner, effort: SearchEffort
 ) -> list[Place]:
     """Returns the places of cases and speeds, each in one of the `CONDITIONS`; laws are tried there
-    with the best steerings of the car without tail and with its tail folded, by `ANGLE_SHARES`.
+    with the best steering of the car without tail, by `ANGLE_SHARES`.
     """
     runs.stage = "steerings"
-    names = []
-    items = []
+    driven = []
     for case in cases:
         for speed in speeds:
-            condition = condition_settings(case, len(names))
-            own = (*case.settings(), *condition, f"manoeuvre.speed={speed!r}")
-            names.append(own)
-            for candidate in (NO_TAIL, FOLDED):
-                items.append(SteeringItem(((*own, *candidate.settings),), AIM, effort))
+            condition = condition_settings(case, len(driven))
+            driven.append((*case.settings(), *condition, f"manoeuvre.speed={speed!r}"))
+    items = [SteeringItem(((*one, *NO_TAIL.settings),), AIM, effort) for one in driven]
     keys = [content_key("steering", repr(item)) for item in items]
-    results = runs.map(best_steering, items, keys)
     places = []
-    for own, bare, folded in zip(names, results[::2], results[1::2], strict=True):
-        steerings = (*shared(bare["steering"]), *shared(folded["steering"]))
+    for one, bare in zip(driven, runs.map(best_steering, items, keys), strict=True):
         if bare["score"] > 0.0:
-            places.append(Place((*own, *FEEDBACK.settings), steerings, bare["score"]))
+            settings = (*one, *FEEDBACK.settings)
+            places.append(Place(settings, shared(bare["steering"]), bare["score"]))
     if not places:
         raise SweepError("no training car stays upright without a tail")
     return places
