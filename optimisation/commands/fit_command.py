@@ -12,7 +12,7 @@ import typer
 
 from aerodima import optimisation, workbench
 from aerodima.workbench.cli import options as cli
-from aerodima.workbench.core.atomic_write import make_folder
+from aerodima.workbench.core.atomic_write import make_folder, write_atomically
 from aerodima.workbench.core.errors import FitError, UserError
 
 if TYPE_CHECKING:
@@ -195,6 +195,28 @@ def robot_tables(results: list[FitResult], out: Path) -> Extra:
     return averages(results, out)
 
 
+def car_files(results: list[FitResult], out: Path, settings: tuple[str, ...]) -> Extra:
+    """Writes each fitted car as a scenario file, and all averages.
+
+    Args:
+        settings: that went over the scenarios of the logs.
+    """
+    import yaml
+
+    from aerodima.optimisation.identify.car_fit import CAR
+    from aerodima.optimisation.identify.car_log import logged_scenario
+    from aerodima.workbench.logs.schema import read_run_log
+
+    for result in results:
+        scenario = logged_scenario(read_run_log(result.name), settings)
+        car = {e.name: e.value for e in result.estimates if e.name in CAR}
+        path = out / f"{Path(result.name).stem}_car.yaml"
+        text = yaml.safe_dump(scenario.varied(car=car).resolved(), sort_keys=False)
+        write_atomically(path, text, True, FitError)
+        typer.echo(f"wrote {path}")
+    return averages(results, out)
+
+
 def choice(flag: str, given: str, allowed: tuple[Any, ...]) -> Any:
     """Returns `given`, when it is one of the allowed words; FitError otherwise."""
     if given not in allowed:
@@ -296,7 +318,9 @@ def car(
 ) -> None:
     """Fit tyres, centre of mass and delay of a car to its turn.
 
-    Friction, slip, height of the centre of mass, delay of the steering and biases.
+    Friction, slip, height of the centre of mass, delay of the steering and biases. A log needs
+    speed, steering command, yaw rate and lateral acceleration; what it lacks is named. The fitted
+    car is written as a scenario file.
 
     Example: aerodima fit car run.parquet --out fits --set car.mass=6.4
     """
@@ -308,7 +332,8 @@ def car(
         workbench.Scenario.apply_setting(given, setting)
     scenario_from_dict(given)
     options = optimisation.FitOptions(settings=tuple(settings or ()))
-    LogFit(logs, out, workers, force).run("Cars", fit_car_log, options, averages)
+    tables = partial(car_files, settings=options.settings)
+    LogFit(logs, out, workers, force).run("Cars", fit_car_log, options, tables)
 
 
 def published(out: Out) -> None:
