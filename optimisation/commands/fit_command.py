@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -18,8 +18,9 @@ from aerodima.workbench.core.errors import FitError, UserError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from aerodima.optimisation.identify.fit_options import FitOptions
+    from aerodima.optimisation.identify.fit_options import FitOptions, Knowledge
     from aerodima.optimisation.identify.fit_result import FitResult
+    from aerodima.optimisation.identify.huber import Loss
 
     Extra = tuple[dict[str, pd.DataFrame], list[str]]
     """Tables by name, and a line for each that is left out."""
@@ -64,8 +65,6 @@ class LogFit:
         """Returns the choices for logs of some kinds; what is wrong with them is refused here, once
         and not for every log.
         """
-        from aerodima.optimisation.identify.fit_options import KNOWLEDGE
-        from aerodima.optimisation.identify.huber import LOSSES
         from aerodima.optimisation.identify.log_rig import named_rig
         from aerodima.optimisation.identify.rig_constants import constant_names, require_constants
 
@@ -75,8 +74,8 @@ class LogFit:
         )
         rig = self.rig, tuple(self.settings or ())
         named_rig(*rig)
-        loss = choice("--loss", self.loss, LOSSES)
-        known = choice("--constants", self.constants, KNOWLEDGE)
+        loss = cast("Loss", self.loss)
+        known = cast("Knowledge", self.constants)
         return optimisation.FitOptions(loss, bounds_of(self.bound), *rig, names, known)
 
     def run(
@@ -217,13 +216,6 @@ def car_files(results: list[FitResult], out: Path, settings: tuple[str, ...]) ->
     return averages(results, out)
 
 
-def choice(flag: str, given: str, allowed: tuple[Any, ...]) -> Any:
-    """Returns `given`, when it is one of the allowed words; FitError otherwise."""
-    if given not in allowed:
-        raise FitError(f"{flag} {given}: must be one of {', '.join(allowed)}")
-    return given
-
-
 def bounds_of(given: list[str] | None) -> tuple[tuple[str, float, float], ...]:
     """Reads `name=low,high` as name and two numbers; FitError where that cannot be read."""
     bounds = []
@@ -299,11 +291,8 @@ def robot_tail(
 
     Example: aerodima fit robot-tail swing_*.parquet --shape line --out fits
     """
-    from aerodima.optimisation.identify.swing_coefficients import SHAPES
-
     options = batch.options("robot_swing")
-    chosen = choice("--shape", shape, SHAPES)
-    batch.run("Robot tail", optimisation.fit_robot_tail_log, options, robot_tables, shape=chosen)
+    batch.run("Robot tail", optimisation.fit_robot_tail_log, options, robot_tables, shape=shape)
 
 
 def car(

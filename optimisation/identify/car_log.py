@@ -55,16 +55,18 @@ MIN_NOISE = 1e-4
 """Least noise of a signal whose unit is in rad/s or m/s2."""
 DRIVER = ("steering_command_rad", "throttle_command", "planned_turn")
 ATTITUDE = ("imu_roll_rad", "imu_pitch_rad")
+_UPRIGHT = "the car is taken to stay upright"
+_FRESH = "each row is taken as a new sample"
 WITHOUT = {
-    "the car is driven at the logged speed": ("throttle_command",),
-    "no turn is announced": ("planned_turn",),
-    "the car is taken to stay upright": ATTITUDE,
-    "each row is taken as a new sample": ("status_imu_age_s", "status_speed_age_s"),
-    "roll rate is left out, and the height of the centre of mass is that of the scenario": (
-        "imu_gyro_x_rad_per_s",
-    ),
+    "throttle_command": "the car is driven at the logged speed",
+    "planned_turn": "no turn is announced",
+    "imu_roll_rad": _UPRIGHT,
+    "imu_pitch_rad": _UPRIGHT,
+    "status_imu_age_s": _FRESH,
+    "status_speed_age_s": _FRESH,
+    "imu_gyro_x_rad_per_s": "roll rate is left out and car.com_height is that of the scenario",
 }
-"""What a fit does without columns that a log may lack -> those columns."""
+"""Column that a log may lack -> what a fit does without it."""
 TAIL = {
     joint: [
         f"tail_{joint}_command_{name}"
@@ -244,21 +246,17 @@ def _completed(log: RunLog, scenario: Scenario) -> tuple[RunLog, Scenario, list[
     """Fill in the columns of `WITHOUT` that a log lacks, all but the roll rate.
 
     Returns:
-        Log and scenario of the drive, and what is done without which columns.
+        Log and scenario of the drive, and what is done without each of them.
     """
-    notes = []
-    filled: dict[str, FloatArray] = {}
-    for effect, columns in WITHOUT.items():
-        absent = [name for name in columns if name not in log.table]
-        filled |= dict.fromkeys(absent, np.zeros(log.time.size))
-        if absent:
-            notes.append(f"without {' and '.join(absent)} {effect}")
+    absent = [name for name in WITHOUT if name not in log.table]
+    filled: dict[str, FloatArray] = dict.fromkeys(absent, np.zeros(log.time.size))
     filled.pop(CHANNELS["roll_rate"][1], None)
     if "throttle_command" in filled:
         drive = scenario.drive
         speed = log.signal(CHANNELS["speed"][1])
         filled["throttle_command"] = (speed - drive.throttle_offset) / drive.throttle_gain
         scenario = scenario.varied(drive={"governor": True})
+    notes = [f"without {name} {WITHOUT[name]}" for name in absent]
     return replace(log, table=log.table.assign(**filled)), scenario, notes
 
 

@@ -16,6 +16,20 @@ from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.scenario.scenario import Scenario
 
+COMMONROAD = {
+    "l": "length",
+    "w": "width",
+    "m": "m",
+    "a": "lf",
+    "b": "lr",
+    "I_z": "I",
+    "h_s": "h",
+    "h_cg": "h",
+}
+"""Name of CommonRoad -> that of f1tenth_gym."""
+COMMONROAD_STEERING = {"min": "s_min", "max": "s_max", "v_min": "sv_min", "v_max": "sv_max"}
+"""The same for its section `steering`."""
+
 
 def gym_parameters(scenario: Scenario) -> dict[str, float]:
     """Compute the vehicle parameters of f1tenth_gym, in its names and in SI units.
@@ -70,21 +84,8 @@ def commonroad_parameters(scenario: Scenario) -> Json:
         ModelError: as `gym_parameters`.
     """
     gym = gym_parameters(scenario)
-    return {
-        "l": gym["length"],
-        "w": gym["width"],
-        "steering": {
-            "min": gym["s_min"],
-            "max": gym["s_max"],
-            "v_min": gym["sv_min"],
-            "v_max": gym["sv_max"],
-        },
+    return {name: gym[theirs] for name, theirs in COMMONROAD.items()} | {
+        "steering": {name: gym[theirs] for name, theirs in COMMONROAD_STEERING.items()},
         "longitudinal": {name: gym[name] for name in ("a_max", "v_min", "v_max", "v_switch")},
-        "m": gym["m"],
-        "a": gym["lf"],
-        "b": gym["lr"],
-        "I_z": gym["I"],
-        "h_s": gym["h"],
-        "h_cg": gym["h"],
         "tire": {"p_dy1": gym["mu"], "p_ky1": -gym["mu"] * gym["C_Sf"]},
     }

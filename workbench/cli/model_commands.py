@@ -20,9 +20,6 @@ if TYPE_CHECKING:
 
     from aerodima.workbench.aero.tail_geometry import TailGeometry
 
-EXPORTS = ("bundle", "commonroad", "f1tenth_gym")
-"""Forms in which `models export` writes a scenario."""
-
 
 def register(app: typer.Typer) -> None:
     """Add the commands."""
@@ -209,7 +206,7 @@ def export(
     scenario: cli.ScenarioArgument,
     form: Annotated[
         str,
-        cli.chosen("Parameters of which program.", *EXPORTS),
+        cli.chosen("Parameters of which program.", "bundle", "commonroad", "f1tenth_gym"),
     ] = "bundle",
     out: Annotated[
         Path | None,
@@ -230,9 +227,11 @@ def export(
     from aerodima.workbench.car.single_track import commonroad_parameters, gym_parameters
     from aerodima.workbench.control.controller_bundle import make_bundle
 
-    makers = dict(zip(EXPORTS, (make_bundle, commonroad_parameters, gym_parameters), strict=True))
-    if form not in makers:
-        raise UserError(f"--form {form}: must be one of {', '.join(makers)}")
+    makers = {
+        "bundle": make_bundle,
+        "commonroad": commonroad_parameters,
+        "f1tenth_gym": gym_parameters,
+    }
     data = makers[form](workbench.load_scenario(scenario, settings or ()))
     if form == "bundle":
         text = json.dumps(data, indent=2) + "\n"

@@ -96,7 +96,10 @@ def test_last_of_two_equal_settings_counts():
     [
         ({"carr": {}}, ("carr", "'car'")),
         ({"car": {"com_hight": 0.2}}, ("car.com_hight", "'com_height'")),
-        ({"manoeuvre": {"steer_angle": "30 deg"}}, ("manoeuvre.steer_angle", "'rad'", "0.5236 rad")),
+        (
+            {"manoeuvre": {"steer_angle": "30 deg"}},
+            ("manoeuvre.steer_angle", "'rad'", "0.5236 rad"),
+        ),
         (
             {"manoeuvre": {"steer_angle": 30.0}},
             ("manoeuvre.steer_angle", "30.0", "1.2", "1719 degrees", "30 degrees is 0.5236 rad"),
