@@ -240,13 +240,15 @@ def test_the_truth_of_a_drive_lies_in_the_intervals():
 @pytest.mark.slow
 @pytest.mark.nightly
 def test_a_gentle_turn_of_another_program_shows_the_stiffness_of_its_tyres():
-    """The model of f1tenth_gym with its own car; 10 %: its axles differ by 15 %, and our tyres are
-    not straight up to a quarter of their friction.
+    """The model of f1tenth_gym with its own car; 10 %: its axles differ by 15 % and ours do not, and
+    our tyres are not straight up to a quarter of their friction.
     """
     scenario = load_scenario("f1tenth", ["manoeuvre.speed=3"])
     found = fit_car(car_drive(driven(linear_tyres, scenario, 3.0, 0.1)))
     slope = found["tyre_friction"].value / math.tan(found["tyre_slip_angle"].value)
     assert slope == pytest.approx(0.5 * MU * (C_SF + C_SR), rel=0.1)
+    assert found["tyre_friction"].holds(MU)
+    assert found["tyre_slip_angle"].holds(math.atan(2.0 / (C_SF + C_SR)))
 
 
 @pytest.mark.slow
