@@ -26,6 +26,8 @@ from aerodima.workbench.logs.signals import Interval, check_signals, median_step
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import IMU
 
+KINDS = ("car_run", "car_log")
+"""Kinds of log that hold a drive of a car."""
 Signals = Mapping[str, FloatArray]
 """Name -> samples (n)."""
 LEAD = 0.6
@@ -52,6 +54,19 @@ MIN_SAMPLES = {"imu": 40, "speed": 5}
 MIN_NOISE = 1e-4
 """Least noise of a signal whose unit is in rad/s or m/s2."""
 DRIVER = ("steering_command_rad", "throttle_command", "planned_turn")
+ATTITUDE = ("imu_roll_rad", "imu_pitch_rad")
+_UPRIGHT = "the car is taken to stay upright"
+_FRESH = "each row is taken as a new sample"
+WITHOUT = {
+    "throttle_command": "the car is driven at the logged speed",
+    "planned_turn": "no turn is announced",
+    "imu_roll_rad": _UPRIGHT,
+    "imu_pitch_rad": _UPRIGHT,
+    "status_imu_age_s": _FRESH,
+    "status_speed_age_s": _FRESH,
+    "imu_gyro_x_rad_per_s": "roll rate is left out and car.com_height is that of the scenario",
+}
+"""Column that a log may lack -> what a fit does without it."""
 TAIL = {
     joint: [
         f"tail_{joint}_command_{name}"
@@ -210,7 +225,8 @@ def car_drive(log: RunLog, settings: tuple[str, ...] = ()) -> CarDrive:
         settings: `section.key=value` over its scenario, such as a mass that was weighed.
 
     Raises:
-        LogError: a column is missing, unsorted time, a gap, NaN; names the column and the time.
+        LogError: a column is missing that is not in `WITHOUT`, unsorted time, a gap, NaN; names the
+            column and the time.
         FitError: a log of something else, without a turn, too short.
         ScenarioError: its scenario or a setting is wrong.
     """
@@ -218,18 +234,42 @@ def car_drive(log: RunLog, settings: tuple[str, ...] = ()) -> CarDrive:
         return _car_drive(log, settings)
 
 
-def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
-    if log.kind != "car_run":
-        raise FitError(
-            f"is a log of kind {log.kind!r}; this fit needs a drive of the car, 'car_run'"
-        )
+def logged_scenario(log: RunLog, settings: tuple[str, ...] = ()) -> Scenario:
+    """Resolve the scenario of a log, with `section.key=value` over it; raises ScenarioError."""
     content: Json = deepcopy(dict(log.scenario))
     for setting in settings:
         Scenario.apply_setting(content, setting)
-    scenario = Scenario.from_dict(content, "its scenario")
+    return Scenario.from_dict(content, "its scenario")
+
+
+def _completed(log: RunLog, scenario: Scenario) -> tuple[RunLog, Scenario, list[str]]:
+    """Fill in the columns of `WITHOUT` that a log lacks, all but the roll rate.
+
+    Returns:
+        Log and scenario of the drive, and what is done without each of them.
+    """
+    absent = [name for name in WITHOUT if name not in log.table]
+    filled: dict[str, FloatArray] = dict.fromkeys(absent, np.zeros(log.time.size))
+    filled.pop(CHANNELS["roll_rate"][1], None)
+    if "throttle_command" in filled:
+        drive = scenario.drive
+        speed = log.signal(CHANNELS["speed"][1])
+        filled["throttle_command"] = (speed - drive.throttle_offset) / drive.throttle_gain
+        scenario = scenario.varied(drive={"governor": True})
+    notes = [f"without {name} {WITHOUT[name]}" for name in absent]
+    return replace(log, table=log.table.assign(**filled)), scenario, notes
+
+
+def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
+    if log.kind not in KINDS:
+        raise FitError(
+            f"is a log of kind {log.kind!r}; this fit needs a drive of the car, "
+            f"{' or '.join(KINDS)}"
+        )
+    log, scenario, notes = _completed(log, logged_scenario(log, settings))
     time = log.time
     tailed = scenario.tail.mode != "none"
-    names = [*DRIVER, "imu_roll_rad", "imu_pitch_rad"]
+    names = [*DRIVER, *ATTITUDE]
     if tailed:
         names += [*TAIL["pitch"], *TAIL["roll"], "tail_roll_angle_rad"]
     signals = {name: log.signal(name) for name in names}
@@ -239,7 +279,7 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
         raise FitError(f"column {DRIVER[0]!r} stays within {STEERED:g} rad; a fit needs a turn")
     turn = float(time[steered[0]])
     end = float(time[steered[-1]]) + REACH
-    warnings = _wrong_units(log)
+    warnings = _wrong_units(log) + notes
     for reason, lost in _losses(scenario, signals, int(steered[0])).items():
         over = time[lost & (time >= turn)]
         if over.size and over[0] < end:
@@ -252,7 +292,10 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
     if min(turn - begin, last - turn) < MIN_SPAN:
         span = f"{first:g} to {last:g} s, steered from {turn:g} s on"
         raise FitError(f"holds {span}; a fit needs {MIN_SPAN:g} s to either side")
-    channels = {name: _channel(log, name, scenario, (begin + SETTLING, end)) for name in CHANNELS}
+    channels = {}
+    for name, (_, column, _) in CHANNELS.items():
+        if name != "roll_rate" or column in log.table:
+            channels[name] = _channel(log, name, scenario, (begin + SETTLING, end))
     tail: FloatArray = np.zeros((2, time.size, 5))
     if tailed:
         joints = [[signals[name] for name in columns] for columns in TAIL.values()]

@@ -61,7 +61,8 @@ class QuantityModel(BaseModel):
             return value
         number, _, unit = value.strip().partition(" ")
         if unit.strip() not in ("", unit_of(cls, key)):
-            raise ValueError(f"{key}: unit {unit.strip()!r} must be {unit_of(cls, key)!r}")
+            hint = angle_hint(number, unit_of(cls, key))
+            raise ValueError(f"{key}: unit {unit.strip()!r} must be {unit_of(cls, key)!r}{hint}")
         try:
             return field.annotation(number)
         except ValueError:
@@ -74,6 +75,20 @@ def unit_of(model: type[BaseModel], key: str) -> str:
     if isinstance(extra, dict):
         return str(extra.get("unit", NO_UNIT))
     return NO_UNIT
+
+
+def angle_hint(value: Any, unit: str) -> str:
+    """Say what a refused angle, rad, is in degrees, and what it is if degrees were meant; "" for
+    other units.
+    """
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        return ""
+    if unit != "rad":
+        return ""
+    degrees, radians = math.degrees(number), math.radians(number)
+    return f"; {number:g} rad is {degrees:.4g} degrees, {number:g} degrees is {radians:.4g} rad"
 
 
 def check_rate(rate: float, step: float | None, name: str) -> None:

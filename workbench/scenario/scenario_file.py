@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from aerodima.workbench.core.errors import ScenarioError
 from aerodima.workbench.core.file_reading import Facts, Json
 from aerodima.workbench.core.key_errors import nearest
-from aerodima.workbench.core.quantity import check_rate, unit_of
+from aerodima.workbench.core.quantity import angle_hint, check_rate, unit_of
 from aerodima.workbench.core.ranges import NO_UNIT
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.yaml_files import (
@@ -151,12 +151,12 @@ class ScenarioFile(StrictModel):
             return
         section, _, name = key.partition(".")
         values = getattr(self, section)
-        value = getattr(values, name)
-        value = repr(value) if isinstance(value, str) else f"{value:.9g}"
+        number = getattr(values, name)
         unit = unit_of(type(values), name)
+        value = repr(number) if isinstance(number, str) else f"{number:.9g}"
         if unit != NO_UNIT:
             value += f" {unit}"
-        raise ValueError(f"{key}: {value} must be {rule}")
+        raise ValueError(f"{key}: {value} must be {rule}{angle_hint(number, unit)}")
 
     @classmethod
     def sections(cls) -> dict[str, type[BaseModel]]:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.identify.car_fit import fit_car
+from aerodima.optimisation.identify.car_fit import estimated, fit_car, prior_range
 from aerodima.optimisation.identify.car_log import TAIL, CarDrive, LoggedCommands, car_drive
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.logs.schema import RunLog, write_run_log
@@ -17,6 +17,14 @@ from aerodima.workbench.scenario.scenario import load_scenario
 from tests.commands import call
 from tests.optimisation.coverage import assert_held
 from tests.optimisation.identify.car_truth import drawn, emulated
+from tests.optimisation.identify.single_track import (
+    C_SF,
+    C_SR,
+    MU,
+    drifting_tyres,
+    driven,
+    linear_tyres,
+)
 from tests.refusals import assert_named, assert_refused
 
 
@@ -122,6 +130,26 @@ def test_commands_are_held_and_steering_alone_is_late():
     assert commands.at(0.15) == (0.3, 0.2, 1.0)
 
 
+def test_a_log_of_speed_steering_yaw_rate_and_acceleration_alone_is_driven_at_its_speed():
+    scenario = load_scenario("f1tenth")
+    drive = car_drive(driven(linear_tyres, scenario, 3.0, 0.1))
+    assert set(drive.channels) == {"yaw_rate", "lateral_acceleration", "speed"}
+    assert drive.scenario.drive.governor
+    assert drive.line_speed == pytest.approx(3.0)
+    assert drive.commands.at(0.1).throttle == pytest.approx(3.0 / scenario.drive.throttle_gain)
+    assert {"tyre_friction", "tyre_slip_angle", "delay"} <= {*estimated(drive)}
+    assert not {"com_height", "gyro_bias_x"} & {*estimated(drive)}
+    named = ("throttle_command", "imu_roll_rad", "imu_gyro_x_rad_per_s", "status_imu_age_s")
+    assert_named("; ".join(drive.warnings), named)
+
+
+def test_a_small_car_has_the_prior_of_a_large_one_in_proportion():
+    small = load_scenario("f1tenth").car
+    low, high = prior_range("com_height", small)
+    assert low < small.com_height < high < 0.12  # where the range of the large car begins
+    assert prior_range("tyre_friction", small) == (0.35, 1.2)
+
+
 class Formula(CarDrive):
     """A drive whose car is a formula in place of a simulation, as rough as one; its height shows
     nowhere, and its step acts as so much friction per 2 ms.
@@ -207,6 +235,29 @@ def test_the_truth_of_a_drive_lies_in_the_intervals():
     assert [name for name in UNKNOWNS if not found[name].holds(truth.values[name])] == []
     assert found["tyre_friction"].upper - found["tyre_friction"].lower < 0.03
     assert not found.warnings
+
+
+@pytest.mark.slow
+@pytest.mark.nightly
+def test_a_gentle_turn_of_another_program_shows_the_stiffness_of_its_tyres():
+    """The model of f1tenth_gym with its own car; 10 %: its axles differ by 15 % and ours do not, and
+    our tyres are not straight up to a quarter of their friction.
+    """
+    scenario = load_scenario("f1tenth", ["manoeuvre.speed=3"])
+    found = fit_car(car_drive(driven(linear_tyres, scenario, 3.0, 0.1)))
+    slope = found["tyre_friction"].value / math.tan(found["tyre_slip_angle"].value)
+    assert slope == pytest.approx(0.5 * MU * (C_SF + C_SR), rel=0.1)
+    assert found["tyre_friction"].holds(MU)
+    assert found["tyre_slip_angle"].holds(math.atan(2.0 / (C_SF + C_SR)))
+
+
+@pytest.mark.slow
+@pytest.mark.nightly
+def test_a_hard_turn_of_another_program_shows_the_friction_of_its_tyres():
+    """CommonRoad's tyre has a peak that ours approaches from below: hence 5 %."""
+    scenario = load_scenario("f1tenth", ["manoeuvre.speed=4"])
+    found = fit_car(car_drive(driven(drifting_tyres, scenario, 4.0, 0.3)))
+    assert found["tyre_friction"].value == pytest.approx(MU, rel=0.05)
 
 
 @pytest.mark.slow

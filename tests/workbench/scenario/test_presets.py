@@ -1,0 +1,128 @@
+"""The cars that ship: each number has its source, they stand as their scenarios say, and other
+programs get the numbers back that were published.
+"""
+
+import re
+
+import pytest
+import yaml
+
+from aerodima.workbench.car.single_track import commonroad_parameters, gym_parameters
+from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.resources import model_path
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.signal_table import WHEELS
+from tests.commands import done, refused
+from tests.refusals import assert_named, assert_refused
+from tests.workbench.stands import CarStand
+
+G = 9.81
+GYM = {
+    "mu": 1.0489,
+    "lf": 0.15875,
+    "lr": 0.17145,
+    "h": 0.074,
+    "m": 3.74,
+    "I": 0.04712,
+    "s_min": -0.4189,
+    "s_max": 0.4189,
+    "sv_min": -3.2,
+    "sv_max": 3.2,
+    "a_max": 9.51,
+    "v_max": 20.0,
+    "width": 0.31,
+}
+"""Of `f1tenth_vehicle_params` in f1tenth_gym (f110_env.py); `C_Sf`, `C_Sr`, and `v_switch`, `v_min`
+and `length`, of which our car has no number, stand elsewhere."""
+C_SF = 4.718
+C_SR = 5.4562
+"""Its cornering stiffnesses per load, 1/rad."""
+
+
+@pytest.mark.parametrize("name", ["f1tenth", "stampede"])
+def test_each_number_has_its_source_beside_it(name):
+    lines = model_path(f"scenarios/{name}.yaml").read_text().splitlines()
+    numbers = [line for line in lines if line.startswith("  ")]
+    assert len(numbers) > 30
+    sourced = re.compile(r"  \w+: \S.*# (published|datasheet|assumed|chosen): \S")
+    assert [line for line in numbers if not sourced.match(line)] == []
+
+
+@pytest.mark.parametrize(
+    ("name", "mass", "wheelbase", "ahead"),
+    [
+        ("f1tenth", GYM["m"], GYM["lf"] + GYM["lr"], GYM["lr"]),
+        # Rolling chassis and 3S battery of calibration/parts.csv.
+        ("stampede", 2.0 + 0.36, 0.27, (2.0 * 0.12 + 0.36 * 0.15) / 2.36),
+    ],
+)
+def test_a_preset_stands_on_four_wheels_with_its_mass_where_it_is_published(
+    name, mass, wheelbase, ahead
+):
+    car = CarStand(load_scenario(name))
+    assert car.tail is None
+    car.advance(0.4)
+    contacts = car.wheel_contacts()
+    assert contacts["front_left"][0] - contacts["rear_left"][0] == pytest.approx(
+        wheelbase, abs=1e-4
+    )
+    loads = car.wheel_loads()
+    for wheel in WHEELS:
+        share = ahead if wheel.startswith("front") else wheelbase - ahead
+        # A car that rests is still to 1e-3 of its load after 0.4 s.
+        assert loads[wheel] == pytest.approx(0.5 * mass * G * share / wheelbase, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["aerodima", "f1tenth", "stampede"])
+def test_a_preset_is_listed_and_turns_left_on_its_wheels(name):
+    assert name in done("scenarios", "list")
+    assert "outcome: survived" in done("run", name)
+
+
+def test_f1tenth_gym_gets_its_own_car_back():
+    """Our axles share one slip angle: their stiffness is the mean of the published two by load."""
+    exported = yaml.safe_load(done("models", "export", "f1tenth", "--form", "f1tenth_gym"))
+    numbers = {name: exported[name] for name in GYM}
+    assert numbers == pytest.approx(GYM, rel=1e-5)
+    mean = (C_SF * GYM["lr"] + C_SR * GYM["lf"]) / (GYM["lf"] + GYM["lr"])
+    assert exported["C_Sf"] == exported["C_Sr"] == pytest.approx(mean, rel=1e-4)
+    assert set(exported) == {*GYM, "C_Sf", "C_Sr", "v_switch", "v_min", "length"}
+
+
+def test_commonroad_reads_the_same_car_under_its_names(tmp_path):
+    out = tmp_path / "parameters_vehicle9.yaml"
+    done("models", "export", "f1tenth", "--form", "commonroad", "--out", out)
+    car = yaml.safe_load(out.read_text())
+    assert car == commonroad_parameters(load_scenario("f1tenth"))
+    # The first lines of its vehicle_dynamics_st.
+    tire = car["tire"]
+    single_track = {
+        "mu": tire["p_dy1"],
+        "C_Sf": -tire["p_ky1"] / tire["p_dy1"],
+        "lf": car["a"],
+        "lr": car["b"],
+        "h": car["h_s"],
+        "m": car["m"],
+        "I": car["I_z"],
+        "s_max": car["steering"]["max"],
+        "sv_min": car["steering"]["v_min"],
+        "a_max": car["longitudinal"]["a_max"],
+    }
+    gym = gym_parameters(load_scenario("f1tenth"))
+    assert single_track == pytest.approx({name: gym[name] for name in single_track})
+
+
+def test_a_tail_is_part_of_the_exported_car():
+    plain = gym_parameters(load_scenario("turn_none"))
+    held = load_scenario("turn_held")
+    tailed = gym_parameters(held)
+    # The link in which the tail's joints cross weighs a gram.
+    assert tailed["m"] - plain["m"] == pytest.approx(held.tail.mass + held.tail.hub_mass, abs=0.002)
+    assert tailed["I"] > plain["I"]
+
+
+def test_rigid_tyres_and_unknown_forms_are_refused():
+    rigid = load_scenario("f1tenth", ["car.tyre_slip_angle=0"])
+    assert_refused(lambda: gym_parameters(rigid), ModelError, "car.tyre_slip_angle", "> 0")
+    words = ("models", "export", "f1tenth", "--form", "carla")
+    assert_named(refused(*words), ("--form carla", "commonroad", "f1tenth_gym"))
