@@ -243,6 +243,17 @@ def resolve_body(plant: Any, body: Any, place: str = "tail force") -> Any:
                 plant.get_body(BodyIndex(i)).name() for i in range(plant.num_bodies())
             )
             raise ModelError(f"{place}: the plant has no body named '{body}' (bodies: {names})")
+        if plant.NumBodiesWithName(body) > 1:
+            models = [
+                plant.GetModelInstanceName(plant.get_body(BodyIndex(i)).model_instance())
+                for i in range(plant.num_bodies())
+                if plant.get_body(BodyIndex(i)).name() == body
+            ]
+            raise ModelError(
+                f"{place}: body '{body}': {len(models)} bodies have this name (of models "
+                f"{', '.join(models)}); must be one of them, "
+                f"plant.GetBodyByName('{body}', plant.GetModelInstanceByName('{models[0]}'))"
+            )
         return plant.GetBodyByName(body)
     if body.GetParentPlant() is not plant:
         raise ModelError(f"{place}: body '{body.name()}' does not belong to this plant")

@@ -12,9 +12,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from pydrake.geometry import Meshcat, MeshcatVisualizer
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, System
 from pydrake.systems.primitives import PassThrough
 
+from aerodima.workbench.aero.tail_force import TailForce
+from aerodima.workbench.aero.wind import WindSource
 from aerodima.workbench.car.ak70 import (
     TAIL_JOINTS,
     JointFriction,
@@ -22,7 +25,8 @@ from aerodima.workbench.car.ak70 import (
     TailMotorFactory,
     add_tail_motor,
 )
-from aerodima.workbench.car.car_air import TailAerodynamics, add_sail_report, add_wind_source
+from aerodima.workbench.car.car_air import TailAerodynamics, add_sail_report, wind_model
+from aerodima.workbench.car.car_bodies import add_car_body_forces
 from aerodima.workbench.car.car_plant import CarPlant, add_car_plant
 from aerodima.workbench.car.car_sensors import (
     GpsSpeed,
@@ -31,7 +35,7 @@ from aerodima.workbench.car.car_sensors import (
     SailEncoder,
 )
 from aerodima.workbench.car.chassis_actuators import DriveTrain, SteeringServo
-from aerodima.workbench.car.ground_truth import CarTruth
+from aerodima.workbench.car.ground_truth import CarTruth, PlantTruth
 from aerodima.workbench.car.plant_ports import PlantPorts
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_contract import (
@@ -57,6 +61,10 @@ TAIL_PARTS = ("tail_pitch", "tail_roll", "sail")
 HEALTHY = ("imu_fault", "speed_fault", "operator_age", "operator_fault")
 """Fields of `status` that are 0 in simulation."""
 
+AddBodies = Callable[[DiagramBuilder, MultibodyPlant, OutputPort | None], object]
+"""Adds bodies and forces to the plant of a simulated car: called with the builder of the station,
+the plant before it is finalised, and a port of the wind's velocity (3), m/s, None in still air. It
+may call `plant.Finalize()`, which `add_tail_force` needs."""
 InterfaceFactory = Callable[["Scenario"], System]
 """Makes the system that talks to the real car, with exactly the ports of `STATION_INPUTS` and
 `STATION_OUTPUTS`."""
@@ -69,6 +77,7 @@ def make_car_station(
     *,
     with_truth: bool = True,
     tail_motor: TailMotorFactory = TailMotor,
+    bodies: AddBodies | None = None,
 ) -> Diagram:
     """Makes the station of a scenario as a diagram.
 
@@ -95,6 +104,7 @@ def make_car_station(
             plant's state and the torque of the tail motors in its last step, which costs nothing.
         tail_motor: makes the motor of a simulated joint, called with the scenario and one of
             `tail_pitch` and `tail_roll`.
+        bodies: adds bodies of your own to a simulated car, see `AddBodies`.
 
     Raises:
         ModelError: a model does not load with the numbers of the scenario.
@@ -103,9 +113,11 @@ def make_car_station(
     """
     if tail_motor is not TailMotor and (interface is not None or scenario.tail.mode == "none"):
         raise UserError(f"tail_motor: {tail_motor!r}: only a simulated car with a tail has one")
+    if bodies is not None and interface is not None:
+        raise UserError(f"bodies: {bodies!r}: only a simulated car takes them")
     builder = DiagramBuilder()
     if interface is None:
-        _add_simulated_car(builder, scenario, meshcat, with_truth, tail_motor)
+        _add_simulated_car(builder, scenario, meshcat, with_truth, tail_motor, bodies)
     else:
         export_interface(builder, interface(scenario), STATION_INPUTS, STATION_OUTPUTS)
     station = builder.Build()
@@ -120,19 +132,12 @@ def _add_simulated_car(
     meshcat: Meshcat | None,
     with_truth: bool,
     tail_motor: TailMotorFactory,
+    bodies: AddBodies | None,
 ) -> None:
     """Adds plant, drive train, servo, tail and sensors, and exports the ports of the station."""
-    # The plant, and the wind that pushes its added mass.
-    wind = None
-    if scenario.tail.mode != "none":  # the air acts on a tail only
-        wind = add_wind_source(builder, scenario)
     drawn = with_truth or meshcat is not None
-    gust = None
-    if wind is not None and scenario.wind.gust_amplitude > 0.0:
-        gust = wind.GetOutputPort("wind_acceleration")
-    car = add_car_plant(builder, scenario, gust, sampled_outputs=with_truth, drawn=drawn)
+    car, air = _add_plant_in_wind(builder, scenario, with_truth, drawn, bodies)
     ports = PlantPorts(builder, car)
-    air = wind.GetOutputPort("wind_velocity") if wind is not None else None
 
     # Drive train, steering and tail.
     drive = DriveTrain.add_to_builder(builder, scenario, spins=ports.motion("spins"))
@@ -171,6 +176,35 @@ def _add_simulated_car(
     export_outputs(builder, outputs)
     if meshcat is not None:
         MeshcatVisualizer.AddToBuilder(builder, car.scene_graph, meshcat)
+
+
+def _add_plant_in_wind(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    with_truth: bool,
+    drawn: bool,
+    bodies: AddBodies | None,
+) -> tuple[CarPlant, OutputPort | None]:
+    """Adds wind and plant, with the force of the air on bodies other than the tail; returns the
+    plant and the port of the wind's velocity, None in still air.
+    """
+    model = wind_model(scenario, bodies is not None)
+    air = gust = None
+    if model is not None:
+        wind = builder.AddNamedSystem("wind", WindSource(model))
+        air = wind.GetOutputPort("wind_velocity")
+        if scenario.wind.gust_amplitude > 0.0:
+            gust = wind.GetOutputPort("wind_acceleration")
+    car = add_car_plant(
+        builder,
+        scenario,
+        gust,
+        sampled_outputs=with_truth,
+        drawn=drawn,
+        add_bodies=bodies and (lambda builder, plant: bodies(builder, plant, air)),
+    )
+    add_car_body_forces(builder, car.plant, scenario, air)
+    return car, air
 
 
 def _ignored(builder: DiagramBuilder, command: str) -> InputPort:
@@ -316,9 +350,10 @@ def _add_truth(
 ) -> dict[str, OutputPort]:
     """Adds what only a simulation knows; returns the ports to export."""
     plant = car.plant
+    state = plant.get_state_output_port()
     contacts = plant.get_contact_results_output_port()
     sources = {
-        "plant_state": plant.get_state_output_port(),
+        "plant_state": state,
         "contact_results": contacts,
         "chassis_motion": ports.motion("chassis_motion"),
         "drive_torque": concatenate(builder, "drive_torque", [(torques, [0])]),
@@ -327,12 +362,20 @@ def _add_truth(
         "plant_acceleration_truth": plant.GetOutputPort("generalized_acceleration"),
         "contact_results_truth": contacts,
     }
+    forces: list[Any] = [force for force in builder.GetSystems() if isinstance(force, TailForce)]
+    if forces:
+        air = PlantTruth.add_to_builder(builder, "air_truth", state, plant, None, [], forces)
+    for force in forces:
+        name = force.get_name()
+        outputs[f"air_of_{name}_truth"] = air.GetOutputPort(f"{name}_air")
+        for port in ("sections", "validity"):
+            outputs[f"{port}_of_{name}_truth"] = force.GetOutputPort(port)
     names = ["body_truth", "contact_truth"]
     if tail is not None:
         report = add_sail_report(builder, plant, scenario, wind)
-        force = tail.air.GetOutputPort("force")
+        on_tail = tail.air.GetOutputPort("force")
         sources["tail_torque"] = tail.motor_torques
-        sources["tail_air"] = concatenate(builder, "air_on_chassis", [(force, range(6))])
+        sources["tail_air"] = concatenate(builder, "air_on_chassis", [(on_tail, range(6))])
         outputs["tail_actuation_truth"] = tail.joint_torques
         outputs["tail_sections_truth"] = report["sections"]
         outputs["tail_validity_truth"] = report["validity"]

@@ -2,6 +2,8 @@
 logs and metrics.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -9,13 +11,12 @@ from typing import Any
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.multibody.plant import ContactResults, MultibodyPlant, PointPairContactInfo
-from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.multibody.tree import BodyIndex
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
 
 from aerodima.workbench.aero.section_laws import cross
 from aerodima.workbench.aero.section_watch import SECTION_COLUMNS
-from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX
-from aerodima.workbench.car.car_plant import CarPlant
+from aerodima.workbench.car.car_plant import CarPlant, own_instances
 from aerodima.workbench.car.car_sensors import (
     CHASSIS_MOTION_SIZE,
     ChassisMotion,
@@ -26,7 +27,7 @@ from aerodima.workbench.car.car_sensors import (
 from aerodima.workbench.car.tail_plant import tail_geometry
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.port_fields import PortFields
-from aerodima.workbench.core.port_wiring import declare_output, vector_of
+from aerodima.workbench.core.port_wiring import add_and_connect, declare_output, vector_of
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import CAR_TRUTH, GROUND_CONTACTS, WHEELS, names_of
 
@@ -44,6 +45,8 @@ COM_COLUMNS = [f"com_{axis}_truth_m" for axis in _XYZ] + [
 BODY_TRUTH = PortFields("BodyTruth", tuple(names_of(CAR_TRUTH["body_truth"])))
 CONTACT_TRUTH = PortFields("ContactTruth", tuple(names_of(CAR_TRUTH["contact_truth"])))
 TAIL_TRUTH = PortFields("TailTruth", tuple(names_of(CAR_TRUTH["tail_truth"])))
+TAILS = "tails"
+"""Key in `extra` of a log: name and body of each force of the air that is logged by its name."""
 LEAST_LOAD = 1e-9
 """N; of a wheel in the air, whose contact point is the origin."""
 
@@ -61,20 +64,16 @@ def air_columns(stem: str) -> list[str]:
     return [f"{stem}{what}_{axis}_truth_{unit}" for what, unit in parts for axis in _XYZ]
 
 
-def section_columns(stem: str, number: int) -> list[str]:
-    """Columns of the port `sections` of a `TailForce`."""
-    return [f"{stem}_section_{index}_{name}" for index in range(number) for name in SECTION_COLUMNS]
-
-
-def own_instances(plant: MultibodyPlant) -> list[ModelInstanceIndex]:
-    """Model instances with bodies, without the world's and those of weightless added mass."""
-    instances = [ModelInstanceIndex(index) for index in range(1, plant.num_model_instances())]
-    return [
-        instance
-        for instance in instances
-        if plant.GetBodyIndices(instance)
-        and not plant.GetModelInstanceName(instance).startswith(ADDED_MASS_PREFIX)
-    ]
+def force_columns(stem: str, number: int) -> dict[str, list[str]]:
+    """Columns of the force of the air on so many sections: the port `air` of `PlantTruth`, and the
+    ports `sections` and `validity` of a `TailForce`.
+    """
+    sections = [f"{stem}_section_{index}" for index in range(number)]
+    return {
+        "air": air_columns(stem),
+        "sections": [f"{section}_{name}" for section in sections for name in SECTION_COLUMNS],
+        "validity": [f"{section}_validity" for section in sections],
+    }
 
 
 class _Kinematics(LeafSystem):
@@ -144,6 +143,22 @@ class PlantTruth(_Kinematics):
             declare_output(self, "poses", 7 * len(self._bodies), self._calc_poses)
         for tail in tails:
             self._declare_tail(tail)
+
+    @classmethod
+    def add_to_builder(
+        cls,
+        builder: DiagramBuilder,
+        name: str,
+        state: OutputPort,
+        plant: MultibodyPlant,
+        base: BodyIndex | None,
+        bodies: Sequence[BodyIndex],
+        tails: Sequence[Any],
+    ) -> PlantTruth:
+        """Adds it under this name, fed with the plant's state and the wrenches of the tails."""
+        wrenches = {tail.get_name(): tail.GetOutputPort("wrench") for tail in tails}
+        truth = cls(plant, base, bodies, tails)
+        return add_and_connect(builder, truth, name, plant_state=state, **wrenches)
 
     def _declare_tail(self, tail: Any) -> None:
         wrench_port = self.DeclareVectorInputPort(tail.get_name(), 9)
@@ -269,10 +284,10 @@ class CarTruth(_Kinematics):
     def _calc_tail(self, context: Context, output: BasicVector) -> None:
         kinematics = self._kinematics_at(context)
         plant = self._plant
+        assert self._tail is not None
+        tail = [self._tail]
         X_WT = plant.EvalBodyPoseInWorld(kinematics, plant.get_body(self._rod))
-        momentum = plant.CalcSpatialMomentumInWorldAboutPoint(
-            kinematics, self._instances[1:], np.zeros(3)
-        )
+        momentum = plant.CalcSpatialMomentumInWorldAboutPoint(kinematics, tail, np.zeros(3))
         moment, force = np.split(vector_of(self._air_port, context), 2)
         p_WBo = plant.EvalBodyPoseInWorld(kinematics, plant.get_body(self._chassis)).translation()
         torque = vector_of(self._torque_port, context)
@@ -281,7 +296,7 @@ class CarTruth(_Kinematics):
             np.concatenate(
                 [
                     X_WT.multiply(self._p_ToTip_T),
-                    plant.CalcCenterOfMassPositionInWorld(kinematics, self._instances[1:]),
+                    plant.CalcCenterOfMassPositionInWorld(kinematics, tail),
                     momentum.translational(),
                     momentum.rotational(),
                     force,

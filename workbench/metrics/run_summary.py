@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import trapezoid
 
+from aerodima.workbench.car.ground_truth import TAILS
 from aerodima.workbench.car.tail_impulses import CAUSES, Impulses, tail_impulses
 from aerodima.workbench.car.turn_signals import turn_window
 from aerodima.workbench.car.verdict import FLIP_TILT
@@ -26,8 +27,6 @@ from aerodima.workbench.metrics.published_values import Platform, PublishedValue
 from aerodima.workbench.metrics.turn_metrics import Outcome, RunMetrics, metrics_of, outcome_from
 from aerodima.workbench.scenario.ensemble import BUILT
 
-TAILS = "tails"
-"""Key in `extra` of a `plant_run`: name and body of each tail force."""
 KM_PER_H = 3.6
 """km/h per m/s."""
 PUBLISHED_RUNS: dict[tuple[str, int], tuple[tuple[Platform, str], ...]] = {
@@ -48,7 +47,9 @@ MODE_WORDS = {
 
 
 def tails_of(run_log: RunLog) -> list[tuple[str, str]]:
-    """Returns name and body of each tail force of a `plant_run`; the name begins its columns."""
+    """Returns name and body of each force of the air that is logged by its name, which begins its
+    columns.
+    """
     return [(str(tail["name"]), str(tail["body"])) for tail in run_log.extra.get(TAILS, [])]
 
 
@@ -111,8 +112,9 @@ def plant_metrics(run_log: RunLog) -> dict[str, float | str | None]:
     """Returns one flat row for a table; units are at the end of the names.
 
     `outcome`: see `plant_outcome`, None where it is not defined. Tilt and heading are those of the
-    base, speed, height and path those of the centre of mass. Per tail: largest force of the air,
-    and the magnitude of its impulse (the integral of the force over the run).
+    base, speed, height and path those of the centre of mass. The heading changes from the first row
+    to the last; `heading_change_rad` of a car is that of its turn (`RunMetrics`). Per tail: largest
+    force of the air, and the magnitude of its impulse (the integral of the force over the run).
 
     Raises:
         LogError: the log is of another kind than `plant_run`, times are not sorted, a value is NaN.
@@ -144,7 +146,7 @@ def plant_metrics(run_log: RunLog) -> dict[str, float | str | None]:
             "start_tilt_rad": tilt[0],
             "max_tilt_rad": np.max(tilt),
             "end_tilt_rad": tilt[-1],
-            "heading_change_rad": yaw[-1] - yaw[0],
+            "run_heading_change_rad": yaw[-1] - yaw[0],
         }
     for name, _ in tails_of(run_log):
         row[f"{name}_max_n"] = np.max(air_force(run_log, name))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,21 +22,20 @@ from pydrake.systems.framework import (
 )
 
 from aerodima.workbench.aero.tail_force import TailForce, resolve_body
+from aerodima.workbench.car.car_plant import own_instances
 from aerodima.workbench.car.ground_truth import (
     BASE_COLUMNS,
     COM_COLUMNS,
+    TAILS,
     PlantTruth,
-    air_columns,
-    own_instances,
+    force_columns,
     pose_columns,
-    section_columns,
 )
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.port_wiring import add_and_connect, vector_of
-from aerodima.workbench.logs.recorder import Signals, output_ports, signals_of
-from aerodima.workbench.metrics.run_summary import TAILS
+from aerodima.workbench.logs.recorder import Signals, output_ports, port_sources, signals_of
 from aerodima.workbench.scenario.signal_table import CAR_TRUTH, PLANT_POSITION_PREFIX, names_of
 from aerodima.workbench.view.force_arrows import (
     AIR_COLOUR,
@@ -129,9 +128,15 @@ class WatchedPlant:
             raise ModelError(
                 f"observe: plant '{self.plant.get_name()}' is observed already; once is enough"
             )
-        truth = PlantTruth(self.plant, self.base, list(self.bodies.values()), self.tails)
-        wrenches = {tail.get_name(): tail.GetOutputPort("wrench") for tail in self.tails}
-        return add_and_connect(builder, truth, name, plant_state=self.state, **wrenches)
+        return PlantTruth.add_to_builder(
+            builder,
+            name,
+            self.state,
+            self.plant,
+            self.base,
+            list(self.bodies.values()),
+            self.tails,
+        )
 
     def show(
         self, builder: DiagramBuilder, truth: PlantTruth, meshcat: Meshcat, air_scale: float
@@ -141,7 +146,7 @@ class WatchedPlant:
         Raises:
             ModelError: the plant has no visible shapes.
         """
-        if not self.scene:
+        if not self.plant.num_visual_geometries():
             raise ModelError(
                 f"observe: plant '{self.plant.get_name()}' has no visible shapes for Meshcat; make "
                 "it with AddMultibodyPlantSceneGraph and parse the model after that"
@@ -176,13 +181,9 @@ class WatchedPlant:
         signals += [(ports[name], columns) for name, columns in computed.items() if name in ports]
         for tail in self.tails:
             name = tail.get_name()
-            number = tail.layout.number
-            validity = [f"{name}_section_{index}_validity" for index in range(number)]
-            signals += [
-                (ports[f"{name}_air"], air_columns(name)),
-                (tail.GetOutputPort("sections"), section_columns(name, number)),
-                (tail.GetOutputPort("validity"), validity),
-            ]
+            sources = output_ports(tail) | {"air": ports[f"{name}_air"]}
+            for port, columns in force_columns(name, tail.layout.number).items():
+                signals.append((sources[port], columns))
         if self.station is not None:
             table = {name: CAR_TRUTH[name] for name in _STATION_TRUTH}
             signals += signals_of(table, output_ports(self.station))
@@ -224,13 +225,8 @@ def _base_of(plant: MultibodyPlant, base: RigidBody | str | None) -> BodyIndex |
 
 def _wind(builder: DiagramBuilder, tails: list[Any]) -> OutputPort | None:
     """Finds the port that the first tail force feels wind from."""
-    connections: Mapping[Any, Any] = builder.connection_map()
-    for tail in tails:
-        source = connections.get((tail, tail.GetInputPort("wind_velocity").get_index()))
-        if source is not None:
-            system, index = source
-            return system.get_output_port(index)
-    return None
+    winds = [port_sources(builder, tail).get("wind_velocity") for tail in tails]
+    return next(filter(None, winds), None)
 
 
 def _copy_tail(
