@@ -238,23 +238,18 @@ def resolve_body(plant: Any, body: Any, place: str = "tail force") -> Any:
     if not plant.is_finalized():
         raise ModelError(f"{place}: the plant is not finalised; call plant.Finalize() first")
     if isinstance(body, str):
-        if not plant.HasBodyNamed(body):
-            names = ", ".join(
-                plant.get_body(BodyIndex(i)).name() for i in range(plant.num_bodies())
-            )
+        bodies = [plant.get_body(BodyIndex(index)) for index in range(plant.num_bodies())]
+        named = [other for other in bodies if other.name() == body]
+        if not named:
+            names = ", ".join(other.name() for other in bodies)
             raise ModelError(f"{place}: the plant has no body named '{body}' (bodies: {names})")
-        if plant.NumBodiesWithName(body) > 1:
-            models = [
-                plant.GetModelInstanceName(plant.get_body(BodyIndex(i)).model_instance())
-                for i in range(plant.num_bodies())
-                if plant.get_body(BodyIndex(i)).name() == body
-            ]
+        if len(named) > 1:
+            scoped = ", ".join(other.scoped_name().get_full() for other in named)
             raise ModelError(
-                f"{place}: body '{body}': {len(models)} bodies have this name (of models "
-                f"{', '.join(models)}); must be one of them, "
-                f"plant.GetBodyByName('{body}', plant.GetModelInstanceByName('{models[0]}'))"
+                f"{place}: several bodies are named '{body}' ({scoped}); must be one of the bodies "
+                f"themselves: plant.GetBodyByName('{body}', model_instance)"
             )
-        return plant.GetBodyByName(body)
+        return named[0]
     if body.GetParentPlant() is not plant:
         raise ModelError(f"{place}: body '{body.name()}' does not belong to this plant")
     return body

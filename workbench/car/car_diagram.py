@@ -200,8 +200,8 @@ def force_names(station: Diagram) -> list[str]:
     """Returns the names of the forces of the air on bodies of a simulated car other than its
     tail.
     """
-    parts = [name.removesuffix("_truth").partition("air_of_") for name in output_ports(station)]
-    return [name for before, found, name in parts if found and not before]
+    airs = [port for port in output_ports(station) if port.startswith("air_of_")]
+    return [port.removeprefix("air_of_").removesuffix("_truth") for port in airs]
 
 
 def plant_facts(station: Diagram) -> Json:

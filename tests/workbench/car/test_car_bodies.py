@@ -27,7 +27,9 @@ SPEED = 8.0
 MASS = 0.1
 
 
-def wing_file(folder, height, angle=0.0, coefficients="flat_plate", name="rear_wing", x=0.0):
+def wing_file(
+    folder, height, angle=0.0, coefficients="flat_plate", name="rear_wing", x=0.0, axis="[0, 1, 0]"
+):
     """A wing whose leading edge is the lower one by `angle`, rad."""
     path = folder / "wing.yaml"
     path.write_text(
@@ -35,7 +37,7 @@ def wing_file(folder, height, angle=0.0, coefficients="flat_plate", name="rear_w
 bodies:
   - name: {name}
     root: [{x}, {-SPAN / 2}, {height}]
-    axes: [[0, 1, 0]]
+    axes: [{axis}]
     lengths: [{SPAN}]
     chords: [{CHORD}, {CHORD}]
     normal: [{math.sin(angle)}, 0.0, {math.cos(angle)}]
@@ -149,6 +151,11 @@ def test_wrong_bodies_are_refused(tmp_path):
             lambda: make_car_station(car(coefficients="flat_plat")),
             ModelError,
             ("car.bodies", "rear_wing", "flat_plate"),
+        ),
+        (
+            lambda: make_car_station(car(axis="[0, 1]")),
+            ModelError,
+            ("wing.yaml", "bodies.0.axes.0", "[0, 1]"),
         ),
         (lambda: VehicleParams.from_scenarios([car()]), UserError, ("car.bodies", "wing.yaml")),
     ):
