@@ -240,14 +240,11 @@ def resolve_body(plant: Any, body: Any, place: str = "tail force") -> Any:
     if isinstance(body, str):
         bodies = [plant.get_body(BodyIndex(index)) for index in range(plant.num_bodies())]
         named = [other for other in bodies if other.name() == body]
-        if not named:
-            names = ", ".join(other.name() for other in bodies)
-            raise ModelError(f"{place}: the plant has no body named '{body}' (bodies: {names})")
-        if len(named) > 1:
-            scoped = ", ".join(other.scoped_name().get_full() for other in named)
+        if len(named) != 1:
+            names = ", ".join(other.scoped_name().get_full() for other in bodies)
             raise ModelError(
-                f"{place}: several bodies are named '{body}' ({scoped}); must be one of the bodies "
-                f"themselves: plant.GetBodyByName('{body}', model_instance)"
+                f"{place}: body '{body}' is {len(named)} bodies of the plant ({names}); must be "
+                "the name of one, or a body itself"
             )
         return named[0]
     if body.GetParentPlant() is not plant:

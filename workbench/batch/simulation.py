@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
 
     from aerodima.workbench.car.car_diagram import Build
-    from aerodima.workbench.car.car_station import AddBodies
+    from aerodima.workbench.car.car_plant import AddBodies
     from aerodima.workbench.car.run_view import Progress
 
 

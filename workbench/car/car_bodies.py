@@ -17,7 +17,6 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from aerodima.workbench.aero.coefficient_files import load_coefficients
 from aerodima.workbench.aero.sections import Air
 from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.aero.tail_geometry import Plate, TailPart
@@ -74,8 +73,6 @@ def weld_car_bodies(
         plant.WeldFrames(plant.GetFrameByName("chassis"), body.body_frame())
         for number, piece in enumerate(entry.pieces if drawn else []):
             faces = [piece.corners + side * _THICKNESS / 2 * piece.normal for side in (-1.0, 1.0)]
-            if entry.kind == "half_shell":
-                faces.append(piece.crown)
             hull: Any = Convex(points=np.vstack(faces).T, label=entry.name)
             plant.RegisterVisualGeometry(
                 body, RigidTransform(), hull, f"{entry.name}_{number}", _COLOUR
@@ -91,12 +88,11 @@ def add_car_body_forces(
     Raises:
         ModelError: coefficients are missing or wrong.
     """
+    from aerodima.workbench.aero.coefficient_files import load_coefficients
+
     air = Air(scenario.environment.air_density, scenario.environment.air_viscosity)
     for entry in car_bodies(scenario):
-        try:
-            coefficients = load_coefficients(entry.coefficients)
-        except ModelError as error:
-            raise ModelError(f"car.bodies: {entry.name}: coefficients: {error}") from None
+        coefficients = load_coefficients(entry.coefficients)
         for number, layout in enumerate(entry.section_layouts()):
             add_tail_force(
                 builder,

@@ -2,25 +2,23 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 
+from aerodima.workbench.car.car_plant import AddBodies
 from aerodima.workbench.car.car_station import (
-    AddBodies,
     InterfaceFactory,
     make_car_station,
     simulated_car,
 )
-from aerodima.workbench.car.ground_truth import TAILS, force_columns
+from aerodima.workbench.car.ground_truth import AIR_OF, air_columns
 from aerodima.workbench.control.controller_systems import TailController, TurnDriver
 from aerodima.workbench.control.driver_law import DriverLaw, make_driver
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
 from aerodima.workbench.control.manoeuvre import Schedule
 from aerodima.workbench.control.tail_law import TailLaw
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.port_wiring import constant
 from aerodima.workbench.logs.recorder import (
     OpenBuilder,
@@ -190,35 +188,22 @@ def truth_signals(station: Diagram) -> Signals:
         signals.append((ports["plant_state_truth"], names))
     if wind is not None:
         signals += signals_of(CAR_TRUTH, {"wind_truth": wind})
-    for name in force_names(station):
-        columns = force_columns(name, ports[f"validity_of_{name}_truth"].size())
-        signals += [(ports[f"{port}_of_{name}_truth"], of) for port, of in columns.items()]
+    for port in ports:
+        if port.startswith(AIR_OF):
+            name = port.removeprefix(AIR_OF).removesuffix("_truth")
+            signals.append((ports[port], air_columns(name)))
     return signals
 
 
-def force_names(station: Diagram) -> list[str]:
-    """Returns the names of the forces of the air on bodies of a simulated car other than its
-    tail.
-    """
-    airs = [port for port in output_ports(station) if port.startswith("air_of_")]
-    return [port.removeprefix("air_of_").removesuffix("_truth") for port in airs]
-
-
-def plant_facts(station: Diagram) -> Json:
-    """Returns masses (kg) of a simulated station, and what the air acts on by name, for `extra` of
-    a run log.
-    """
+def plant_facts(station: Diagram) -> dict[str, float]:
+    """Returns masses (kg) of a simulated station, for `extra` of a run log."""
     car = simulated_car(station)
     context = car.plant.CreateDefaultContext()
     if car.tail is None:
         tail_mass = 0.0
     else:
         tail_mass = car.plant.CalcTotalMass(context, [car.tail])
-    facts: Json = {
+    return {
         "tail_mass_kg": tail_mass,
         "total_mass_kg": car.plant.CalcTotalMass(context, car.instances),
     }
-    forces: list[Any] = [station.GetSubsystemByName(name) for name in force_names(station)]
-    if forces:
-        facts[TAILS] = [{"name": force.get_name(), "body": force.body.name()} for force in forces]
-    return facts

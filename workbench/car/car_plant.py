@@ -33,7 +33,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from aerodima.workbench.aero.added_mass import AddedMass, add_added_mass
 from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX
-from aerodima.workbench.car.car_bodies import weld_car_bodies
+from aerodima.workbench.car.car_bodies import add_car_body_forces, weld_car_bodies
 from aerodima.workbench.car.car_model import car_sdf, stiction_tolerance
 from aerodima.workbench.car.tail_plant import MIN_INERTIA_FRACTION, added_mass_layout, tail_sdf
 from aerodima.workbench.control.swing_library import resting_tail
@@ -54,6 +54,10 @@ HALF_SPACE_WARNING = (
 deformable body."""
 
 MODELS_PACKAGE = "aerodima_models"
+AddBodies = Callable[[DiagramBuilder, MultibodyPlant, OutputPort | None], object]
+"""Adds bodies and forces to the plant of a simulated car: called with the builder of the station,
+the plant before it is finalised, and a port of the wind's velocity (3), m/s, None in still air. It
+may call `plant.Finalize()`, which `add_tail_force` needs."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,8 @@ def add_car_plant(
     *,
     sampled_outputs: bool = True,
     drawn: bool = True,
-    add_bodies: Callable[[DiagramBuilder, MultibodyPlant], object] | None = None,
+    wind: OutputPort | None = None,
+    add_bodies: AddBodies | None = None,
 ) -> CarPlant:
     """Adds the car of a scenario, standing at the origin and heading along x, to a diagram.
 
@@ -103,7 +108,8 @@ def add_car_plant(
             the last step; if not, they are those of the step that begins, and a step need not keep
             them.
         drawn: whether it has its visuals, each of which Drake places in every step.
-        add_bodies: adds bodies of a user, and may finalise the plant.
+        wind: velocity of the air in W (3), m/s, on bodies of the scenario; still air without it.
+        add_bodies: adds bodies of a user.
 
     Raises:
         ModelError: a model file is missing or does not load with these numbers, or
@@ -132,9 +138,10 @@ def add_car_plant(
     plant.SetUseSampledOutputPorts(sampled_outputs)
     weld_car_bodies(plant, car, scenario, drawn)
     if add_bodies is not None:
-        add_bodies(builder, plant)
+        add_bodies(builder, plant, wind)
     if not plant.is_finalized():
         plant.Finalize()
+    add_car_body_forces(builder, plant, scenario, wind)
     result = CarPlant(plant, scene_graph, car, tail)
     _exclude_self_collisions(plant, scene_graph, result.instances)
     if added is not None:

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from pydrake.geometry import Meshcat, MeshcatVisualizer
-from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, System
 from pydrake.systems.primitives import PassThrough
 
@@ -26,8 +25,7 @@ from aerodima.workbench.car.ak70 import (
     add_tail_motor,
 )
 from aerodima.workbench.car.car_air import TailAerodynamics, add_sail_report, wind_model
-from aerodima.workbench.car.car_bodies import add_car_body_forces
-from aerodima.workbench.car.car_plant import CarPlant, add_car_plant
+from aerodima.workbench.car.car_plant import AddBodies, CarPlant, add_car_plant
 from aerodima.workbench.car.car_sensors import (
     GpsSpeed,
     Imu,
@@ -35,7 +33,7 @@ from aerodima.workbench.car.car_sensors import (
     SailEncoder,
 )
 from aerodima.workbench.car.chassis_actuators import DriveTrain, SteeringServo
-from aerodima.workbench.car.ground_truth import CarTruth, PlantTruth
+from aerodima.workbench.car.ground_truth import AIR_OF, CarTruth, PlantTruth
 from aerodima.workbench.car.plant_ports import PlantPorts
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_contract import (
@@ -61,10 +59,6 @@ TAIL_PARTS = ("tail_pitch", "tail_roll", "sail")
 HEALTHY = ("imu_fault", "speed_fault", "operator_age", "operator_fault")
 """Fields of `status` that are 0 in simulation."""
 
-AddBodies = Callable[[DiagramBuilder, MultibodyPlant, OutputPort | None], object]
-"""Adds bodies and forces to the plant of a simulated car: called with the builder of the station,
-the plant before it is finalised, and a port of the wind's velocity (3), m/s, None in still air. It
-may call `plant.Finalize()`, which `add_tail_force` needs."""
 InterfaceFactory = Callable[["Scenario"], System]
 """Makes the system that talks to the real car, with exactly the ports of `STATION_INPUTS` and
 `STATION_OUTPUTS`."""
@@ -135,8 +129,17 @@ def _add_simulated_car(
     bodies: AddBodies | None,
 ) -> None:
     """Adds plant, drive train, servo, tail and sensors, and exports the ports of the station."""
+    air, gust = _add_wind(builder, scenario, bodies is not None)
     drawn = with_truth or meshcat is not None
-    car, air = _add_plant_in_wind(builder, scenario, with_truth, drawn, bodies)
+    car = add_car_plant(
+        builder,
+        scenario,
+        gust,
+        sampled_outputs=with_truth,
+        drawn=drawn,
+        wind=air,
+        add_bodies=bodies,
+    )
     ports = PlantPorts(builder, car)
 
     # Drive train, steering and tail.
@@ -178,33 +181,20 @@ def _add_simulated_car(
         MeshcatVisualizer.AddToBuilder(builder, car.scene_graph, meshcat)
 
 
-def _add_plant_in_wind(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    with_truth: bool,
-    drawn: bool,
-    bodies: AddBodies | None,
-) -> tuple[CarPlant, OutputPort | None]:
-    """Adds wind and plant, with the force of the air on bodies other than the tail; returns the
-    plant and the port of the wind's velocity, None in still air.
+def _add_wind(
+    builder: DiagramBuilder, scenario: Scenario, more_bodies: bool
+) -> tuple[OutputPort | None, OutputPort | None]:
+    """Adds the wind; returns ports of its velocity, None in still air, and of its acceleration,
+    None without gusts.
     """
-    model = wind_model(scenario, bodies is not None)
-    air = gust = None
-    if model is not None:
-        wind = builder.AddNamedSystem("wind", WindSource(model))
-        air = wind.GetOutputPort("wind_velocity")
-        if scenario.wind.gust_amplitude > 0.0:
-            gust = wind.GetOutputPort("wind_acceleration")
-    car = add_car_plant(
-        builder,
-        scenario,
-        gust,
-        sampled_outputs=with_truth,
-        drawn=drawn,
-        add_bodies=bodies and (lambda builder, plant: bodies(builder, plant, air)),
-    )
-    add_car_body_forces(builder, car.plant, scenario, air)
-    return car, air
+    model = wind_model(scenario, more_bodies)
+    if model is None:
+        return None, None
+    wind = builder.AddNamedSystem("wind", WindSource(model))
+    gust = None
+    if scenario.wind.gust_amplitude > 0.0:
+        gust = wind.GetOutputPort("wind_acceleration")
+    return wind.GetOutputPort("wind_velocity"), gust
 
 
 def _ignored(builder: DiagramBuilder, command: str) -> InputPort:
@@ -364,12 +354,10 @@ def _add_truth(
     }
     forces: list[Any] = [force for force in builder.GetSystems() if isinstance(force, TailForce)]
     if forces:
-        air = PlantTruth.add_to_builder(builder, "air_truth", state, plant, None, [], forces)
-    for force in forces:
-        name = force.get_name()
-        outputs[f"air_of_{name}_truth"] = air.GetOutputPort(f"{name}_air")
-        for port in ("sections", "validity"):
-            outputs[f"{port}_of_{name}_truth"] = force.GetOutputPort(port)
+        wrenches = {force.get_name(): force.GetOutputPort("wrench") for force in forces}
+        air = PlantTruth(plant, None, [], forces)
+        add_and_connect(builder, air, "air_truth", plant_state=state, **wrenches)
+        outputs |= {f"{AIR_OF}{name}_truth": air.GetOutputPort(f"{name}_air") for name in wrenches}
     names = ["body_truth", "contact_truth"]
     if tail is not None:
         report = add_sail_report(builder, plant, scenario, wind)

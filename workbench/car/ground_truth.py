@@ -2,8 +2,6 @@
 logs and metrics.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -12,7 +10,7 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.multibody.plant import ContactResults, MultibodyPlant, PointPairContactInfo
 from pydrake.multibody.tree import BodyIndex
-from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from aerodima.workbench.aero.section_laws import cross
 from aerodima.workbench.aero.section_watch import SECTION_COLUMNS
@@ -27,7 +25,7 @@ from aerodima.workbench.car.car_sensors import (
 from aerodima.workbench.car.tail_plant import tail_geometry
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.port_fields import PortFields
-from aerodima.workbench.core.port_wiring import add_and_connect, declare_output, vector_of
+from aerodima.workbench.core.port_wiring import declare_output, vector_of
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import CAR_TRUTH, GROUND_CONTACTS, WHEELS, names_of
 
@@ -45,8 +43,8 @@ COM_COLUMNS = [f"com_{axis}_truth_m" for axis in _XYZ] + [
 BODY_TRUTH = PortFields("BodyTruth", tuple(names_of(CAR_TRUTH["body_truth"])))
 CONTACT_TRUTH = PortFields("ContactTruth", tuple(names_of(CAR_TRUTH["contact_truth"])))
 TAIL_TRUTH = PortFields("TailTruth", tuple(names_of(CAR_TRUTH["tail_truth"])))
-TAILS = "tails"
-"""Key in `extra` of a log: name and body of each force of the air that is logged by its name."""
+AIR_OF = "air_of_"
+"""How ports of a station begin that have the force of the air on a body other than its tail."""
 LEAST_LOAD = 1e-9
 """N; of a wheel in the air, whose contact point is the origin."""
 
@@ -64,16 +62,9 @@ def air_columns(stem: str) -> list[str]:
     return [f"{stem}{what}_{axis}_truth_{unit}" for what, unit in parts for axis in _XYZ]
 
 
-def force_columns(stem: str, number: int) -> dict[str, list[str]]:
-    """Columns of the force of the air on so many sections: the port `air` of `PlantTruth`, and the
-    ports `sections` and `validity` of a `TailForce`.
-    """
-    sections = [f"{stem}_section_{index}" for index in range(number)]
-    return {
-        "air": air_columns(stem),
-        "sections": [f"{section}_{name}" for section in sections for name in SECTION_COLUMNS],
-        "validity": [f"{section}_validity" for section in sections],
-    }
+def section_columns(stem: str, number: int) -> list[str]:
+    """Columns of the port `sections` of a `TailForce`."""
+    return [f"{stem}_section_{index}_{name}" for index in range(number) for name in SECTION_COLUMNS]
 
 
 class _Kinematics(LeafSystem):
@@ -143,22 +134,6 @@ class PlantTruth(_Kinematics):
             declare_output(self, "poses", 7 * len(self._bodies), self._calc_poses)
         for tail in tails:
             self._declare_tail(tail)
-
-    @classmethod
-    def add_to_builder(
-        cls,
-        builder: DiagramBuilder,
-        name: str,
-        state: OutputPort,
-        plant: MultibodyPlant,
-        base: BodyIndex | None,
-        bodies: Sequence[BodyIndex],
-        tails: Sequence[Any],
-    ) -> PlantTruth:
-        """Adds it under this name, fed with the plant's state and the wrenches of the tails."""
-        wrenches = {tail.get_name(): tail.GetOutputPort("wrench") for tail in tails}
-        truth = cls(plant, base, bodies, tails)
-        return add_and_connect(builder, truth, name, plant_state=state, **wrenches)
 
     def _declare_tail(self, tail: Any) -> None:
         wrench_port = self.DeclareVectorInputPort(tail.get_name(), 9)

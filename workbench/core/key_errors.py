@@ -44,10 +44,9 @@ def _line(item: Any, model: Model) -> str:
     place = item["loc"]
     kind = item["type"]
     key = ".".join(map(str, place))
-    if kind == "missing" and isinstance(place[-1], int):
-        outer = key.rpartition(".")[0]
-        return f"{outer}: {item['input']!r} must have more elements than {place[-1]}"
     if kind == "missing":
+        if isinstance(place[-1], int):
+            return f"{key}: missing in {item['input']!r}"
         return f"{key}: missing"
     if kind == "value_error":
         text = str(item["ctx"]["error"])

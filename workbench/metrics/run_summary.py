@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import trapezoid
 
-from aerodima.workbench.car.ground_truth import TAILS
 from aerodima.workbench.car.tail_impulses import CAUSES, Impulses, tail_impulses
 from aerodima.workbench.car.turn_signals import turn_window
 from aerodima.workbench.car.verdict import FLIP_TILT
@@ -27,6 +26,8 @@ from aerodima.workbench.metrics.published_values import Platform, PublishedValue
 from aerodima.workbench.metrics.turn_metrics import Outcome, RunMetrics, metrics_of, outcome_from
 from aerodima.workbench.scenario.ensemble import BUILT
 
+TAILS = "tails"
+"""Key in `extra` of a `plant_run`: name and body of each tail force."""
 KM_PER_H = 3.6
 """km/h per m/s."""
 PUBLISHED_RUNS: dict[tuple[str, int], tuple[tuple[Platform, str], ...]] = {
@@ -47,9 +48,7 @@ MODE_WORDS = {
 
 
 def tails_of(run_log: RunLog) -> list[tuple[str, str]]:
-    """Returns name and body of each force of the air that is logged by its name, which begins its
-    columns.
-    """
+    """Returns name and body of each tail force of a `plant_run`; the name begins its columns."""
     return [(str(tail["name"]), str(tail["body"])) for tail in run_log.extra.get(TAILS, [])]
 
 

@@ -20,7 +20,6 @@ from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError, ScenarioError
 from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import check_signals, check_time
-from aerodima.workbench.metrics.run_summary import tails_of
 from aerodima.workbench.scenario.scenario import scenario_from_dict
 from aerodima.workbench.scenario.signal_table import PLANT_POSITION_PREFIX
 from aerodima.workbench.view.dead_reckoning import (
@@ -228,10 +227,8 @@ def _logged_air(run_log: RunLog) -> dict[str, list[FloatArray]]:
     """Reads per force of the air the force, N, its moment about Wo, N m, and root and tip of its
     sections, m, each (n, 3).
     """
-    return {
-        name: np.split(_numbers(run_log, air_columns(name)), 4, axis=1)
-        for name, _ in tails_of(run_log)
-    }
+    names = run_log.table.columns.str.extract("(.*)_root_x_truth_m$", expand=False).dropna()
+    return {name: np.split(_numbers(run_log, air_columns(name)), 4, axis=1) for name in names}
 
 
 def _numbers(run_log: RunLog, columns: list[str]) -> FloatArray:

@@ -38,8 +38,8 @@ from aerodima.workbench.core.file_reading import Facts, Json
 
 MAX_POINTS = 200
 """Points of the hull that stands for a mesh."""
-_STL_HEAD = 80
-"""Bytes before the number of facets of a binary STL file."""
+_STL_HEAD = 84
+"""Bytes before the facets of a binary STL file."""
 _STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 """A facet of a binary STL file."""
 WORLD_BODY = ""
@@ -128,19 +128,16 @@ def _parts(shape: Shape) -> Iterator[tuple[str, list[Any], RigidTransform]]:
 
 
 def _stl_points(path: Path) -> FloatArray:
-    """Reads the corners (n, 3) of a binary or text STL file, which Drake does not; ValueError
+    """Reads the corners (n, 3) of a text or binary STL file, which Drake does not; ValueError
     without any.
     """
     content = path.read_bytes()
-    if len(content) == _STL_HEAD + 4 + _STL_FACET.itemsize * int.from_bytes(
-        content[_STL_HEAD : _STL_HEAD + 4], "little"
-    ):
-        corners = np.frombuffer(content, _STL_FACET, offset=_STL_HEAD + 4)["corners"]
-    else:
-        corners = np.array(re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", content))
+    corners = np.array(re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", content), float)
+    if not corners.size:
+        corners = np.frombuffer(content[_STL_HEAD:], _STL_FACET)["corners"]
     if not corners.size:
         raise ValueError(f"{path}: is no STL file with facets")
-    return np.unique(corners.astype(float).reshape(-1, 3), axis=0)
+    return np.unique(corners.reshape(-1, 3), axis=0)
 
 
 def _directions() -> FloatArray:

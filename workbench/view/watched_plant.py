@@ -26,16 +26,17 @@ from aerodima.workbench.car.car_plant import own_instances
 from aerodima.workbench.car.ground_truth import (
     BASE_COLUMNS,
     COM_COLUMNS,
-    TAILS,
     PlantTruth,
-    force_columns,
+    air_columns,
     pose_columns,
+    section_columns,
 )
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.port_wiring import add_and_connect, vector_of
 from aerodima.workbench.logs.recorder import Signals, output_ports, port_sources, signals_of
+from aerodima.workbench.metrics.run_summary import TAILS
 from aerodima.workbench.scenario.signal_table import CAR_TRUTH, PLANT_POSITION_PREFIX, names_of
 from aerodima.workbench.view.force_arrows import (
     AIR_COLOUR,
@@ -128,15 +129,9 @@ class WatchedPlant:
             raise ModelError(
                 f"observe: plant '{self.plant.get_name()}' is observed already; once is enough"
             )
-        return PlantTruth.add_to_builder(
-            builder,
-            name,
-            self.state,
-            self.plant,
-            self.base,
-            list(self.bodies.values()),
-            self.tails,
-        )
+        truth = PlantTruth(self.plant, self.base, list(self.bodies.values()), self.tails)
+        wrenches = {tail.get_name(): tail.GetOutputPort("wrench") for tail in self.tails}
+        return add_and_connect(builder, truth, name, plant_state=self.state, **wrenches)
 
     def show(
         self, builder: DiagramBuilder, truth: PlantTruth, meshcat: Meshcat, air_scale: float
@@ -181,9 +176,13 @@ class WatchedPlant:
         signals += [(ports[name], columns) for name, columns in computed.items() if name in ports]
         for tail in self.tails:
             name = tail.get_name()
-            sources = output_ports(tail) | {"air": ports[f"{name}_air"]}
-            for port, columns in force_columns(name, tail.layout.number).items():
-                signals.append((sources[port], columns))
+            number = tail.layout.number
+            validity = [f"{name}_section_{index}_validity" for index in range(number)]
+            signals += [
+                (ports[f"{name}_air"], air_columns(name)),
+                (tail.GetOutputPort("sections"), section_columns(name, number)),
+                (tail.GetOutputPort("validity"), validity),
+            ]
         if self.station is not None:
             table = {name: CAR_TRUTH[name] for name in _STATION_TRUTH}
             signals += signals_of(table, output_ports(self.station))
