@@ -161,7 +161,8 @@ def add_constants(builder, station):
 
 
 def test_controller_of_ones_own_gives_the_log_that_simulate_gives():
-    scenario = load_scenario("turn_swing", ["manoeuvre.duration=0.1", "manoeuvre.turn_start=0.05"])
+    short = ["manoeuvre.duration=0.1", "manoeuvre.turn_start=0.05", "manoeuvre.rolling_start=true"]
+    scenario = load_scenario("turn_swing", [*short, "manoeuvre.speed=0"])
     expected = simulate(scenario, build=add_constants)
     builder, station = driven_station(scenario)
     with observe(builder, station, rate=scenario.simulation.log_rate, settings=scenario) as run:
