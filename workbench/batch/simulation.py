@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
 
     from aerodima.workbench.car.car_diagram import Build
+    from aerodima.workbench.car.car_plant import AddBodies
     from aerodima.workbench.car.run_view import Progress
 
 
@@ -26,6 +27,7 @@ def simulate(
     stop_when_certain: bool | None = None,
     law: TailLaw | None = None,
     build: Build | None = None,
+    bodies: AddBodies | None = None,
     force: bool = False,
     meshcat: Meshcat | None = None,
     real_time_rate: float = 0.0,
@@ -48,6 +50,8 @@ def simulate(
         build: drives the car in place of driver and tail law: `build(builder, station)` adds
             systems of your own and connects every input port of the station. An export or a
             `LogVectorOutput` named `x_m,y_m` fills these columns of the log.
+        bodies: adds bodies to the car, such as a rear wing: `bodies(builder, plant, wind)` may call
+            `plant.Finalize()` and then `add_tail_force`, whose argument `wind` it receives.
         force: replace an existing log.
         meshcat: shows the run live.
         real_time_rate: 0 runs as fast as possible, 1 in real time.
@@ -64,16 +68,18 @@ def simulate(
     if isinstance(scenario, RigScenario):
         from aerodima.workbench.rig.rig_run import run_rig
 
-        if law is not None or build is not None or stop_when_certain or record != "all":
+        if law or build or bodies or stop_when_certain or record != "all":
             raise UserError(
-                f"{scenario.name}: law, build, stop_when_certain and record='outcome' are for "
-                "scenarios of the car"
+                f"{scenario.name}: law, build, bodies, stop_when_certain and record='outcome' are "
+                "for scenarios of the car"
             )
         return run_rig(scenario, log, force=force, view=view)
     if law is not None and build is not None:
         raise UserError("law and build exclude each other: each says what the tail does")
     if record == "all":
-        return run_car(scenario, log, bool(stop_when_certain), law, force, view, build)
+        return run_car(scenario, log, bool(stop_when_certain), law, force, view, build, bodies)
     if log is not None:
         raise UserError(f"{log}: must be None with record='outcome', which leaves out columns")
-    return run_outcome(scenario, stop_when_certain is not False, law, view, build=build)
+    return run_outcome(
+        scenario, stop_when_certain is not False, law, view, build=build, bodies=bodies
+    )

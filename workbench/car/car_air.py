@@ -1,7 +1,7 @@
 """The air around the simulated car: the wind of a scenario, the sections of its sail with their
 coefficients, and their force on the tail.
 
-The air acts on the sail only; the chassis feels none.
+The air acts on the sail, and on the bodies of `car_bodies`; the chassis feels none.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from pydrake.systems.framework import (
     DiagramBuilder,
     LeafSystem,
     OutputPort,
-    System,
 )
 
 from aerodima.workbench.aero.sail import FreeSail, SailMotion, generalised_force, sail_motion
@@ -32,7 +31,7 @@ from aerodima.workbench.aero.section_laws import (
 )
 from aerodima.workbench.aero.sections import Air, SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
-from aerodima.workbench.aero.wind import WindModel, WindSource
+from aerodima.workbench.aero.wind import WindModel
 from aerodima.workbench.car.tail_plant import tail_geometry
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
@@ -51,12 +50,16 @@ from aerodima.workbench.scenario.tail_parameters import (
 )
 
 
-def wind_model(scenario: Scenario) -> WindModel | None:
-    """The wind that the scenario's tail meets; None in still air, and for a car without tail, which
-    feels no wind.
+def wind_model(scenario: Scenario, more_bodies: bool = False) -> WindModel | None:
+    """The wind that the scenario's tail and bodies meet; None in still air, and for a car without
+    tail and bodies, which feels no wind.
+
+    Args:
+        more_bodies: whether there are bodies that the scenario does not know.
     """
     wind = scenario.wind
-    if wind.is_still or scenario.tail.mode == "none":
+    feels_air = more_bodies or scenario.car.has_bodies or scenario.tail.mode != "none"
+    if wind.is_still or not feels_air:
         return None
     gust = wind.gust_amplitude
     return WindModel(
@@ -67,14 +70,6 @@ def wind_model(scenario: Scenario) -> WindModel | None:
         time_constant=wind.turbulence_time_constant,
         seed=scenario.seed,
     )
-
-
-def add_wind_source(builder: DiagramBuilder, scenario: Scenario) -> System | None:
-    """Adds the wind of a scenario to a diagram; nothing, and None, where there is none."""
-    model = wind_model(scenario)
-    if model is None:
-        return None
-    return builder.AddNamedSystem("wind", WindSource(model))
 
 
 def sail_law(tail: TailParameters) -> tuple[SectionLaw, float]:

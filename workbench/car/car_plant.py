@@ -6,6 +6,7 @@ at nominal ride height.
 """
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,6 +32,8 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from aerodima.workbench.aero.added_mass import AddedMass, add_added_mass
+from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX
+from aerodima.workbench.car.car_bodies import add_car_body_forces, weld_car_bodies
 from aerodima.workbench.car.car_model import car_sdf, stiction_tolerance
 from aerodima.workbench.car.tail_plant import MIN_INERTIA_FRACTION, added_mass_layout, tail_sdf
 from aerodima.workbench.control.swing_library import resting_tail
@@ -51,14 +54,17 @@ HALF_SPACE_WARNING = (
 deformable body."""
 
 MODELS_PACKAGE = "aerodima_models"
+AddBodies = Callable[[DiagramBuilder, MultibodyPlant, OutputPort | None], object]
+"""Adds bodies and forces to the plant of a simulated car: called with the builder of the station,
+the plant before it is finalised, and a port of the wind's velocity (3), m/s, None in still air. It
+may call `plant.Finalize()`, which `add_tail_force` needs."""
 
 
 @dataclass(frozen=True)
 class CarPlant:
     """A finalised plant with its scene graph; `tail` is None for the car without tail arm.
 
-    Added mass of the air is neither car nor tail but a model instance of its own: sums over the
-    vehicle go over these two.
+    Added mass of the air is a model instance of its own and no part of the vehicle.
     """
 
     plant: MultibodyPlant
@@ -68,10 +74,19 @@ class CarPlant:
 
     @property
     def instances(self) -> list[ModelInstanceIndex]:
-        """Car and tail arm, without the added mass of the air."""
-        if self.tail is None:
-            return [self.car]
-        return [self.car, self.tail]
+        """Whole vehicle, without the added mass of the air."""
+        return own_instances(self.plant)
+
+
+def own_instances(plant: MultibodyPlant) -> list[ModelInstanceIndex]:
+    """Model instances with bodies, without the world's and those of weightless added mass."""
+    instances = [ModelInstanceIndex(index) for index in range(1, plant.num_model_instances())]
+    return [
+        instance
+        for instance in instances
+        if plant.GetBodyIndices(instance)
+        and not plant.GetModelInstanceName(instance).startswith(ADDED_MASS_PREFIX)
+    ]
 
 
 def add_car_plant(
@@ -81,6 +96,8 @@ def add_car_plant(
     *,
     sampled_outputs: bool = True,
     drawn: bool = True,
+    wind: OutputPort | None = None,
+    add_bodies: AddBodies | None = None,
 ) -> CarPlant:
     """Adds the car of a scenario, standing at the origin and heading along x, to a diagram.
 
@@ -91,6 +108,8 @@ def add_car_plant(
             the last step; if not, they are those of the step that begins, and a step need not keep
             them.
         drawn: whether it has its visuals, each of which Drake places in every step.
+        wind: velocity of the air in W (3), m/s, on bodies of the scenario; still air without it.
+        add_bodies: adds bodies of a user.
 
     Raises:
         ModelError: a model file is missing or does not load with these numbers, or
@@ -117,7 +136,12 @@ def add_car_plant(
     plant.set_contact_model(ContactModel.kPoint)
     plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
     plant.SetUseSampledOutputPorts(sampled_outputs)
-    plant.Finalize()
+    weld_car_bodies(plant, car, scenario, drawn)
+    if add_bodies is not None:
+        add_bodies(builder, plant, wind)
+    if not plant.is_finalized():
+        plant.Finalize()
+    add_car_body_forces(builder, plant, scenario, wind)
     result = CarPlant(plant, scene_graph, car, tail)
     _exclude_self_collisions(plant, scene_graph, result.instances)
     if added is not None:

@@ -15,6 +15,8 @@ from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, System
 from pydrake.systems.primitives import PassThrough
 
+from aerodima.workbench.aero.tail_force import TailForce
+from aerodima.workbench.aero.wind import WindSource
 from aerodima.workbench.car.ak70 import (
     TAIL_JOINTS,
     JointFriction,
@@ -22,8 +24,8 @@ from aerodima.workbench.car.ak70 import (
     TailMotorFactory,
     add_tail_motor,
 )
-from aerodima.workbench.car.car_air import TailAerodynamics, add_sail_report, add_wind_source
-from aerodima.workbench.car.car_plant import CarPlant, add_car_plant
+from aerodima.workbench.car.car_air import TailAerodynamics, add_sail_report, wind_model
+from aerodima.workbench.car.car_plant import AddBodies, CarPlant, add_car_plant
 from aerodima.workbench.car.car_sensors import (
     GpsSpeed,
     Imu,
@@ -31,7 +33,7 @@ from aerodima.workbench.car.car_sensors import (
     SailEncoder,
 )
 from aerodima.workbench.car.chassis_actuators import DriveTrain, SteeringServo
-from aerodima.workbench.car.ground_truth import CarTruth
+from aerodima.workbench.car.ground_truth import AIR_OF, CarTruth, PlantTruth
 from aerodima.workbench.car.plant_ports import PlantPorts
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_contract import (
@@ -69,6 +71,7 @@ def make_car_station(
     *,
     with_truth: bool = True,
     tail_motor: TailMotorFactory = TailMotor,
+    bodies: AddBodies | None = None,
 ) -> Diagram:
     """Makes the station of a scenario as a diagram.
 
@@ -95,6 +98,7 @@ def make_car_station(
             plant's state and the torque of the tail motors in its last step, which costs nothing.
         tail_motor: makes the motor of a simulated joint, called with the scenario and one of
             `tail_pitch` and `tail_roll`.
+        bodies: adds bodies of your own to a simulated car, see `AddBodies`.
 
     Raises:
         ModelError: a model does not load with the numbers of the scenario.
@@ -103,9 +107,11 @@ def make_car_station(
     """
     if tail_motor is not TailMotor and (interface is not None or scenario.tail.mode == "none"):
         raise UserError(f"tail_motor: {tail_motor!r}: only a simulated car with a tail has one")
+    if bodies is not None and interface is not None:
+        raise UserError(f"bodies: {bodies!r}: only a simulated car takes them")
     builder = DiagramBuilder()
     if interface is None:
-        _add_simulated_car(builder, scenario, meshcat, with_truth, tail_motor)
+        _add_simulated_car(builder, scenario, meshcat, with_truth, tail_motor, bodies)
     else:
         export_interface(builder, interface(scenario), STATION_INPUTS, STATION_OUTPUTS)
     station = builder.Build()
@@ -120,19 +126,21 @@ def _add_simulated_car(
     meshcat: Meshcat | None,
     with_truth: bool,
     tail_motor: TailMotorFactory,
+    bodies: AddBodies | None,
 ) -> None:
     """Adds plant, drive train, servo, tail and sensors, and exports the ports of the station."""
-    # The plant, and the wind that pushes its added mass.
-    wind = None
-    if scenario.tail.mode != "none":  # the air acts on a tail only
-        wind = add_wind_source(builder, scenario)
+    air, gust = _add_wind(builder, scenario, bodies is not None)
     drawn = with_truth or meshcat is not None
-    gust = None
-    if wind is not None and scenario.wind.gust_amplitude > 0.0:
-        gust = wind.GetOutputPort("wind_acceleration")
-    car = add_car_plant(builder, scenario, gust, sampled_outputs=with_truth, drawn=drawn)
+    car = add_car_plant(
+        builder,
+        scenario,
+        gust,
+        sampled_outputs=with_truth,
+        drawn=drawn,
+        wind=air,
+        add_bodies=bodies,
+    )
     ports = PlantPorts(builder, car)
-    air = wind.GetOutputPort("wind_velocity") if wind is not None else None
 
     # Drive train, steering and tail.
     drive = DriveTrain.add_to_builder(builder, scenario, spins=ports.motion("spins"))
@@ -171,6 +179,22 @@ def _add_simulated_car(
     export_outputs(builder, outputs)
     if meshcat is not None:
         MeshcatVisualizer.AddToBuilder(builder, car.scene_graph, meshcat)
+
+
+def _add_wind(
+    builder: DiagramBuilder, scenario: Scenario, more_bodies: bool
+) -> tuple[OutputPort | None, OutputPort | None]:
+    """Adds the wind; returns ports of its velocity, None in still air, and of its acceleration,
+    None without gusts.
+    """
+    model = wind_model(scenario, more_bodies)
+    if model is None:
+        return None, None
+    wind = builder.AddNamedSystem("wind", WindSource(model))
+    gust = None
+    if scenario.wind.gust_amplitude > 0.0:
+        gust = wind.GetOutputPort("wind_acceleration")
+    return wind.GetOutputPort("wind_velocity"), gust
 
 
 def _ignored(builder: DiagramBuilder, command: str) -> InputPort:
@@ -316,9 +340,10 @@ def _add_truth(
 ) -> dict[str, OutputPort]:
     """Adds what only a simulation knows; returns the ports to export."""
     plant = car.plant
+    state = plant.get_state_output_port()
     contacts = plant.get_contact_results_output_port()
     sources = {
-        "plant_state": plant.get_state_output_port(),
+        "plant_state": state,
         "contact_results": contacts,
         "chassis_motion": ports.motion("chassis_motion"),
         "drive_torque": concatenate(builder, "drive_torque", [(torques, [0])]),
@@ -327,12 +352,18 @@ def _add_truth(
         "plant_acceleration_truth": plant.GetOutputPort("generalized_acceleration"),
         "contact_results_truth": contacts,
     }
+    forces: list[Any] = [force for force in builder.GetSystems() if isinstance(force, TailForce)]
+    if forces:
+        wrenches = {force.get_name(): force.GetOutputPort("wrench") for force in forces}
+        air = PlantTruth(plant, None, [], forces)
+        add_and_connect(builder, air, "air_truth", plant_state=state, **wrenches)
+        outputs |= {f"{AIR_OF}{name}_truth": air.GetOutputPort(f"{name}_air") for name in wrenches}
     names = ["body_truth", "contact_truth"]
     if tail is not None:
         report = add_sail_report(builder, plant, scenario, wind)
-        force = tail.air.GetOutputPort("force")
+        on_tail = tail.air.GetOutputPort("force")
         sources["tail_torque"] = tail.motor_torques
-        sources["tail_air"] = concatenate(builder, "air_on_chassis", [(force, range(6))])
+        sources["tail_air"] = concatenate(builder, "air_on_chassis", [(on_tail, range(6))])
         outputs["tail_actuation_truth"] = tail.joint_torques
         outputs["tail_sections_truth"] = report["sections"]
         outputs["tail_validity_truth"] = report["validity"]

@@ -16,8 +16,7 @@ from pydrake.systems.framework import DiagramBuilder
 from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
-from aerodima.workbench.car.car_plant import CarPlant, add_car_plant
-from aerodima.workbench.car.ground_truth import own_instances
+from aerodima.workbench.car.car_plant import CarPlant, add_car_plant, own_instances
 from aerodima.workbench.car.tail_plant import tail_geometry
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError, ScenarioError

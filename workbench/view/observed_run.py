@@ -12,8 +12,7 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType
 
 from aerodima.workbench.aero.section_watch import SectionWatch
-from aerodima.workbench.car.car_diagram import plant_facts, truth_signals
-from aerodima.workbench.car.roll_estimator import RollEstimator
+from aerodima.workbench.car.car_diagram import DRIVER_PORTS, car_signals, plant_facts
 from aerodima.workbench.control.controller_systems import TailController, TurnDriver
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.atomic_write import refuse_existing
@@ -25,9 +24,7 @@ from aerodima.workbench.logs.recorder import (
     RunRecorder,
     Signals,
     open_log,
-    output_ports,
     recorded_columns,
-    signals_of,
 )
 from aerodima.workbench.logs.schema import (
     METADATA_KEY,
@@ -38,7 +35,7 @@ from aerodima.workbench.logs.schema import (
     run_metadata,
 )
 from aerodima.workbench.scenario.scenario import Scenario
-from aerodima.workbench.scenario.signal_table import CAR_PORTS, sensor_columns
+from aerodima.workbench.scenario.signal_table import names_of, sensor_columns
 from aerodima.workbench.view.logged_run import AIR_SCALE, AIR_SCALE_KEY
 from aerodima.workbench.view.watched_plant import WatchedPlant
 
@@ -150,8 +147,7 @@ def observe(
     centre of mass and its base, the poses of its bodies with their shapes, per `TailForce` wrench
     and sections, the wind, and `signals`; `plant_metrics`, `aerodima log metrics`, `replay` and
     `log compare` read it, with the outcome where it is defined (`plant_outcome`). A car's station
-    with driver, tail controller and roll estimator in the same builder gives the log of a car if
-    `settings` is its scenario.
+    gives the log of a car, as `simulate` does, if `settings` is its scenario, whatever drives it.
 
     Args:
         builder: that owns the plant.
@@ -177,47 +173,41 @@ def observe(
     truth = watched.add_truth(builder)
     if meshcat is not None:
         watched.show(builder, truth, meshcat, air_scale)
-    if not _record_car(run, builder, watched, settings, rate):
+    more = _user_signals(builder, signals or {})
+    if watched.station is not None and isinstance(settings, Scenario):
+        recorded = _car_signals(builder, watched.station, settings) + more
+        facts = plant_facts(watched.station)
+        metadata = run_metadata(settings.resolved(), settings.seed, extra=facts)
+    else:
+        if watched.station is not None:
+            columns = ", ".join(names_of(sensor_columns()))
+            warnings.warn(
+                "observe: the log has no columns of sensors and commands, since settings= is no "
+                f"Scenario; it is that of any plant and leaves out: {columns}",
+                UserWarning,
+                stacklevel=2,
+            )
         stated = settings.resolved() if isinstance(settings, Scenario) else dict(settings or {})
         stated = {"name": name or stated.get("name") or watched.plant.get_name()} | stated
         for tail in watched.tails:
             run.watch(builder, tail, rate)
-        recorded = watched.signals(truth) + _user_signals(builder, signals or {})
+        recorded = watched.signals(truth) + more
         facts = watched.facts() | {AIR_SCALE_KEY: air_scale}
         metadata = run_metadata(stated, seed=0, kind=PLANT_RUN, extra=facts)
-        run.record(builder, recorded, rate, watched.plant.time_step(), metadata)
+    run.record(builder, recorded, rate, watched.plant.time_step(), metadata)
     return run
 
 
-def _record_car(
-    run: ObservedRun,
-    builder: DiagramBuilder,
-    watched: WatchedPlant,
-    settings: Scenario | Facts | None,
-    rate: float,
-) -> bool:
-    """Records the log of a car, if the diagram has every part of one; says whether it does."""
-    if watched.station is None or not isinstance(settings, Scenario):
-        return False
-    signals = _car_signals(builder, watched.station)
-    if signals:
-        facts = plant_facts(watched.station)
-        metadata = run_metadata(settings.resolved(), settings.seed, extra=facts)
-        run.record(builder, signals, rate, watched.plant.time_step(), metadata)
-    return bool(signals)
-
-
-def _car_signals(builder: DiagramBuilder, station: Diagram) -> Signals:
-    """Lists every column of a car's log, if driver, tail controller and roll estimator are in the
-    builder; else none.
-    """
-    parts = (TurnDriver, TailController, RollEstimator)
-    sources = [system for system in builder.GetSystems() if isinstance(system, parts)]
-    signals = signals_of(CAR_PORTS, output_ports(*sources, station))
-    present = recorded_columns(signals)
-    if all(column.optional or column.name in present for column in sensor_columns()):
-        return signals + truth_signals(station)
-    return []
+def _car_signals(builder: DiagramBuilder, station: Diagram, scenario: Scenario) -> Signals:
+    """Lists every column of a car's log; those of driver and tail controller are 0 without them."""
+    kinds = (TurnDriver, TailController)
+    driven = {
+        port: system.GetOutputPort(port)
+        for port, kind in zip(DRIVER_PORTS, kinds, strict=True)
+        for system in builder.GetSystems()
+        if isinstance(system, kind)
+    }
+    return car_signals(builder, station, scenario, driven)
 
 
 def _user_signals(builder: DiagramBuilder, ports: Mapping[str, OutputPort]) -> Signals:
