@@ -141,7 +141,8 @@ class WatchedPlant:
         Raises:
             ModelError: the plant has no visible shapes.
         """
-        if not self.plant.num_visual_geometries():
+        bodies = [self.plant.get_body(BodyIndex(index)) for index in range(self.plant.num_bodies())]
+        if not any(map(self.plant.GetVisualGeometriesForBody, bodies)):
             raise ModelError(
                 f"observe: plant '{self.plant.get_name()}' has no visible shapes for Meshcat; make "
                 "it with AddMultibodyPlantSceneGraph and parse the model after that"

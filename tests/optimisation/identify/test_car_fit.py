@@ -240,8 +240,8 @@ def test_the_truth_of_a_drive_lies_in_the_intervals():
 @pytest.mark.slow
 @pytest.mark.nightly
 def test_a_gentle_turn_of_another_program_shows_the_stiffness_of_its_tyres():
-    """The model of f1tenth_gym with its own car; 10 %: its axles differ by 15 % and ours do not, and
-    our tyres are not straight up to a quarter of their friction.
+    """The model of f1tenth_gym with its own car; 10 %: its axles differ by 15 % and ours do not,
+    and our tyres are not straight up to a quarter of their friction.
     """
     scenario = load_scenario("f1tenth", ["manoeuvre.speed=3"])
     found = fit_car(car_drive(driven(linear_tyres, scenario, 3.0, 0.1)))

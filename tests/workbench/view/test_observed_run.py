@@ -173,7 +173,7 @@ def test_controller_of_ones_own_gives_the_log_that_simulate_gives():
 
 def test_log_of_a_station_without_its_scenario_names_the_columns_that_it_leaves_out():
     builder, station = driven_station(load_scenario("turn_swing"))
-    with pytest.warns(UserWarning, match="settings= .* imu_gyro_z_rad_per_s, .* throttle"):
+    with pytest.warns(UserWarning, match="settings= .* throttle_command, .* imu_gyro_z_rad_per_s"):
         observe(builder, station)
 
 
