@@ -72,7 +72,7 @@ def cut():
         (lambda: replace(still_log(), kind="swing"), ("swing",)),
         (lambda: still_log(0.0), ("steering_command_rad", "0.01 rad")),
         (lambda: changed(imu_gyro_z_rad_per_s=gyro_with_nan), ("imu_gyro_z_rad_per_s", "2.2 s")),
-        (lambda: without("imu_gyro_x_rad_per_s"), ("imu_gyro_x_rad_per_s",)),
+        (lambda: without("imu_gyro_z_rad_per_s"), ("imu_gyro_z_rad_per_s",)),
         (
             lambda: changed(status_speed_age_s=lambda table: table.time_s % 1.0),
             ("speed_m_per_s", "2", "5"),
