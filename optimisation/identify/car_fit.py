@@ -111,16 +111,8 @@ def prior_range(name: str, car: CarParameters) -> tuple[float, float]:
     if name not in CAR:
         return -high, high
     value = getattr(car, name)
-    if low <= value <= high:
-        return low, high
-    factor = value / float(entry.value)
+    factor = 1.0 if low <= value <= high else value / float(entry.value)
     return factor * low, factor * high
-
-
-def estimated(drive: CarDrive) -> list[str]:
-    """List the unknowns of `UNITS` that the channels of a drive show: its height only in roll."""
-    hidden = () if "roll_rate" in drive.channels else ("com_height", BIASES["roll_rate"])
-    return [name for name in UNITS if name not in hidden]
 
 
 def unknowns(drive: CarDrive) -> Parameters:
@@ -138,14 +130,16 @@ def unknowns(drive: CarDrive) -> Parameters:
     for name, speeds in ((SPEED, before[:2]), (DRIVEN, before[-3:])):
         v = float(np.mean(speeds))
         parameters.append(Parameter(name, "m/s", v, v - _SPEED_REACH, v + _SPEED_REACH, scale=0.05))
-    for name in estimated(drive):
+    # Only roll shows the height.
+    hidden = () if "roll_rate" in drive.channels else ("com_height", BIASES["roll_rate"])
+    for name, unit in UNITS.items():
+        if name in hidden:
+            continue
         low, high = prior_range(name, drive.scenario.car)
         half = 0.5 * (high - low)
         lower = max(low - half, least.get(name, -math.inf))
         sigma = half / math.sqrt(3.0)
-        parameters.append(
-            Parameter(name, UNITS[name], low + half, lower, high + half, prior_std=sigma)
-        )
+        parameters.append(Parameter(name, unit, low + half, lower, high + half, prior_std=sigma))
     return Parameters.of(parameters)
 
 

@@ -15,7 +15,7 @@ from scipy.ndimage import maximum_filter1d
 from aerodima.workbench.car.car_sensors import STEPS
 from aerodima.workbench.car.laws import steady_speed
 from aerodima.workbench.car.turn_signals import STEERED
-from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE, DriverInput
+from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE, DriverInput, throttle_line
 from aerodima.workbench.control.tail_law import Observation
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import FitError, LogError, UserError
@@ -26,8 +26,6 @@ from aerodima.workbench.logs.signals import Interval, check_signals, median_step
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import IMU
 
-KINDS = ("car_run", "car_log")
-"""Kinds of log that hold a drive of a car."""
 Signals = Mapping[str, FloatArray]
 """Name -> samples (n)."""
 LEAD = 0.6
@@ -54,16 +52,13 @@ MIN_SAMPLES = {"imu": 40, "speed": 5}
 MIN_NOISE = 1e-4
 """Least noise of a signal whose unit is in rad/s or m/s2."""
 DRIVER = ("steering_command_rad", "throttle_command", "planned_turn")
-ATTITUDE = ("imu_roll_rad", "imu_pitch_rad")
-_UPRIGHT = "the car is taken to stay upright"
-_FRESH = "each row is taken as a new sample"
 WITHOUT = {
     "throttle_command": "the car is driven at the logged speed",
     "planned_turn": "no turn is announced",
-    "imu_roll_rad": _UPRIGHT,
-    "imu_pitch_rad": _UPRIGHT,
-    "status_imu_age_s": _FRESH,
-    "status_speed_age_s": _FRESH,
+    "imu_roll_rad": "the car is taken to stay upright",
+    "imu_pitch_rad": "the car is taken to stay upright",
+    "status_imu_age_s": "each row is taken as a new sample",
+    "status_speed_age_s": "each row is taken as a new sample",
     "imu_gyro_x_rad_per_s": "roll rate is left out and car.com_height is that of the scenario",
 }
 """Column that a log may lack -> what a fit does without it."""
@@ -243,33 +238,33 @@ def logged_scenario(log: RunLog, settings: tuple[str, ...] = ()) -> Scenario:
 
 
 def _completed(log: RunLog, scenario: Scenario) -> tuple[RunLog, Scenario, list[str]]:
-    """Fill in the columns of `WITHOUT` that a log lacks, all but the roll rate.
+    """Fill in the columns of `WITHOUT` that a log lacks.
 
     Returns:
         Log and scenario of the drive, and what is done without each of them.
     """
     absent = [name for name in WITHOUT if name not in log.table]
-    filled: dict[str, FloatArray] = dict.fromkeys(absent, np.zeros(log.time.size))
-    filled.pop(CHANNELS["roll_rate"][1], None)
-    if "throttle_command" in filled:
-        drive = scenario.drive
-        speed = log.signal(CHANNELS["speed"][1])
-        filled["throttle_command"] = (speed - drive.throttle_offset) / drive.throttle_gain
+    table = log.table.assign(**dict.fromkeys(absent, 0.0))
+    if "throttle_command" in absent:
         scenario = scenario.varied(drive={"governor": True})
+        line = throttle_line(scenario)
+        table["throttle_command"] = (log.signal("speed_m_per_s") - line.offset) / line.gain
     notes = [f"without {name} {WITHOUT[name]}" for name in absent]
-    return replace(log, table=log.table.assign(**filled)), scenario, notes
+    return replace(log, table=table), scenario, notes
 
 
 def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
-    if log.kind not in KINDS:
+    if log.kind not in ("car_run", "car_log"):
         raise FitError(
-            f"is a log of kind {log.kind!r}; this fit needs a drive of the car, "
-            f"{' or '.join(KINDS)}"
+            f"is a log of kind {log.kind!r}; this fit needs a drive of the car, 'car_run' or "
+            "'car_log'"
         )
+    warnings = _wrong_units(log)
+    rolls = CHANNELS["roll_rate"][1] in log.table
     log, scenario, notes = _completed(log, logged_scenario(log, settings))
     time = log.time
     tailed = scenario.tail.mode != "none"
-    names = [*DRIVER, *ATTITUDE]
+    names = [*DRIVER, "imu_roll_rad", "imu_pitch_rad"]
     if tailed:
         names += [*TAIL["pitch"], *TAIL["roll"], "tail_roll_angle_rad"]
     signals = {name: log.signal(name) for name in names}
@@ -279,7 +274,7 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
         raise FitError(f"column {DRIVER[0]!r} stays within {STEERED:g} rad; a fit needs a turn")
     turn = float(time[steered[0]])
     end = float(time[steered[-1]]) + REACH
-    warnings = _wrong_units(log) + notes
+    warnings += notes
     for reason, lost in _losses(scenario, signals, int(steered[0])).items():
         over = time[lost & (time >= turn)]
         if over.size and over[0] < end:
@@ -292,10 +287,11 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
     if min(turn - begin, last - turn) < MIN_SPAN:
         span = f"{first:g} to {last:g} s, steered from {turn:g} s on"
         raise FitError(f"holds {span}; a fit needs {MIN_SPAN:g} s to either side")
-    channels = {}
-    for name, (_, column, _) in CHANNELS.items():
-        if name != "roll_rate" or column in log.table:
-            channels[name] = _channel(log, name, scenario, (begin + SETTLING, end))
+    channels = {
+        name: _channel(log, name, scenario, (begin + SETTLING, end))
+        for name in CHANNELS
+        if rolls or name != "roll_rate"
+    }
     tail: FloatArray = np.zeros((2, time.size, 5))
     if tailed:
         joints = [[signals[name] for name in columns] for columns in TAIL.values()]

@@ -17,6 +17,7 @@ from pydrake.systems.framework import (
     DiagramBuilder,
     LeafSystem,
     OutputPort,
+    System,
 )
 
 from aerodima.workbench.aero.sail import FreeSail, SailMotion, generalised_force, sail_motion
@@ -31,7 +32,7 @@ from aerodima.workbench.aero.section_laws import (
 )
 from aerodima.workbench.aero.sections import Air, SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
-from aerodima.workbench.aero.wind import WindModel
+from aerodima.workbench.aero.wind import WindModel, WindSource
 from aerodima.workbench.car.tail_plant import tail_geometry
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
@@ -52,14 +53,14 @@ from aerodima.workbench.scenario.tail_parameters import (
 
 def wind_model(scenario: Scenario, more_bodies: bool = False) -> WindModel | None:
     """The wind that the scenario's tail and bodies meet; None in still air, and for a car without
-    tail and bodies, which feels no wind.
+    them, which feels no wind.
 
     Args:
         more_bodies: whether there are bodies that the scenario does not know.
     """
     wind = scenario.wind
-    feels_air = more_bodies or scenario.car.has_bodies or scenario.tail.mode != "none"
-    if wind.is_still or not feels_air:
+    has_bodies = more_bodies or scenario.car.has_bodies
+    if wind.is_still or (scenario.tail.mode == "none" and not has_bodies):
         return None
     gust = wind.gust_amplitude
     return WindModel(
@@ -70,6 +71,16 @@ def wind_model(scenario: Scenario, more_bodies: bool = False) -> WindModel | Non
         time_constant=wind.turbulence_time_constant,
         seed=scenario.seed,
     )
+
+
+def add_wind_source(
+    builder: DiagramBuilder, scenario: Scenario, more_bodies: bool
+) -> System | None:
+    """Adds the wind of a scenario to a diagram; nothing, and None, where `wind_model` has none."""
+    model = wind_model(scenario, more_bodies)
+    if model is None:
+        return None
+    return builder.AddNamedSystem("wind", WindSource(model))
 
 
 def sail_law(tail: TailParameters) -> tuple[SectionLaw, float]:

@@ -20,6 +20,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from aerodima.workbench.aero.sections import Air
 from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.aero.tail_geometry import Plate, TailPart
+from aerodima.workbench.aero.tail_pieces import unit_vector
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.quantity import quantity
 from aerodima.workbench.core.yaml_files import checked, read_yaml
@@ -27,7 +28,7 @@ from aerodima.workbench.scenario.scenario import Scenario
 
 SCHEMA: Literal["aerodima/bodies/1"] = "aerodima/bodies/1"
 _THICKNESS = 0.002
-"""Thickness with which a plate is drawn, m."""
+"""Thickness with which bodies are drawn, as the hull of their pieces, m."""
 _COLOUR = np.array([0.93, 0.74, 0.18, 1.0])
 """Red, green, blue and opacity of the bodies, from 0 to 1."""
 
@@ -45,63 +46,57 @@ class CarBodies(TailPart):
     bodies: Annotated[tuple[CarBody, ...], Field(strict=False, min_length=1)]
 
 
-def car_bodies(scenario: Scenario) -> tuple[CarBody, ...]:
-    """Reads the bodies of a scenario; ModelError names `car.bodies` and the file."""
-    if not scenario.car.has_bodies:
-        return ()
-    path = Path(scenario.car.bodies)
-    content = read_yaml(path, ModelError)
-    return checked(CarBodies, content, f"car.bodies: {path}", ModelError, schema=SCHEMA).bodies
-
-
 def weld_car_bodies(
-    plant: MultibodyPlant, car: ModelInstanceIndex, scenario: Scenario, drawn: bool
-) -> None:
-    """Welds the bodies of a scenario to the chassis, with their mass, before the plant is
+    plant: MultibodyPlant, car: ModelInstanceIndex, scenario: Scenario
+) -> list[CarBody]:
+    """Welds the bodies of a scenario to the chassis, with mass and shape; the plant is not yet
     finalised.
 
     Raises:
-        ModelError: a file is wrong, or the car has a body of that name.
+        ModelError: `car.bodies` is no such file, or the car has a body of that name.
     """
-    for entry in car_bodies(scenario):
+    if not scenario.car.has_bodies:
+        return []
+    path = Path(scenario.car.bodies)
+    where = f"car.bodies: {path}"
+    content = checked(CarBodies, read_yaml(path, ModelError), where, ModelError, schema=SCHEMA)
+    for entry in content.bodies:
         if plant.HasBodyNamed(entry.name):
-            raise ModelError(
-                f"car.bodies: {scenario.car.bodies}: name: {entry.name!r} must be the name of no "
-                "other body of the car"
-            )
+            raise ModelError(f"{where}: name: the car has a body {entry.name!r} already")
         body = plant.AddRigidBody(entry.name, car, entry.inertia)
         plant.WeldFrames(plant.GetFrameByName("chassis"), body.body_frame())
-        for number, piece in enumerate(entry.pieces if drawn else []):
-            faces = [piece.corners + side * _THICKNESS / 2 * piece.normal for side in (-1.0, 1.0)]
-            hull: Any = Convex(points=np.vstack(faces).T, label=entry.name)
-            plant.RegisterVisualGeometry(
-                body, RigidTransform(), hull, f"{entry.name}_{number}", _COLOUR
-            )
+        near = np.vstack([piece.corners for piece in entry.pieces])
+        points: Any = np.vstack([near, near + _THICKNESS * unit_vector(entry.normal)])
+        hull = Convex(points=points.T, label=entry.name)
+        plant.RegisterVisualGeometry(body, RigidTransform(), hull, entry.name, _COLOUR)
+    return list(content.bodies)
 
 
-def add_car_body_forces(
-    builder: DiagramBuilder, plant: MultibodyPlant, scenario: Scenario, wind: OutputPort | None
+def add_air_force(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    scenario: Scenario,
+    entry: CarBody,
+    wind: OutputPort | None,
 ) -> None:
-    """Puts the force of the air on the bodies of a scenario: a `TailForce` for each straight run of
-    a plate, named after the body and, from the second run on, with its number.
+    """Puts the force of the air on a welded body: a `TailForce` for each straight run of the plate,
+    named after the body and, from the second run on, with its number.
 
     Raises:
         ModelError: coefficients are missing or wrong.
     """
     from aerodima.workbench.aero.coefficient_files import load_coefficients
 
-    air = Air(scenario.environment.air_density, scenario.environment.air_viscosity)
-    for entry in car_bodies(scenario):
-        coefficients = load_coefficients(entry.coefficients)
-        for number, layout in enumerate(entry.section_layouts()):
-            add_tail_force(
-                builder,
-                plant,
-                entry.name,
-                layout,
-                coefficients.law(),
-                air=air,
-                wind=wind,
-                quasi_steady_limit=coefficients.quasi_steady_limit,
-                name=f"{entry.name}_{number}" if number else entry.name,
-            )
+    coefficients = load_coefficients(entry.coefficients)
+    for number, layout in enumerate(entry.section_layouts()):
+        add_tail_force(
+            builder,
+            plant,
+            entry.name,
+            layout,
+            coefficients.law(),
+            air=Air(scenario.environment.air_density, scenario.environment.air_viscosity),
+            wind=wind,
+            quasi_steady_limit=coefficients.quasi_steady_limit,
+            name=f"{entry.name}_{number}" if number else entry.name,
+        )

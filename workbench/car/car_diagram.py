@@ -12,7 +12,7 @@ from aerodima.workbench.car.car_station import (
     make_car_station,
     simulated_car,
 )
-from aerodima.workbench.car.ground_truth import AIR_OF, air_columns
+from aerodima.workbench.car.ground_truth import AIR_TRUTH, air_columns
 from aerodima.workbench.control.controller_systems import TailController, TurnDriver
 from aerodima.workbench.control.driver_law import DriverLaw, make_driver
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
@@ -142,7 +142,7 @@ def car_signals(
     Raises:
         UserError: an input port of the station is not connected.
     """
-    ports = port_sources(builder, station)
+    ports = port_sources(builder, station) | driven
     missing = [name for name in STATION_INPUTS if name not in ports]
     if missing:
         raise UserError(
@@ -150,22 +150,16 @@ def car_signals(
             "car"
         )
     for name in DRIVER_PORTS:
-        if name in driven:
-            ports[name] = driven[name]
-        else:
+        if name not in driven:
             ports[name] = constant(builder, f"no_{name}", [0.0])
     sources: list[System] = [station]
     if not minimal:
         from aerodima.workbench.car.roll_estimator import RollEstimator
         from aerodima.workbench.car.roll_filter import RollFilterSettings
 
-        estimators: list[System] = [
-            system for system in builder.GetSystems() if isinstance(system, RollEstimator)
-        ]
-        if not estimators:
-            settings = RollFilterSettings.from_scenario(scenario)
-            estimators = [RollEstimator.add_to_builder(builder, settings, station=station)]
-        sources += estimators
+        settings = RollFilterSettings.from_scenario(scenario)
+        present = [system for system in builder.GetSystems() if isinstance(system, RollEstimator)]
+        sources += present or [RollEstimator.add_to_builder(builder, settings, station=station)]
     return signals_of(CAR_PORTS, ports | output_ports(*sources)) + truth_signals(station)
 
 
@@ -186,10 +180,9 @@ def truth_signals(station: Diagram) -> Signals:
         signals.append((ports["plant_state_truth"], names))
     if wind is not None:
         signals += signals_of(CAR_TRUTH, {"wind_truth": wind})
-    for port in ports:
-        if port.startswith(AIR_OF):
-            name = port.removeprefix(AIR_OF).removesuffix("_truth")
-            signals.append((ports[port], air_columns(name)))
+    for name in ports:
+        if name.endswith(AIR_TRUTH):
+            signals.append((ports[name], air_columns(name.removesuffix(AIR_TRUTH))))
     return signals
 
 

@@ -33,7 +33,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from aerodima.workbench.aero.added_mass import AddedMass, add_added_mass
 from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX
-from aerodima.workbench.car.car_bodies import add_car_body_forces, weld_car_bodies
+from aerodima.workbench.car.car_bodies import add_air_force, weld_car_bodies
 from aerodima.workbench.car.car_model import car_sdf, stiction_tolerance
 from aerodima.workbench.car.tail_plant import MIN_INERTIA_FRACTION, added_mass_layout, tail_sdf
 from aerodima.workbench.control.swing_library import resting_tail
@@ -136,12 +136,13 @@ def add_car_plant(
     plant.set_contact_model(ContactModel.kPoint)
     plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
     plant.SetUseSampledOutputPorts(sampled_outputs)
-    weld_car_bodies(plant, car, scenario, drawn)
+    bodies = weld_car_bodies(plant, car, scenario)
     if add_bodies is not None:
         add_bodies(builder, plant, wind)
     if not plant.is_finalized():
         plant.Finalize()
-    add_car_body_forces(builder, plant, scenario, wind)
+    for entry in bodies:
+        add_air_force(builder, plant, scenario, entry, wind)
     result = CarPlant(plant, scene_graph, car, tail)
     _exclude_self_collisions(plant, scene_graph, result.instances)
     if added is not None:

@@ -16,7 +16,6 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, Output
 from pydrake.systems.primitives import PassThrough
 
 from aerodima.workbench.aero.tail_force import TailForce
-from aerodima.workbench.aero.wind import WindSource
 from aerodima.workbench.car.ak70 import (
     TAIL_JOINTS,
     JointFriction,
@@ -24,7 +23,7 @@ from aerodima.workbench.car.ak70 import (
     TailMotorFactory,
     add_tail_motor,
 )
-from aerodima.workbench.car.car_air import TailAerodynamics, add_sail_report, wind_model
+from aerodima.workbench.car.car_air import TailAerodynamics, add_sail_report, add_wind_source
 from aerodima.workbench.car.car_plant import AddBodies, CarPlant, add_car_plant
 from aerodima.workbench.car.car_sensors import (
     GpsSpeed,
@@ -33,7 +32,7 @@ from aerodima.workbench.car.car_sensors import (
     SailEncoder,
 )
 from aerodima.workbench.car.chassis_actuators import DriveTrain, SteeringServo
-from aerodima.workbench.car.ground_truth import AIR_OF, CarTruth, PlantTruth
+from aerodima.workbench.car.ground_truth import AIR_TRUTH, CarTruth, PlantTruth
 from aerodima.workbench.car.plant_ports import PlantPorts
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_contract import (
@@ -129,7 +128,14 @@ def _add_simulated_car(
     bodies: AddBodies | None,
 ) -> None:
     """Adds plant, drive train, servo, tail and sensors, and exports the ports of the station."""
-    air, gust = _add_wind(builder, scenario, bodies is not None)
+    # The plant, and the wind that pushes its added mass.
+    wind = add_wind_source(builder, scenario, bodies is not None)
+    air = None
+    gust = None
+    if wind is not None:
+        air = wind.GetOutputPort("wind_velocity")
+        if scenario.wind.gust_amplitude > 0.0:
+            gust = wind.GetOutputPort("wind_acceleration")
     drawn = with_truth or meshcat is not None
     car = add_car_plant(
         builder,
@@ -179,22 +185,6 @@ def _add_simulated_car(
     export_outputs(builder, outputs)
     if meshcat is not None:
         MeshcatVisualizer.AddToBuilder(builder, car.scene_graph, meshcat)
-
-
-def _add_wind(
-    builder: DiagramBuilder, scenario: Scenario, more_bodies: bool
-) -> tuple[OutputPort | None, OutputPort | None]:
-    """Adds the wind; returns ports of its velocity, None in still air, and of its acceleration,
-    None without gusts.
-    """
-    model = wind_model(scenario, more_bodies)
-    if model is None:
-        return None, None
-    wind = builder.AddNamedSystem("wind", WindSource(model))
-    gust = None
-    if scenario.wind.gust_amplitude > 0.0:
-        gust = wind.GetOutputPort("wind_acceleration")
-    return wind.GetOutputPort("wind_velocity"), gust
 
 
 def _ignored(builder: DiagramBuilder, command: str) -> InputPort:
@@ -353,11 +343,12 @@ def _add_truth(
         "contact_results_truth": contacts,
     }
     forces: list[Any] = [force for force in builder.GetSystems() if isinstance(force, TailForce)]
-    if forces:
-        wrenches = {force.get_name(): force.GetOutputPort("wrench") for force in forces}
-        air = PlantTruth(plant, None, [], forces)
+    air = PlantTruth(plant, None, [], forces)
+    wrenches = {force.get_name(): force.GetOutputPort("wrench") for force in forces}
+    if wrenches:
         add_and_connect(builder, air, "air_truth", plant_state=state, **wrenches)
-        outputs |= {f"{AIR_OF}{name}_truth": air.GetOutputPort(f"{name}_air") for name in wrenches}
+    for name in wrenches:
+        outputs[name + AIR_TRUTH] = air.GetOutputPort(f"{name}_air")
     names = ["body_truth", "contact_truth"]
     if tail is not None:
         report = add_sail_report(builder, plant, scenario, wind)

@@ -43,8 +43,8 @@ COM_COLUMNS = [f"com_{axis}_truth_m" for axis in _XYZ] + [
 BODY_TRUTH = PortFields("BodyTruth", tuple(names_of(CAR_TRUTH["body_truth"])))
 CONTACT_TRUTH = PortFields("ContactTruth", tuple(names_of(CAR_TRUTH["contact_truth"])))
 TAIL_TRUTH = PortFields("TailTruth", tuple(names_of(CAR_TRUTH["tail_truth"])))
-AIR_OF = "air_of_"
-"""How ports of a station begin that have the force of the air on a body other than its tail."""
+AIR_TRUTH = "_air_truth"
+"""Ending of a station's ports with the force of the air on a body other than its tail."""
 LEAST_LOAD = 1e-9
 """N; of a wheel in the air, whose contact point is the origin."""
 

@@ -8,6 +8,7 @@ Mass, centre of mass and yaw inertia are those of the whole plant, the tail at r
 
 import math
 
+from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.car.car_plant import add_car_plant
@@ -17,18 +18,20 @@ from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.scenario.scenario import Scenario
 
 COMMONROAD = {
-    "l": "length",
-    "w": "width",
-    "m": "m",
-    "a": "lf",
-    "b": "lr",
-    "I_z": "I",
-    "h_s": "h",
-    "h_cg": "h",
+    "vehicle": {
+        "l": "length",
+        "w": "width",
+        "m": "m",
+        "a": "lf",
+        "b": "lr",
+        "I_z": "I",
+        "h_s": "h",
+        "h_cg": "h",
+    },
+    "steering": {"min": "s_min", "max": "s_max", "v_min": "sv_min", "v_max": "sv_max"},
+    "longitudinal": {name: name for name in ("a_max", "v_min", "v_max", "v_switch")},
 }
-"""Name of CommonRoad -> that of f1tenth_gym."""
-COMMONROAD_STEERING = {"min": "s_min", "max": "s_max", "v_min": "sv_min", "v_max": "sv_max"}
-"""The same for its section `steering`."""
+"""Section of CommonRoad, "vehicle" without one -> its names -> those of f1tenth_gym."""
 
 
 def gym_parameters(scenario: Scenario) -> dict[str, float]:
@@ -42,14 +45,14 @@ def gym_parameters(scenario: Scenario) -> dict[str, float]:
     """
     car = scenario.car
     drive = scenario.drive
+    servo = scenario.servo
     if car.tyre_slip_angle == 0.0:
         raise ModelError("car.tyre_slip_angle: 0 rad must be > 0 for a cornering stiffness")
-    built = add_car_plant(DiagramBuilder(), scenario, drawn=False)
-    plant = built.plant
-    bodies = [body for instance in built.instances for body in plant.GetBodyIndices(instance)]
+    plant = add_car_plant(DiagramBuilder(), scenario).plant
+    bodies = [BodyIndex(index) for index in range(1, plant.num_bodies())]
     M_VWo_W = plant.CalcSpatialInertia(plant.CreateDefaultContext(), plant.world_frame(), bodies)
-    p_WoVcm = M_VWo_W.get_com()
-    I_VVcm_W = M_VWo_W.Shift(p_WoVcm).CalcRotationalInertia()
+    I_VVcm_W = M_VWo_W.Shift(M_VWo_W.get_com()).CalcRotationalInertia()
+    lr, _, height = M_VWo_W.get_com().tolist()
     mass = M_VWo_W.get_mass()
     stiffness = 1.0 / math.tan(car.tyre_slip_angle)
     speed = steady_speed(1.0, drive)
@@ -57,15 +60,15 @@ def gym_parameters(scenario: Scenario) -> dict[str, float]:
         "mu": car.tyre_friction,
         "C_Sf": stiffness,
         "C_Sr": stiffness,
-        "lf": car.wheelbase - float(p_WoVcm[0]),
-        "lr": float(p_WoVcm[0]),
-        "h": float(p_WoVcm[2]),
+        "lf": car.wheelbase - lr,
+        "lr": lr,
+        "h": height,
         "m": mass,
         "I": float(I_VVcm_W.get_moments()[2]),
-        "s_min": -scenario.servo.limit,
-        "s_max": scenario.servo.limit,
-        "sv_min": -scenario.servo.rate,
-        "sv_max": scenario.servo.rate,
+        "s_min": -servo.limit,
+        "s_max": servo.limit,
+        "sv_min": -servo.rate,
+        "sv_max": servo.rate,
         "v_switch": speed,
         "a_max": drive.torque_limit / (car.tyre_radius * mass),
         "v_min": -speed,
@@ -84,8 +87,7 @@ def commonroad_parameters(scenario: Scenario) -> Json:
         ModelError: as `gym_parameters`.
     """
     gym = gym_parameters(scenario)
-    return {name: gym[theirs] for name, theirs in COMMONROAD.items()} | {
-        "steering": {name: gym[theirs] for name, theirs in COMMONROAD_STEERING.items()},
-        "longitudinal": {name: gym[name] for name in ("a_max", "v_min", "v_max", "v_switch")},
-        "tire": {"p_dy1": gym["mu"], "p_ky1": -gym["mu"] * gym["C_Sf"]},
-    }
+    sections: Json = {"tire": {"p_dy1": gym["mu"], "p_ky1": -gym["mu"] * gym["C_Sf"]}}
+    for section, names in COMMONROAD.items():
+        sections[section] = {name: gym[theirs] for name, theirs in names.items()}
+    return sections.pop("vehicle") | sections

@@ -63,7 +63,7 @@ def _line(item: Any, model: Model) -> str:
     for owner in owners:
         if place[-1] in owner.model_fields and unit_of(owner, place[-1]) != NO_UNIT:
             unit = unit_of(owner, place[-1])
-            return f"{text} ({unit}){angle_hint(item['input'], unit)}"
+            return f"{text} ({unit}){angle_hint(unit)}"
     return text
 
 

@@ -60,9 +60,10 @@ class QuantityModel(BaseModel):
         if field is None or field.annotation not in (float, int) or not isinstance(value, str):
             return value
         number, _, unit = value.strip().partition(" ")
-        if unit.strip() not in ("", unit_of(cls, key)):
-            hint = angle_hint(number, unit_of(cls, key))
-            raise ValueError(f"{key}: unit {unit.strip()!r} must be {unit_of(cls, key)!r}{hint}")
+        allowed = unit_of(cls, key)
+        if unit.strip() not in ("", allowed):
+            hint = angle_hint(allowed)
+            raise ValueError(f"{key}: unit {unit.strip()!r} must be {allowed!r}{hint}")
         try:
             return field.annotation(number)
         except ValueError:
@@ -77,18 +78,9 @@ def unit_of(model: type[BaseModel], key: str) -> str:
     return NO_UNIT
 
 
-def angle_hint(value: Any, unit: str) -> str:
-    """Say what a refused angle, rad, is in degrees, and what it is if degrees were meant; "" for
-    other units.
-    """
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        return ""
-    if unit != "rad":
-        return ""
-    degrees, radians = math.degrees(number), math.radians(number)
-    return f"; {number:g} rad is {degrees:.4g} degrees, {number:g} degrees is {radians:.4g} rad"
+def angle_hint(unit: str) -> str:
+    """Tell what a degree is where the unit is rad; "" for other units."""
+    return "; 1 degree is 0.0174533 rad" if unit == "rad" else ""
 
 
 def check_rate(rate: float, step: float | None, name: str) -> None:

@@ -156,7 +156,7 @@ class ScenarioFile(StrictModel):
         value = repr(number) if isinstance(number, str) else f"{number:.9g}"
         if unit != NO_UNIT:
             value += f" {unit}"
-        raise ValueError(f"{key}: {value} must be {rule}{angle_hint(number, unit)}")
+        raise ValueError(f"{key}: {value} must be {rule}{angle_hint(unit)}")
 
     @classmethod
     def sections(cls) -> dict[str, type[BaseModel]]:

@@ -85,15 +85,12 @@ def plant_shapes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Json]:
             "body": body_label(plant, body.index()),
             "colour": np.round(diffuse.rgba[:3], 4).tolist(),
         }
+        shape = inspector.GetShape(geometry)
         try:
-            parts = list(_parts(inspector.GetShape(geometry)))
+            parts = list(_parts(shape))
         except (OSError, RuntimeError, ValueError) as cause:
-            warnings.warn(
-                f"{body.name()}: shape {inspector.GetName(geometry)!r} is left out of the log: "
-                f"{cause}",
-                UserWarning,
-                stacklevel=2,
-            )
+            # In the line that calls `observe`.
+            warnings.warn(f"{body.name()}: {shape} is left out of the log: {cause}", stacklevel=4)
             continue
         for kind, size, X_GS in parts:
             X_BS = inspector.GetPoseInFrame(geometry) @ X_GS
@@ -132,12 +129,10 @@ def _stl_points(path: Path) -> FloatArray:
     without any.
     """
     content = path.read_bytes()
-    corners = np.array(re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", content), float)
-    if not corners.size:
-        corners = np.frombuffer(content[_STL_HEAD:], _STL_FACET)["corners"]
-    if not corners.size:
-        raise ValueError(f"{path}: is no STL file with facets")
-    return np.unique(corners.reshape(-1, 3), axis=0)
+    text = re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", content)
+    if text:
+        return np.array(text, float)
+    return np.frombuffer(content, _STL_FACET, offset=_STL_HEAD)["corners"].reshape(-1, 3)
 
 
 def _directions() -> FloatArray:

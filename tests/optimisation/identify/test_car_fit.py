@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.identify.car_fit import estimated, fit_car, prior_range
+from aerodima.optimisation.identify.car_fit import fit_car, prior_range, unknowns
 from aerodima.optimisation.identify.car_log import TAIL, CarDrive, LoggedCommands, car_drive
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.logs.schema import RunLog, write_run_log
@@ -137,8 +137,9 @@ def test_a_log_of_speed_steering_yaw_rate_and_acceleration_alone_is_driven_at_it
     assert drive.scenario.drive.governor
     assert drive.line_speed == pytest.approx(3.0)
     assert drive.commands.at(0.1).throttle == pytest.approx(3.0 / scenario.drive.throttle_gain)
-    assert {"tyre_friction", "tyre_slip_angle", "delay"} <= {*estimated(drive)}
-    assert not {"com_height", "gyro_bias_x"} & {*estimated(drive)}
+    names = {*unknowns(drive).names}
+    assert {"tyre_friction", "tyre_slip_angle", "delay"} <= names
+    assert not {"com_height", "gyro_bias_x"} & names
     named = ("throttle_command", "imu_roll_rad", "imu_gyro_x_rad_per_s", "status_imu_age_s")
     assert_named("; ".join(drive.warnings), named)
 
