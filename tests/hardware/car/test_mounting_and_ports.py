@@ -120,14 +120,10 @@ def test_the_operators_computer_names_its_radio_alone(tmp_path, data):
     path.write_text(json.dumps(data))
     ports = read_operator_ports(path)
     assert (ports.console.path, ports.car) == ("/dev/c", 3)
-
-
-def test_a_car_needs_more_than_the_operators_radio(tmp_path):
-    path = tmp_path / "ports.json"
+    path.write_text(json.dumps({**data, "consol": {}}))
+    assert_refused(lambda: read_operator_ports(path), HardwareError, "consol", "'console'")
     path.write_text(json.dumps(CONSOLE))
     assert_refused(lambda: read_ports(path), HardwareError, "teensy", "imu")
-    path.write_text(json.dumps({**CONSOLE, "consol": {}}))
-    assert_refused(lambda: read_operator_ports(path), HardwareError, "consol", "'console'")
 
 
 def test_a_file_without_an_end_is_refused():

@@ -17,14 +17,7 @@ from aerodima.workbench.scenario.scenario import load_scenario
 from tests.commands import call
 from tests.optimisation.coverage import assert_held
 from tests.optimisation.identify.car_truth import drawn, emulated
-from tests.optimisation.identify.single_track import (
-    C_SF,
-    C_SR,
-    MU,
-    drifting_tyres,
-    driven,
-    linear_tyres,
-)
+from tests.optimisation.identify.single_track import C_SF, C_SR, MU, driven
 from tests.refusals import assert_named, assert_refused
 
 
@@ -132,7 +125,7 @@ def test_commands_are_held_and_steering_alone_is_late():
 
 def test_a_log_of_speed_steering_yaw_rate_and_acceleration_alone_is_driven_at_its_speed():
     scenario = load_scenario("f1tenth")
-    drive = car_drive(driven(linear_tyres, scenario, 3.0, 0.1))
+    drive = car_drive(driven(scenario, 3.0, 0.1))
     assert set(drive.channels) == {"yaw_rate", "lateral_acceleration", "speed"}
     assert drive.scenario.drive.governor
     assert drive.line_speed == pytest.approx(3.0)
@@ -245,20 +238,11 @@ def test_a_gentle_turn_of_another_program_shows_the_stiffness_of_its_tyres():
     and our tyres are not straight up to a quarter of their friction.
     """
     scenario = load_scenario("f1tenth", ["manoeuvre.speed=3"])
-    found = fit_car(car_drive(driven(linear_tyres, scenario, 3.0, 0.1)))
+    found = fit_car(car_drive(driven(scenario, 3.0, 0.1)))
     slope = found["tyre_friction"].value / math.tan(found["tyre_slip_angle"].value)
     assert slope == pytest.approx(0.5 * MU * (C_SF + C_SR), rel=0.1)
     assert found["tyre_friction"].holds(MU)
     assert found["tyre_slip_angle"].holds(math.atan(2.0 / (C_SF + C_SR)))
-
-
-@pytest.mark.slow
-@pytest.mark.nightly
-def test_a_hard_turn_of_another_program_shows_the_friction_of_its_tyres():
-    """CommonRoad's tyre has a peak that ours approaches from below: hence 5 %."""
-    scenario = load_scenario("f1tenth", ["manoeuvre.speed=4"])
-    found = fit_car(car_drive(driven(drifting_tyres, scenario, 4.0, 0.3)))
-    assert found["tyre_friction"].value == pytest.approx(MU, rel=0.05)
 
 
 @pytest.mark.slow

@@ -1,5 +1,5 @@
-"""The cars that ship: each number has its source, they stand as their scenarios say, and other
-programs get the numbers back that were published.
+"""The cars that ship: each number has its source, and other programs get the numbers back that were
+published.
 """
 
 import re
@@ -7,16 +7,13 @@ import re
 import pytest
 import yaml
 
-from aerodima.workbench.car.single_track import commonroad_parameters, gym_parameters
+from aerodima.workbench.car.single_track import gym_parameters
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.scenario import load_scenario
-from aerodima.workbench.scenario.signal_table import WHEELS
 from tests.commands import done, refused
 from tests.refusals import assert_named, assert_refused
-from tests.workbench.stands import CarStand
 
-G = 9.81
 GYM = {
     "mu": 1.0489,
     "lf": 0.15875,
@@ -48,31 +45,6 @@ def test_each_number_has_its_source_beside_it(name):
     assert [line for line in numbers if not sourced.match(line)] == []
 
 
-@pytest.mark.parametrize(
-    ("name", "mass", "wheelbase", "ahead"),
-    [
-        ("f1tenth", GYM["m"], GYM["lf"] + GYM["lr"], GYM["lr"]),
-        # Rolling chassis and 3S battery of calibration/parts.csv.
-        ("stampede", 2.0 + 0.36, 0.27, (2.0 * 0.12 + 0.36 * 0.15) / 2.36),
-    ],
-)
-def test_a_preset_stands_on_four_wheels_with_its_mass_where_it_is_published(
-    name, mass, wheelbase, ahead
-):
-    car = CarStand(load_scenario(name))
-    assert car.tail is None
-    car.advance(0.4)
-    contacts = car.wheel_contacts()
-    assert contacts["front_left"][0] - contacts["rear_left"][0] == pytest.approx(
-        wheelbase, abs=1e-4
-    )
-    loads = car.wheel_loads()
-    for wheel in WHEELS:
-        share = ahead if wheel.startswith("front") else wheelbase - ahead
-        # A car that rests is still to 1e-3 of its load after 0.4 s.
-        assert loads[wheel] == pytest.approx(0.5 * mass * G * share / wheelbase, rel=1e-3)
-
-
 @pytest.mark.parametrize("name", ["aerodima", "f1tenth", "stampede"])
 def test_a_preset_is_listed_and_turns_left_on_its_wheels(name):
     assert name in done("scenarios", "list")
@@ -93,32 +65,27 @@ def test_commonroad_reads_the_same_car_under_its_names(tmp_path):
     out = tmp_path / "parameters_vehicle9.yaml"
     done("models", "export", "f1tenth", "--form", "commonroad", "--out", out)
     car = yaml.safe_load(out.read_text())
-    assert car == commonroad_parameters(load_scenario("f1tenth"))
-    # The first lines of its vehicle_dynamics_st.
-    tire = car["tire"]
-    single_track = {
-        "mu": tire["p_dy1"],
-        "C_Sf": -tire["p_ky1"] / tire["p_dy1"],
-        "lf": car["a"],
-        "lr": car["b"],
-        "h": car["h_s"],
-        "m": car["m"],
-        "I": car["I_z"],
-        "s_max": car["steering"]["max"],
-        "sv_min": car["steering"]["v_min"],
-        "a_max": car["longitudinal"]["a_max"],
-    }
-    gym = gym_parameters(load_scenario("f1tenth"))
-    assert single_track == pytest.approx({name: gym[name] for name in single_track})
+    # What the first lines of its vehicle_dynamics_st read.
+    read = [car["a"], car["b"], car["m"], car["I_z"], car["h_s"], car["tire"]["p_dy1"]]
+    assert read == pytest.approx(
+        [GYM[name] for name in ("lf", "lr", "m", "I", "h", "mu")], rel=1e-5
+    )
+    stiffness = gym_parameters(load_scenario("f1tenth"))["C_Sf"]
+    assert -car["tire"]["p_ky1"] / car["tire"]["p_dy1"] == pytest.approx(stiffness)
+    assert (car["steering"]["max"], car["longitudinal"]["v_max"]) == (GYM["s_max"], GYM["v_max"])
 
 
-def test_a_tail_is_part_of_the_exported_car():
-    plain = gym_parameters(load_scenario("turn_none"))
+def test_mass_and_centre_are_those_of_the_whole_plant():
+    """Of a Stampede: rolling chassis and 3S battery of calibration/parts.csv; of a car with a tail:
+    the tail's as well.
+    """
+    stampede = gym_parameters(load_scenario("stampede"))
+    assert stampede["m"] == pytest.approx(2.0 + 0.36)
+    assert stampede["lr"] == pytest.approx((2.0 * 0.12 + 0.36 * 0.15) / 2.36, abs=1e-4)
     held = load_scenario("turn_held")
-    tailed = gym_parameters(held)
     # The link in which the tail's joints cross weighs a gram.
-    assert tailed["m"] - plain["m"] == pytest.approx(held.tail.mass + held.tail.hub_mass, abs=0.002)
-    assert tailed["I"] > plain["I"]
+    tail = held.tail.mass + held.tail.hub_mass
+    assert gym_parameters(held)["m"] == pytest.approx(held.car.mass + tail, abs=0.002)
 
 
 def test_rigid_tyres_and_unknown_forms_are_refused():

@@ -82,21 +82,13 @@ def test_mesh_comes_back_as_its_convex_hull():
     assert found.max(axis=0) == pytest.approx(points.max(axis=0), abs=1e-6)
 
 
-WEDGE = np.array([[0, 0, 0], [0.3, 0, 0], [0, 0.2, 0], [0, 0, 0.1]])
+WEDGE = np.array([[0, 0, 0], [0.3, 0, 0], [0, 0.2, 0], [0, 0, 0.1]], "<f4")
 FACETS = WEDGE[[[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]]
+BINARY = bytes(84) + b"".join(bytes(12) + facet.tobytes() + bytes(2) for facet in FACETS)
+TEXT = b"solid wedge\n" + b"".join(b"vertex %e %e %e\n" % (*p,) for p in FACETS.reshape(-1, 3))
 
 
-def binary_stl():
-    facets = [bytes(12) + facet.astype("<f4").tobytes() + bytes(2) for facet in FACETS]
-    return bytes(80) + np.uint32(4).tobytes() + b"".join(facets)
-
-
-def text_stl():
-    corners = [f"vertex {x} {y} {z:e}" for x, y, z in FACETS.reshape(-1, 3)]
-    return "\n".join(["solid wedge", *corners, "endsolid"]).encode()
-
-
-@pytest.mark.parametrize("content", [binary_stl(), text_stl()], ids=["binary", "text"])
+@pytest.mark.parametrize("content", [BINARY, TEXT], ids=["binary", "text"])
 def test_stl_comes_back_with_its_corners_and_scale(tmp_path, content):
     path = tmp_path / "wedge.stl"
     path.write_bytes(content)
