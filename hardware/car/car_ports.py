@@ -29,7 +29,6 @@ from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.hardware.transport.serial_link import SerialSettings
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.core.file_reading import Json, read_json, read_text, reading
-from aerodima.workbench.core.key_errors import keys_of
 from aerodima.workbench.core.yaml_files import StrictModel, checked, require_mapping
 
 SCHEMA = "aerodima/ports/1"
@@ -168,9 +167,9 @@ def read_operator_ports(path: Path) -> OperatorPorts:
         HardwareError: as `read_ports`.
     """
     data = read_json(path, HardwareError)
-    if isinstance(data, dict) and data.keys() <= set(keys_of(OperatorPorts)):
-        return checked(OperatorPorts, data, str(path), HardwareError, schema=SCHEMA)
-    return read_ports(path)
+    if isinstance(data, dict) and "teensy" in data:
+        return read_ports(path)
+    return checked(OperatorPorts, data, str(path), HardwareError, schema=SCHEMA)
 
 
 def ports_from_dict(data: Any, where: str = "ports") -> CarPorts:

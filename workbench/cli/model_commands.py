@@ -237,16 +237,12 @@ def export(
     from aerodima.workbench.car.single_track import commonroad_parameters, gym_parameters
     from aerodima.workbench.control.controller_bundle import make_bundle
 
-    makers = {
-        "bundle": make_bundle,
-        "commonroad": commonroad_parameters,
-        "f1tenth_gym": gym_parameters,
-    }
-    data = makers[form](workbench.load_scenario(scenario, settings or ()))
+    loaded = workbench.load_scenario(scenario, settings or ())
     if form == "bundle":
-        text = json.dumps(data, indent=2) + "\n"
+        text = json.dumps(make_bundle(loaded), indent=2) + "\n"
     else:
-        text = yaml.safe_dump(data, sort_keys=False)
+        compute = commonroad_parameters if form == "commonroad" else gym_parameters
+        text = yaml.safe_dump(compute(loaded), sort_keys=False)
     if out is None:
         typer.echo(text, nl=False)
         return

@@ -180,7 +180,7 @@ def observe(
         metadata = run_metadata(settings.resolved(), settings.seed, extra=facts)
     else:
         if watched.station is not None:
-            columns = ", ".join(names_of(sensor_columns()))
+            columns = ", ".join(names_of(sensor_columns())[1:])  # it has the time
             warnings.warn(
                 "observe: the log has no columns of sensors and commands, since settings= is no "
                 f"Scenario; it is that of any plant and leaves out: {columns}",
