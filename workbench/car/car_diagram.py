@@ -82,11 +82,9 @@ def default_build(
             controller_rate=law.rate,
         )
         idle = minimal and tail_law is None and scenario.tail.mode == "none"
-        controller = TailController.add_to_builder(
+        TailController.add_to_builder(
             builder, scenario, station=station, driver=driver, law=law, idle=idle
         )
-        for port, system in zip(DRIVER_PORTS, (driver, controller), strict=True):
-            builder.ExportOutput(system.GetOutputPort(port), port)
 
     return build
 
@@ -137,20 +135,24 @@ def car_signals(
     roll where there is none.
 
     Args:
-        driven: ports of what drives it by those of `DRIVER_PORTS` that it has; 0 for the others.
+        driven: ports of what drives it by those of `DRIVER_PORTS` that it has; the others are those
+            of a `TurnDriver` or `TailController` in the builder, or 0.
 
     Raises:
         UserError: an input port of the station is not connected.
     """
-    ports = port_sources(builder, station) | driven
+    ports = port_sources(builder, station)
     missing = [name for name in STATION_INPUTS if name not in ports]
     if missing:
         raise UserError(
             f"build: station port {', '.join(missing)}: not connected; each of them commands the "
             "car"
         )
+    kinds = (TurnDriver, TailController)
+    drivers = [system for system in builder.GetSystems() if isinstance(system, kinds)]
+    ports = output_ports(*drivers) | ports | driven
     for name in DRIVER_PORTS:
-        if name not in driven:
+        if name not in ports:
             ports[name] = constant(builder, f"no_{name}", [0.0])
     sources: list[System] = [station]
     if not minimal:

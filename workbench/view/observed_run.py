@@ -12,8 +12,7 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType
 
 from aerodima.workbench.aero.section_watch import SectionWatch
-from aerodima.workbench.car.car_diagram import DRIVER_PORTS, car_signals, plant_facts
-from aerodima.workbench.control.controller_systems import TailController, TurnDriver
+from aerodima.workbench.car.car_diagram import car_signals, plant_facts
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.atomic_write import refuse_existing
 from aerodima.workbench.core.errors import LogError, UserError
@@ -175,7 +174,7 @@ def observe(
         watched.show(builder, truth, meshcat, air_scale)
     more = _user_signals(builder, signals or {})
     if watched.station is not None and isinstance(settings, Scenario):
-        recorded = _car_signals(builder, watched.station, settings) + more
+        recorded = car_signals(builder, watched.station, settings, {}) + more
         facts = plant_facts(watched.station)
         metadata = run_metadata(settings.resolved(), settings.seed, extra=facts)
     else:
@@ -196,18 +195,6 @@ def observe(
         metadata = run_metadata(stated, seed=0, kind=PLANT_RUN, extra=facts)
     run.record(builder, recorded, rate, watched.plant.time_step(), metadata)
     return run
-
-
-def _car_signals(builder: DiagramBuilder, station: Diagram, scenario: Scenario) -> Signals:
-    """Lists every column of a car's log; those of driver and tail controller are 0 without them."""
-    kinds = (TurnDriver, TailController)
-    driven = {
-        port: system.GetOutputPort(port)
-        for port, kind in zip(DRIVER_PORTS, kinds, strict=True)
-        for system in builder.GetSystems()
-        if isinstance(system, kind)
-    }
-    return car_signals(builder, station, scenario, driven)
 
 
 def _user_signals(builder: DiagramBuilder, ports: Mapping[str, OutputPort]) -> Signals:
