@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -203,11 +203,11 @@ def car_files(results: list[FitResult], out: Path, settings: tuple[str, ...]) ->
     import yaml
 
     from aerodima.optimisation.identify.car_fit import CAR
-    from aerodima.optimisation.identify.car_log import logged_scenario
     from aerodima.workbench.logs.schema import read_run_log
 
     for result in results:
-        scenario = logged_scenario(read_run_log(result.name), settings)
+        logged = read_run_log(result.name).scenario
+        scenario = workbench.Scenario.from_dict(logged, result.name, settings)
         car = {e.name: e.value for e in result.estimates if e.name in CAR}
         path = out / f"{Path(result.name).stem}_car.yaml"
         text = yaml.safe_dump(scenario.varied(car=car).resolved(), sort_keys=False)
@@ -314,13 +314,9 @@ def car(
     Example: aerodima fit car run.parquet --out fits --set car.mass=6.4
     """
     from aerodima.optimisation.identify.car_fit import fit_car_log
-    from aerodima.workbench.scenario.scenario import scenario_from_dict
 
-    given: dict[str, Any] = {}
-    for setting in settings or ():
-        workbench.Scenario.apply_setting(given, setting)
-    scenario_from_dict(given)
     options = optimisation.FitOptions(settings=tuple(settings or ()))
+    workbench.Scenario.from_dict({}, settings=options.settings)
     tables = partial(car_files, settings=options.settings)
     LogFit(logs, out, workers, force).run("Cars", fit_car_log, options, tables)
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -229,14 +228,6 @@ def car_drive(log: RunLog, settings: tuple[str, ...] = ()) -> CarDrive:
         return _car_drive(log, settings)
 
 
-def logged_scenario(log: RunLog, settings: tuple[str, ...] = ()) -> Scenario:
-    """Resolve the scenario of a log, with `section.key=value` over it; raises ScenarioError."""
-    content: Json = deepcopy(dict(log.scenario))
-    for setting in settings:
-        Scenario.apply_setting(content, setting)
-    return Scenario.from_dict(content, "its scenario")
-
-
 def _completed(log: RunLog, scenario: Scenario) -> tuple[RunLog, Scenario, list[str]]:
     """Fill in the columns of `WITHOUT` that a log lacks.
 
@@ -261,7 +252,8 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
         )
     warnings = _wrong_units(log)
     rolls = CHANNELS["roll_rate"][1] in log.table
-    log, scenario, notes = _completed(log, logged_scenario(log, settings))
+    scenario = Scenario.from_dict(log.scenario, "its scenario", settings)
+    log, scenario, notes = _completed(log, scenario)
     time = log.time
     tailed = scenario.tail.mode != "none"
     names = [*DRIVER, "imu_roll_rad", "imu_pitch_rad"]

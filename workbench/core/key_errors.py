@@ -45,8 +45,6 @@ def _line(item: Any, model: Model) -> str:
     kind = item["type"]
     key = ".".join(map(str, place))
     if kind == "missing":
-        if isinstance(place[-1], int):
-            return f"{key}: missing in {item['input']!r}"
         return f"{key}: missing"
     if kind == "value_error":
         text = str(item["ctx"]["error"])

@@ -116,7 +116,7 @@ def _parts(shape: Shape) -> Iterator[tuple[str, list[Any], RigidTransform]]:
     elif isinstance(shape, Ellipsoid):
         yield "ellipsoid", [shape.a(), shape.b(), shape.c()], here
     elif isinstance(shape, Mesh | Convex):
-        if shape.extension() == ".stl" and shape.source().is_path():
+        if shape.extension() == ".stl":
             points = _stl_points(Path(shape.source().path())) * shape.scale3()
         else:
             hull = shape.GetConvexHull()

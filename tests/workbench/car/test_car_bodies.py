@@ -48,7 +48,7 @@ def winged(folder, *settings, angle=0.0, **changes):
     return load_scenario("turn_swing", ["tail.mode=none", f"car.bodies={path}", *settings])
 
 
-@pytest.mark.parametrize("angle", [0.3, -0.3], ids=["pressed down", "lifted"])
+@pytest.mark.parametrize("angle", [0.3, -0.3])
 def test_air_on_a_wing_gives_a_free_car_its_impulse_and_the_moment_of_that(tmp_path, angle):
     speed, time = 20.0, 0.004
     stand = CarStand(winged(tmp_path, "environment.gravity=0", angle=angle))
@@ -95,7 +95,7 @@ def test_wing_added_in_python_and_one_of_a_file_are_in_log_and_replay(tmp_path):
     [
         ({"name": "chassis"}, "'chassis'"),
         ({"coefficients": "flat_plat"}, "flat_plate"),
-        ({"axes": [[0, 1]]}, "bodies.0.axes.0.2: missing in [0, 1]"),
+        ({"axes": [[0, 1]]}, "bodies.0.axes.0.2: missing"),
     ],
 )
 def test_wrong_bodies_are_refused(tmp_path, changes, named):
