@@ -14,8 +14,8 @@ from aerodima.workbench.scenario.scenario import Scenario
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
 
+    from aerodima.workbench.car.car_bodies import AddBodies
     from aerodima.workbench.car.car_diagram import Build
-    from aerodima.workbench.car.car_plant import AddBodies
     from aerodima.workbench.car.run_view import Progress
 
 
@@ -38,27 +38,23 @@ def simulate(
     An interrupted run leaves a journal, of which `aerodima log recover` makes a log.
 
     Args:
-        scenario: resolved scenario.
+        scenario: resolved.
         log: the Parquet file to be; None keeps the log in memory.
-        record: `all` columns, or the `outcome` of a car in memory, for half of the CPU time: what
-            the metrics need and the sensors report (design section 9).
+        record: `all` columns, or the `outcome` of a car, in half the time (design section 9).
         stop_when_certain: end a car's run when it has tilted past 75 degrees after the turn, or has
-            settled after a single one in still air (`metrics.settling`); `extra` then has `STOPPED`
-            or `SETTLED`. The default is to do so with `record="outcome"` only.
-        law: drives the tail of a car instead of the law that the scenario names; `extra` has the
-            name of its class as `tail_law`.
+            settled after one in still air (`extra`: `STOPPED`, `SETTLED`); default: for `outcome`.
+        law: drives the tail in place of the scenario's law; `extra` names its class as `tail_law`.
         build: drives the car in place of driver and tail law: `build(builder, station)` adds
-            systems of your own and connects every input port of the station. An export or a
-            `LogVectorOutput` named `x_m,y_m` fills these columns of the log.
-        bodies: adds bodies to the car, such as a rear wing: `bodies(builder, plant, wind)` may call
-            `plant.Finalize()` and then `add_tail_force`, whose argument `wind` it receives.
+            systems and connects every input port of the station. An export or `LogVectorOutput`
+            named `x_m,y_m` fills these columns of the log.
+        bodies: adds bodies such as a rear wing: `bodies(builder, plant, wind)`, see `AddBodies`.
         force: replace an existing log.
         meshcat: shows the run live.
         real_time_rate: 0 runs as fast as possible, 1 in real time.
         progress: receives how far the run is, about ten times per simulated second.
 
     Raises:
-        UserError: no valid plant, a rig beyond its limits, or an unwritable or existing log.
+        UserError: no valid plant, a rig beyond its limits, an unwritable or existing log.
         RuntimeError: Drake's solver gave up.
     """
     from aerodima.workbench.car.car_run import run_car, run_outcome

@@ -17,7 +17,6 @@ from pydrake.systems.framework import (
     DiagramBuilder,
     LeafSystem,
     OutputPort,
-    System,
 )
 
 from aerodima.workbench.aero.sail import FreeSail, SailMotion, generalised_force, sail_motion
@@ -73,14 +72,20 @@ def wind_model(scenario: Scenario, more_bodies: bool = False) -> WindModel | Non
     )
 
 
-def add_wind_source(
+def add_wind(
     builder: DiagramBuilder, scenario: Scenario, more_bodies: bool
-) -> System | None:
-    """Adds the wind of a scenario to a diagram; nothing, and None, where `wind_model` has none."""
+) -> tuple[OutputPort | None, OutputPort | None]:
+    """Adds the wind of a scenario to a diagram; returns the ports of its velocity, None where
+    `wind_model` has none, and of its acceleration, None without gusts.
+    """
     model = wind_model(scenario, more_bodies)
     if model is None:
-        return None
-    return builder.AddNamedSystem("wind", WindSource(model))
+        return None, None
+    wind = builder.AddNamedSystem("wind", WindSource(model))
+    gust = None
+    if scenario.wind.gust_amplitude > 0.0:
+        gust = wind.GetOutputPort("wind_acceleration")
+    return wind.GetOutputPort("wind_velocity"), gust
 
 
 def sail_law(tail: TailParameters) -> tuple[SectionLaw, float]:

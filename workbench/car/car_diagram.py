@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 
-from aerodima.workbench.car.car_plant import AddBodies
+from aerodima.workbench.car.car_bodies import AddBodies
 from aerodima.workbench.car.car_station import (
     InterfaceFactory,
     make_car_station,

@@ -6,7 +6,6 @@ at nominal ride height.
 """
 
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,7 +32,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from aerodima.workbench.aero.added_mass import AddedMass, add_added_mass
 from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX
-from aerodima.workbench.car.car_bodies import add_air_force, weld_car_bodies
+from aerodima.workbench.car.car_bodies import AddBodies, finalize_with_bodies
 from aerodima.workbench.car.car_model import car_sdf, stiction_tolerance
 from aerodima.workbench.car.tail_plant import MIN_INERTIA_FRACTION, added_mass_layout, tail_sdf
 from aerodima.workbench.control.swing_library import resting_tail
@@ -54,10 +53,6 @@ HALF_SPACE_WARNING = (
 deformable body."""
 
 MODELS_PACKAGE = "aerodima_models"
-AddBodies = Callable[[DiagramBuilder, MultibodyPlant, OutputPort | None], object]
-"""Adds bodies and forces to the plant of a simulated car: called with the builder of the station,
-the plant before it is finalised, and a port of the wind's velocity (3), m/s, None in still air. It
-may call `plant.Finalize()`, which `add_tail_force` needs."""
 
 
 @dataclass(frozen=True)
@@ -136,13 +131,7 @@ def add_car_plant(
     plant.set_contact_model(ContactModel.kPoint)
     plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
     plant.SetUseSampledOutputPorts(sampled_outputs)
-    bodies = weld_car_bodies(plant, car, scenario)
-    if add_bodies is not None:
-        add_bodies(builder, plant, wind)
-    if not plant.is_finalized():
-        plant.Finalize()
-    for entry in bodies:
-        add_air_force(builder, plant, scenario, entry, wind)
+    finalize_with_bodies(builder, plant, car, scenario, wind, add_bodies)
     result = CarPlant(plant, scene_graph, car, tail)
     _exclude_self_collisions(plant, scene_graph, result.instances)
     if added is not None:

@@ -8,9 +8,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
 from aerodima.workbench.aero.section_watch import SectionWatch
+from aerodima.workbench.car.car_bodies import AddBodies
 from aerodima.workbench.car.car_diagram import Build, CarDiagram, assemble, build_name, plant_facts
 from aerodima.workbench.car.car_model import axle_statics
-from aerodima.workbench.car.car_plant import AddBodies
 from aerodima.workbench.car.car_station import simulated_car
 from aerodima.workbench.car.outcome_record import OutcomeRecord
 from aerodima.workbench.car.run_view import LiveView

@@ -23,8 +23,9 @@ from aerodima.workbench.car.ak70 import (
     TailMotorFactory,
     add_tail_motor,
 )
-from aerodima.workbench.car.car_air import TailAerodynamics, add_sail_report, add_wind_source
-from aerodima.workbench.car.car_plant import AddBodies, CarPlant, add_car_plant
+from aerodima.workbench.car.car_air import TailAerodynamics, add_sail_report, add_wind
+from aerodima.workbench.car.car_bodies import AddBodies
+from aerodima.workbench.car.car_plant import CarPlant, add_car_plant
 from aerodima.workbench.car.car_sensors import (
     GpsSpeed,
     Imu,
@@ -129,20 +130,13 @@ def _add_simulated_car(
 ) -> None:
     """Adds plant, drive train, servo, tail and sensors, and exports the ports of the station."""
     # The plant, and the wind that pushes its added mass.
-    wind = add_wind_source(builder, scenario, bodies is not None)
-    air = None
-    gust = None
-    if wind is not None:
-        air = wind.GetOutputPort("wind_velocity")
-        if scenario.wind.gust_amplitude > 0.0:
-            gust = wind.GetOutputPort("wind_acceleration")
-    drawn = with_truth or meshcat is not None
+    air, gust = add_wind(builder, scenario, bodies is not None)
     car = add_car_plant(
         builder,
         scenario,
         gust,
         sampled_outputs=with_truth,
-        drawn=drawn,
+        drawn=with_truth or meshcat is not None,
         wind=air,
         add_bodies=bodies,
     )

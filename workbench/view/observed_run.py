@@ -34,7 +34,6 @@ from aerodima.workbench.logs.schema import (
     run_metadata,
 )
 from aerodima.workbench.scenario.scenario import Scenario
-from aerodima.workbench.scenario.signal_table import names_of, sensor_columns
 from aerodima.workbench.view.logged_run import AIR_SCALE, AIR_SCALE_KEY
 from aerodima.workbench.view.watched_plant import WatchedPlant
 
@@ -138,19 +137,17 @@ def observe(
     air_scale: float = AIR_SCALE,
     force: bool = False,
 ) -> ObservedRun:
-    """Watches a user's diagram: call it last, before `builder.Build()`, and simulate within its
-    `with` block.
+    """Watches a user's diagram: call it before `builder.Build()`, simulate in its `with` block.
 
-    Meshcat gets the plant, if nothing shows it yet, a camera that follows it, and the force of
-    every `TailForce` on it as an arrow. The log has the state of the plant, the motion of its
-    centre of mass and its base, the poses of its bodies with their shapes, per `TailForce` wrench
-    and sections, the wind, and `signals`; `plant_metrics`, `aerodima log metrics`, `replay` and
-    `log compare` read it, with the outcome where it is defined (`plant_outcome`). A car's station
-    gives the log of a car, as `simulate` does, if `settings` is its scenario, whatever drives it.
+    Meshcat gets the plant, if nothing shows it yet, a camera that follows it, and an arrow for
+    every `TailForce`. The log has the state of the plant, the motion of its centre of mass and its
+    base, the poses of its bodies with their shapes, per `TailForce` wrench and sections, the wind,
+    and `signals`; `plant_metrics`, `aerodima log metrics`, `replay` and `log compare` read it. A
+    car's station with its scenario as `settings` gives the log of a car, whatever drives it.
 
     Args:
         builder: that owns the plant.
-        plant: finalised; or a simulated station, whose port `plant_state_truth` is read.
+        plant: finalised; or a simulated station.
         meshcat: shows the run while it goes on; of a station, give it to `make_car_station` too.
         log: Parquet file, refused when it exists, unless `force`; None keeps the log in memory.
         base: its tilt, heading and speed count, z axis up; by default the only floating base.
@@ -162,8 +159,7 @@ def observe(
         force: replace an existing log.
 
     Raises:
-        UserError: plant not finalised or not in the builder, no such body, a rate that is not above
-            0, an existing log.
+        UserError: plant not finalised or elsewhere, no such body, rate not above 0, existing log.
     """
     for what, value in (("rate", rate), ("air_scale", air_scale)):
         check_range(f"observe: {what}", value, 0.0, math.inf, NO_UNIT, above_low=True)
@@ -178,14 +174,6 @@ def observe(
         facts = plant_facts(watched.station)
         metadata = run_metadata(settings.resolved(), settings.seed, extra=facts)
     else:
-        if watched.station is not None:
-            columns = ", ".join(names_of(sensor_columns())[1:])  # it has the time
-            warnings.warn(
-                "observe: the log has no columns of sensors and commands, since settings= is no "
-                f"Scenario; it is that of any plant and leaves out: {columns}",
-                UserWarning,
-                stacklevel=2,
-            )
         stated = settings.resolved() if isinstance(settings, Scenario) else dict(settings or {})
         stated = {"name": name or stated.get("name") or watched.plant.get_name()} | stated
         for tail in watched.tails:

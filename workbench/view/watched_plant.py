@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -37,7 +38,12 @@ from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.port_wiring import add_and_connect, vector_of
 from aerodima.workbench.logs.recorder import Signals, output_ports, port_sources, signals_of
 from aerodima.workbench.metrics.run_summary import TAILS
-from aerodima.workbench.scenario.signal_table import CAR_TRUTH, PLANT_POSITION_PREFIX, names_of
+from aerodima.workbench.scenario.signal_table import (
+    CAR_TRUTH,
+    PLANT_POSITION_PREFIX,
+    names_of,
+    sensor_columns,
+)
 from aerodima.workbench.view.force_arrows import (
     AIR_COLOUR,
     SHOWN_LENGTH,
@@ -185,6 +191,12 @@ class WatchedPlant:
                 (tail.GetOutputPort("validity"), validity),
             ]
         if self.station is not None:
+            columns = ", ".join(names_of(sensor_columns())[1:])  # it has the time
+            warnings.warn(
+                "observe: the log has no columns of sensors and commands, since settings= is no "
+                f"Scenario; it is that of any plant and leaves out: {columns}",
+                stacklevel=3,
+            )
             table = {name: CAR_TRUTH[name] for name in _STATION_TRUTH}
             signals += signals_of(table, output_ports(self.station))
         elif self.wind is not None:

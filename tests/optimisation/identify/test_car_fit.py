@@ -139,7 +139,7 @@ def test_a_log_of_speed_steering_yaw_rate_and_acceleration_alone_is_driven_at_it
     assert drive.line_speed == pytest.approx(3.0)
     names = {*unknowns(drive).names}
     assert names & {"tyre_friction", "com_height", "gyro_bias_x"} == {"tyre_friction"}
-    named = ("throttle_command", "imu_roll_rad", "imu_gyro_x_rad_per_s", "status_imu_age_s")
+    named = ("throttle_command", "imu_roll_rad", "imu_gyro_x_rad_per_s")
     assert_named("; ".join(drive.warnings), named)
 
 
