@@ -8,8 +8,9 @@ FILE.json`).
  "radio": {"path": "/dev/ttyUSB1"},
  "tail_pitch": {"motor_id": 1, "zero": 0.0}, "tail_roll": {"motor_id": 2, "zero": 0.0}}
 ```
-An emulator writes one too, beside other files; `is_emulated_port` tells its ports from those of
-real devices.
+That of the operator's computer has `console` and, of a car with a number, `car`:
+`{"schema": "aerodima/ports/1", "console": {"path": "/dev/ttyUSB0"}}`. An emulator writes a ports
+file too, beside other files; `is_emulated_port` tells its ports from those of real devices.
 """
 
 from __future__ import annotations
@@ -79,23 +80,30 @@ class MountedMotor(StrictModel):
     """None takes the sign of `mounting.yaml`."""
 
 
-class CarPorts(StrictModel):
-    """Ports of all devices; a device that is None is not fitted.
+class OperatorPorts(StrictModel):
+    """Ports of the operator's computer, where `aerodima console` runs.
 
-    `can` is needed by `watched_can` only, `console` by `aerodima console` only. `car` is the number
-    of the car among those that share a radio channel: its reports carry it, and the console
-    believes no other.
+    `car` is the number of the car among those that share a radio channel: its reports carry it, and
+    the console believes no other.
     """
 
     schema_: Literal["aerodima/ports/1"] = Field("aerodima/ports/1", alias="schema")
-    firmware_profile: str = "ak70_10_v1_0_8"
     car: int = Field(0, ge=0, le=255)
+    console: ConsoleDevice | None = None
+
+
+class CarPorts(OperatorPorts):
+    """Ports of all devices; a device that is None is not fitted.
+
+    `can` is needed by `watched_can` only, `console` by `aerodima console` only.
+    """
+
+    firmware_profile: str = "ak70_10_v1_0_8"
     can: CanSettings | None = None
     teensy: SerialSettings
     imu: SerialSettings
     gps: GpsDevice | None = None
     radio: RadioDevice | None = None
-    console: ConsoleDevice | None = None
     tail_pitch: MountedMotor = MountedMotor(motor_id=1)
     tail_roll: MountedMotor = MountedMotor(motor_id=2)
     _file: str = PrivateAttr("")
@@ -150,6 +158,18 @@ def read_ports(path: str | Path | CarPorts) -> CarPorts:
     ports = ports_from_dict(read_json(Path(path), HardwareError), str(path))
     ports._file = str(path)
     return ports
+
+
+def read_operator_ports(path: Path) -> OperatorPorts:
+    """Reads the ports file of the operator's computer, or that of a whole car.
+
+    Raises:
+        HardwareError: as `read_ports`.
+    """
+    data = read_json(path, HardwareError)
+    if isinstance(data, dict) and "teensy" in data:
+        return read_ports(path)
+    return checked(OperatorPorts, data, str(path), HardwareError, schema=SCHEMA)
 
 
 def ports_from_dict(data: Any, where: str = "ports") -> CarPorts:

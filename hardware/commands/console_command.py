@@ -131,11 +131,11 @@ def _next_record() -> Path:
 
 def _radio_device(options: ConsoleOptions) -> tuple[ConsoleDevice, int]:
     """Returns the operator's radio module and the number of its car."""
-    from aerodima.hardware.car.car_ports import ConsoleDevice, read_ports
+    from aerodima.hardware.car.car_ports import ConsoleDevice, read_operator_ports
 
     if options.ports is None:
         return ConsoleDevice.model_validate({"path": options.radio}), 0
-    ports = read_ports(options.ports)
+    ports = read_operator_ports(options.ports)
     if ports.console is None:
         raise HardwareError(
             f"{options.ports}: console: missing; an emulator writes it: `aerodima emulate "

@@ -6,20 +6,21 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
 from aerodima import optimisation, workbench
 from aerodima.workbench.cli import options as cli
-from aerodima.workbench.core.atomic_write import make_folder
+from aerodima.workbench.core.atomic_write import make_folder, write_atomically
 from aerodima.workbench.core.errors import FitError, UserError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from aerodima.optimisation.identify.fit_options import FitOptions
+    from aerodima.optimisation.identify.fit_options import FitOptions, Knowledge
     from aerodima.optimisation.identify.fit_result import FitResult
+    from aerodima.optimisation.identify.huber import Loss
 
     Extra = tuple[dict[str, pd.DataFrame], list[str]]
     """Tables by name, and a line for each that is left out."""
@@ -64,8 +65,6 @@ class LogFit:
         """Returns the choices for logs of some kinds; what is wrong with them is refused here, once
         and not for every log.
         """
-        from aerodima.optimisation.identify.fit_options import KNOWLEDGE
-        from aerodima.optimisation.identify.huber import LOSSES
         from aerodima.optimisation.identify.log_rig import named_rig
         from aerodima.optimisation.identify.rig_constants import constant_names, require_constants
 
@@ -75,8 +74,8 @@ class LogFit:
         )
         rig = self.rig, tuple(self.settings or ())
         named_rig(*rig)
-        loss = choice("--loss", self.loss, LOSSES)
-        known = choice("--constants", self.constants, KNOWLEDGE)
+        loss = cast("Loss", self.loss)
+        known = cast("Knowledge", self.constants)
         return optimisation.FitOptions(loss, bounds_of(self.bound), *rig, names, known)
 
     def run(
@@ -193,11 +192,26 @@ def robot_tables(results: list[FitResult], out: Path) -> Extra:
     return averages(results, out)
 
 
-def choice(flag: str, given: str, allowed: tuple[Any, ...]) -> Any:
-    """Returns `given`, when it is one of the allowed words; FitError otherwise."""
-    if given not in allowed:
-        raise FitError(f"{flag} {given}: must be one of {', '.join(allowed)}")
-    return given
+def car_files(results: list[FitResult], out: Path, settings: tuple[str, ...]) -> Extra:
+    """Writes each fitted car as a scenario file, and all averages.
+
+    Args:
+        settings: that went over the scenarios of the logs.
+    """
+    import yaml
+
+    from aerodima.optimisation.identify.car_fit import CAR
+    from aerodima.workbench.logs.schema import read_run_log
+
+    for result in results:
+        logged = read_run_log(result.name).scenario
+        scenario = workbench.Scenario.from_dict(logged, result.name, settings)
+        car = {e.name: e.value for e in result.estimates if e.name in CAR}
+        path = out / f"{Path(result.name).stem}_car.yaml"
+        text = yaml.safe_dump(scenario.varied(car=car).resolved(), sort_keys=False)
+        write_atomically(path, text, True, FitError)
+        typer.echo(f"wrote {path}")
+    return averages(results, out)
 
 
 def bounds_of(given: list[str] | None) -> tuple[tuple[str, float, float], ...]:
@@ -275,11 +289,8 @@ def robot_tail(
 
     Example: aerodima fit robot-tail swing_*.parquet --shape line --out fits
     """
-    from aerodima.optimisation.identify.swing_coefficients import SHAPES
-
     options = batch.options("robot_swing")
-    chosen = choice("--shape", shape, SHAPES)
-    batch.run("Robot tail", optimisation.fit_robot_tail_log, options, robot_tables, shape=chosen)
+    batch.run("Robot tail", optimisation.fit_robot_tail_log, options, robot_tables, shape=shape)
 
 
 def car(
@@ -294,19 +305,18 @@ def car(
 ) -> None:
     """Fit tyres, centre of mass and delay of a car to its turn.
 
-    Friction, slip, height of the centre of mass, delay of the steering and biases.
+    Friction, slip, height of the centre of mass, delay of the steering and biases. A log needs
+    speed, steering command, yaw rate and lateral acceleration; what it lacks is named. The fitted
+    car is written as a scenario file.
 
     Example: aerodima fit car run.parquet --out fits --set car.mass=6.4
     """
     from aerodima.optimisation.identify.car_fit import fit_car_log
-    from aerodima.workbench.scenario.scenario import scenario_from_dict
 
-    given: dict[str, Any] = {}
-    for setting in settings or ():
-        workbench.Scenario.apply_setting(given, setting)
-    scenario_from_dict(given)
     options = optimisation.FitOptions(settings=tuple(settings or ()))
-    LogFit(logs, out, workers, force).run("Cars", fit_car_log, options, averages)
+    workbench.Scenario.from_dict({}, settings=options.settings)
+    tables = partial(car_files, settings=options.settings)
+    LogFit(logs, out, workers, force).run("Cars", fit_car_log, options, tables)
 
 
 def published(out: Out) -> None:

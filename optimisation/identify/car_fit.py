@@ -37,6 +37,7 @@ from aerodima.optimisation.identify.uncertainty import uncertainty
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.scenario.car_parameters import CarParameters
 from aerodima.workbench.scenario.scenario import Scenario
 
 CAR = ("tyre_friction", "tyre_slip_angle", "com_height")
@@ -93,16 +94,25 @@ _NEAR = 25.0
 """A step that predicts less ends the fit with the noise of the sensors alone."""
 
 
-def prior_range(name: str) -> tuple[float, float]:
-    """Look up the range of an unknown of `UNITS` that is known beforehand."""
+def prior_range(name: str, car: CarParameters) -> tuple[float, float]:
+    """Look up the range of an unknown of `UNITS` that is known beforehand.
+
+    A car of another size, whose own value lies outside the range of `models/parameters`, has that
+    range in proportion.
+    """
     if name == DELAY:
         return DELAY_RANGE
     if name == "acceleration_bias_y":
         return -9.81 * _TILT, 9.81 * _TILT
     section, key = ("car", name) if name in CAR else ("imu", "gyro_bias")
-    prior = Scenario.parameters(section)[key].prior
-    assert prior is not None
-    return prior if name in CAR else (-prior[1], prior[1])
+    entry = Scenario.parameters(section)[key]
+    assert entry.prior is not None
+    low, high = entry.prior
+    if name not in CAR:
+        return -high, high
+    value = getattr(car, name)
+    factor = 1.0 if low <= value <= high else value / float(entry.value)
+    return factor * low, factor * high
 
 
 def unknowns(drive: CarDrive) -> Parameters:
@@ -120,8 +130,12 @@ def unknowns(drive: CarDrive) -> Parameters:
     for name, speeds in ((SPEED, before[:2]), (DRIVEN, before[-3:])):
         v = float(np.mean(speeds))
         parameters.append(Parameter(name, "m/s", v, v - _SPEED_REACH, v + _SPEED_REACH, scale=0.05))
+    # Only roll shows the height.
+    hidden = () if "roll_rate" in drive.channels else ("com_height", BIASES["roll_rate"])
     for name, unit in UNITS.items():
-        low, high = prior_range(name)
+        if name in hidden:
+            continue
+        low, high = prior_range(name, drive.scenario.car)
         half = 0.5 * (high - low)
         lower = max(low - half, least.get(name, -math.inf))
         sigma = half / math.sqrt(3.0)
@@ -174,12 +188,13 @@ class CarModel:
 
         Another driven speed is another line of the throttle.
         """
-        key = (*(values[name] for name in (*CAR, SPEED, DRIVEN)), latency, step)
+        car = {name: values[name] for name in CAR if name in values}
+        key = (*car.values(), values[SPEED], values[DRIVEN], latency, step)
         if key not in self._runs:
             scenario = self.drive.scenario
             faster = values[DRIVEN] - self.drive.line_speed
             changes = {
-                "car": {name: values[name] for name in CAR},
+                "car": car,
                 "manoeuvre": {"speed": values[DRIVEN]},
                 "drive": {"throttle_offset": scenario.drive.throttle_offset + faster},
                 "simulation": {"step": step},
@@ -232,14 +247,15 @@ class CarModel:
         drive = self.drive
         x = self.parameters.by_name(self.parameters.initial)
         best, lowest = x, math.inf
-        low, high = np.array([prior_range(name) for name in CAR]).T
+        low, high = np.array([prior_range(name, drive.scenario.car) for name in CAR]).T
         acceleration = np.abs(drive.channels["lateral_acceleration"].value)
         gravity = drive.scenario.environment.gravity or 9.81
         friction = _FRICTION_FACTOR * float(np.quantile(acceleration, _QUANTILE)) / gravity
         for shares in _SCAN:
             others = low[1:] + np.array(shares) * (high - low)[1:]
             car = np.clip([friction, *others], low, high)
-            trial = {**x, **dict(zip(CAR, car.tolist(), strict=True))}
+            tried = zip(CAR, car.tolist(), strict=True)
+            trial = x | {name: value for name, value in tried if name in x}
             try:
                 run = self.run(trial, 0.0, self._step)
             except FitError:

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +14,7 @@ from scipy.ndimage import maximum_filter1d
 from aerodima.workbench.car.car_sensors import STEPS
 from aerodima.workbench.car.laws import steady_speed
 from aerodima.workbench.car.turn_signals import STEERED
-from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE, DriverInput
+from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE, DriverInput, throttle_line
 from aerodima.workbench.control.tail_law import Observation
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import FitError, LogError, UserError
@@ -52,6 +51,16 @@ MIN_SAMPLES = {"imu": 40, "speed": 5}
 MIN_NOISE = 1e-4
 """Least noise of a signal whose unit is in rad/s or m/s2."""
 DRIVER = ("steering_command_rad", "throttle_command", "planned_turn")
+WITHOUT = {
+    "throttle_command": "the car is driven at the logged speed",
+    "planned_turn": "no turn is announced",
+    "imu_roll_rad": "the car is taken to stay upright",
+    "imu_pitch_rad": "the car is taken to stay upright",
+    "status_imu_age_s": "each row is taken as a new sample",
+    "status_speed_age_s": "each row is taken as a new sample",
+    "imu_gyro_x_rad_per_s": "roll rate is left out and car.com_height is that of the scenario",
+}
+"""Column that a log may lack -> what a fit does without it."""
 TAIL = {
     joint: [
         f"tail_{joint}_command_{name}"
@@ -210,7 +219,8 @@ def car_drive(log: RunLog, settings: tuple[str, ...] = ()) -> CarDrive:
         settings: `section.key=value` over its scenario, such as a mass that was weighed.
 
     Raises:
-        LogError: a column is missing, unsorted time, a gap, NaN; names the column and the time.
+        LogError: a column is missing that is not in `WITHOUT`, unsorted time, a gap, NaN; names the
+            column and the time.
         FitError: a log of something else, without a turn, too short.
         ScenarioError: its scenario or a setting is wrong.
     """
@@ -218,15 +228,32 @@ def car_drive(log: RunLog, settings: tuple[str, ...] = ()) -> CarDrive:
         return _car_drive(log, settings)
 
 
+def _completed(log: RunLog, scenario: Scenario) -> tuple[RunLog, Scenario, list[str]]:
+    """Fill in the columns of `WITHOUT` that a log lacks.
+
+    Returns:
+        Log and scenario of the drive, and what is done without each of them.
+    """
+    absent = [name for name in WITHOUT if name not in log.table]
+    table = log.table.assign(**dict.fromkeys(absent, 0.0))
+    if "throttle_command" in absent:
+        scenario = scenario.varied(drive={"governor": True})
+        line = throttle_line(scenario)
+        table["throttle_command"] = (log.signal("speed_m_per_s") - line.offset) / line.gain
+    notes = [f"without {name} {WITHOUT[name]}" for name in absent]
+    return replace(log, table=table), scenario, notes
+
+
 def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
-    if log.kind != "car_run":
+    if log.kind not in ("car_run", "car_log"):
         raise FitError(
-            f"is a log of kind {log.kind!r}; this fit needs a drive of the car, 'car_run'"
+            f"is a log of kind {log.kind!r}; this fit needs a drive of the car, 'car_run' or "
+            "'car_log'"
         )
-    content: Json = deepcopy(dict(log.scenario))
-    for setting in settings:
-        Scenario.apply_setting(content, setting)
-    scenario = Scenario.from_dict(content, "its scenario")
+    warnings = _wrong_units(log)
+    rolls = CHANNELS["roll_rate"][1] in log.table
+    scenario = Scenario.from_dict(log.scenario, "its scenario", settings)
+    log, scenario, notes = _completed(log, scenario)
     time = log.time
     tailed = scenario.tail.mode != "none"
     names = [*DRIVER, "imu_roll_rad", "imu_pitch_rad"]
@@ -239,7 +266,7 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
         raise FitError(f"column {DRIVER[0]!r} stays within {STEERED:g} rad; a fit needs a turn")
     turn = float(time[steered[0]])
     end = float(time[steered[-1]]) + REACH
-    warnings = _wrong_units(log)
+    warnings += notes
     for reason, lost in _losses(scenario, signals, int(steered[0])).items():
         over = time[lost & (time >= turn)]
         if over.size and over[0] < end:
@@ -252,7 +279,11 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
     if min(turn - begin, last - turn) < MIN_SPAN:
         span = f"{first:g} to {last:g} s, steered from {turn:g} s on"
         raise FitError(f"holds {span}; a fit needs {MIN_SPAN:g} s to either side")
-    channels = {name: _channel(log, name, scenario, (begin + SETTLING, end)) for name in CHANNELS}
+    channels = {
+        name: _channel(log, name, scenario, (begin + SETTLING, end))
+        for name in CHANNELS
+        if rolls or name != "roll_rate"
+    }
     tail: FloatArray = np.zeros((2, time.size, 5))
     if tailed:
         joints = [[signals[name] for name in columns] for columns in TAIL.values()]

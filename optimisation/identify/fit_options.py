@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Literal
 
 from aerodima.optimisation.identify.huber import Loss
 from aerodima.optimisation.identify.least_squares import Parameter
 from aerodima.workbench.core.errors import FitError
 
 Knowledge = Literal["uncertain", "exact"]
-KNOWLEDGE = get_args(Knowledge)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ residual, which is the standard deviation of normal data however far a minority 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from aerodima.optimisation.identify.least_squares import Problem, Solution
 from aerodima.workbench.core.array_types import FloatArray
 
 Loss = Literal["squares", "huber"]
-LOSSES = get_args(Loss)
 LIMIT = 1.345
 """Limit of the squares, in standard deviations: 95 % efficient on normal data."""
 _NORMAL = 1.4826

@@ -12,7 +12,7 @@ import math
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
@@ -36,7 +36,6 @@ from aerodima.workbench.rig.pendulum import (
 from aerodima.workbench.scenario.rig_scenario import RigScenario
 
 Shape = Literal["constant", "line", "bins"]
-SHAPES = get_args(Shape)
 BIN = 2.0
 """Distance of the nodes of a table over the relative speed, m/s."""
 _NODE = "cn_at_"

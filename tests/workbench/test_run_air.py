@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.batch.simulation import simulate
-from aerodima.workbench.car.ground_truth import own_instances
+from aerodima.workbench.car.car_plant import own_instances
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.signal_table import CAR_TRUTH

@@ -299,9 +299,9 @@ class NormalForceLaw(SectionLaw):
     """F = 1/2 rho A C_N(|v|) |v_p| v_n n, with v_p the velocity without its spanwise part, v_n its
     part along n.
 
-    Equals Drake's `Wing`. The thesis' model of the robot tail (eq. 6.8, C_D = 2, force normal to
-    the tail) has cos(gamma) |v|^2 where this law has |v_p| v_n, in the plane of tail and normal
-    cos^2(gamma) |v|^2: the two are equal broadside only.
+    Equals Drake's `Wing` on a body that does not rotate. The thesis' model of the robot tail (eq.
+    6.8, C_D = 2, force normal to the tail) has cos(gamma) |v|^2 where this law has |v_p| v_n, in
+    the plane of tail and normal cos^2(gamma) |v|^2: the two are equal broadside only.
 
     Attributes:
         coefficient: C_N, a number or a function of |v_rel| such as `SpeedTable`.

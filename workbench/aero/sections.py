@@ -81,6 +81,10 @@ class SectionLayout:
             check_above_zero("section layout: area", area, unit="m2")
         if not np.all(np.isfinite([*self.p_BoRo_B, *self.distances, self.start, self.end])):
             raise ModelError("section layout: positions and distances must be finite numbers")
+        for name in ("p_BoRo_B", "axis_B", "normal_B"):
+            value = getattr(self, name)
+            if len(value) != 3:
+                raise ModelError(f"section layout: {name} is {value}; must be three numbers")
         axes = np.array([self.axis_B, self.normal_B], float)
         products = axes @ axes.T
         if np.any(np.abs(np.sqrt(products.diagonal()) - 1.0) > _UNIT_ERROR):

@@ -238,12 +238,15 @@ def resolve_body(plant: Any, body: Any, place: str = "tail force") -> Any:
     if not plant.is_finalized():
         raise ModelError(f"{place}: the plant is not finalised; call plant.Finalize() first")
     if isinstance(body, str):
-        if not plant.HasBodyNamed(body):
-            names = ", ".join(
-                plant.get_body(BodyIndex(i)).name() for i in range(plant.num_bodies())
+        bodies = [plant.get_body(BodyIndex(index)) for index in range(plant.num_bodies())]
+        named = [other for other in bodies if other.name() == body]
+        if len(named) != 1:
+            names = ", ".join(other.scoped_name().get_full() for other in bodies)
+            raise ModelError(
+                f"{place}: body '{body}' is {len(named)} bodies of the plant ({names}); must be "
+                "the name of one, or a body itself"
             )
-            raise ModelError(f"{place}: the plant has no body named '{body}' (bodies: {names})")
-        return plant.GetBodyByName(body)
+        return named[0]
     if body.GetParentPlant() is not plant:
         raise ModelError(f"{place}: body '{body.name()}' does not belong to this plant")
     return body

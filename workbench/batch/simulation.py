@@ -14,6 +14,7 @@ from aerodima.workbench.scenario.scenario import Scenario
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
 
+    from aerodima.workbench.car.car_bodies import AddBodies
     from aerodima.workbench.car.car_diagram import Build
     from aerodima.workbench.car.run_view import Progress
 
@@ -26,6 +27,7 @@ def simulate(
     stop_when_certain: bool | None = None,
     law: TailLaw | None = None,
     build: Build | None = None,
+    bodies: AddBodies | None = None,
     force: bool = False,
     meshcat: Meshcat | None = None,
     real_time_rate: float = 0.0,
@@ -36,25 +38,23 @@ def simulate(
     An interrupted run leaves a journal, of which `aerodima log recover` makes a log.
 
     Args:
-        scenario: resolved scenario.
+        scenario: resolved.
         log: the Parquet file to be; None keeps the log in memory.
-        record: `all` columns, or the `outcome` of a car in memory, for half of the CPU time: what
-            the metrics need and the sensors report (design section 9).
+        record: `all` columns, or the `outcome` of a car, in half the time (design section 9).
         stop_when_certain: end a car's run when it has tilted past 75 degrees after the turn, or has
-            settled after a single one in still air (`metrics.settling`); `extra` then has `STOPPED`
-            or `SETTLED`. The default is to do so with `record="outcome"` only.
-        law: drives the tail of a car instead of the law that the scenario names; `extra` has the
-            name of its class as `tail_law`.
+            settled after one in still air (`extra`: `STOPPED`, `SETTLED`); default: for `outcome`.
+        law: drives the tail in place of the scenario's law; `extra` names its class as `tail_law`.
         build: drives the car in place of driver and tail law: `build(builder, station)` adds
-            systems of your own and connects every input port of the station. An export or a
-            `LogVectorOutput` named `x_m,y_m` fills these columns of the log.
+            systems and connects every input port of the station. An export or `LogVectorOutput`
+            named `x_m,y_m` fills these columns of the log.
+        bodies: adds bodies such as a rear wing: `bodies(builder, plant, wind)`, see `AddBodies`.
         force: replace an existing log.
         meshcat: shows the run live.
         real_time_rate: 0 runs as fast as possible, 1 in real time.
         progress: receives how far the run is, about ten times per simulated second.
 
     Raises:
-        UserError: no valid plant, a rig beyond its limits, or an unwritable or existing log.
+        UserError: no valid plant, a rig beyond its limits, an unwritable or existing log.
         RuntimeError: Drake's solver gave up.
     """
     from aerodima.workbench.car.car_run import run_car, run_outcome
@@ -64,16 +64,18 @@ def simulate(
     if isinstance(scenario, RigScenario):
         from aerodima.workbench.rig.rig_run import run_rig
 
-        if law is not None or build is not None or stop_when_certain or record != "all":
+        if law or build or bodies or stop_when_certain or record != "all":
             raise UserError(
-                f"{scenario.name}: law, build, stop_when_certain and record='outcome' are for "
-                "scenarios of the car"
+                f"{scenario.name}: law, build, bodies, stop_when_certain and record='outcome' are "
+                "for scenarios of the car"
             )
         return run_rig(scenario, log, force=force, view=view)
     if law is not None and build is not None:
         raise UserError("law and build exclude each other: each says what the tail does")
     if record == "all":
-        return run_car(scenario, log, bool(stop_when_certain), law, force, view, build)
+        return run_car(scenario, log, bool(stop_when_certain), law, force, view, build, bodies)
     if log is not None:
         raise UserError(f"{log}: must be None with record='outcome', which leaves out columns")
-    return run_outcome(scenario, stop_when_certain is not False, law, view, build=build)
+    return run_outcome(
+        scenario, stop_when_certain is not False, law, view, build=build, bodies=bodies
+    )

@@ -1,7 +1,7 @@
 """The air around the simulated car: the wind of a scenario, the sections of its sail with their
 coefficients, and their force on the tail.
 
-The air acts on the sail only; the chassis feels none.
+The air acts on the sail, and on the bodies of `car_bodies`; the chassis feels none.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from pydrake.systems.framework import (
     DiagramBuilder,
     LeafSystem,
     OutputPort,
-    System,
 )
 
 from aerodima.workbench.aero.sail import FreeSail, SailMotion, generalised_force, sail_motion
@@ -51,12 +50,16 @@ from aerodima.workbench.scenario.tail_parameters import (
 )
 
 
-def wind_model(scenario: Scenario) -> WindModel | None:
-    """The wind that the scenario's tail meets; None in still air, and for a car without tail, which
-    feels no wind.
+def wind_model(scenario: Scenario, more_bodies: bool = False) -> WindModel | None:
+    """The wind that the scenario's tail and bodies meet; None in still air, and for a car without
+    them, which feels no wind.
+
+    Args:
+        more_bodies: whether there are bodies that the scenario does not know.
     """
     wind = scenario.wind
-    if wind.is_still or scenario.tail.mode == "none":
+    has_bodies = more_bodies or scenario.car.has_bodies
+    if wind.is_still or (scenario.tail.mode == "none" and not has_bodies):
         return None
     gust = wind.gust_amplitude
     return WindModel(
@@ -69,12 +72,20 @@ def wind_model(scenario: Scenario) -> WindModel | None:
     )
 
 
-def add_wind_source(builder: DiagramBuilder, scenario: Scenario) -> System | None:
-    """Adds the wind of a scenario to a diagram; nothing, and None, where there is none."""
-    model = wind_model(scenario)
+def add_wind(
+    builder: DiagramBuilder, scenario: Scenario, more_bodies: bool
+) -> tuple[OutputPort | None, OutputPort | None]:
+    """Adds the wind of a scenario to a diagram; returns the ports of its velocity, None where
+    `wind_model` has none, and of its acceleration, None without gusts.
+    """
+    model = wind_model(scenario, more_bodies)
     if model is None:
-        return None
-    return builder.AddNamedSystem("wind", WindSource(model))
+        return None, None
+    wind = builder.AddNamedSystem("wind", WindSource(model))
+    gust = None
+    if scenario.wind.gust_amplitude > 0.0:
+        gust = wind.GetOutputPort("wind_acceleration")
+    return wind.GetOutputPort("wind_velocity"), gust
 
 
 def sail_law(tail: TailParameters) -> tuple[SectionLaw, float]:

@@ -4,13 +4,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 
+from aerodima.workbench.car.car_bodies import AddBodies
 from aerodima.workbench.car.car_station import (
     InterfaceFactory,
     make_car_station,
     simulated_car,
 )
+from aerodima.workbench.car.ground_truth import AIR_TRUTH, air_columns
 from aerodima.workbench.control.controller_systems import TailController, TurnDriver
 from aerodima.workbench.control.driver_law import DriverLaw, make_driver
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
@@ -22,6 +24,7 @@ from aerodima.workbench.logs.recorder import (
     OpenBuilder,
     Signals,
     output_ports,
+    port_sources,
     signals_of,
 )
 from aerodima.workbench.scenario.scenario import Scenario
@@ -79,11 +82,9 @@ def default_build(
             controller_rate=law.rate,
         )
         idle = minimal and tail_law is None and scenario.tail.mode == "none"
-        controller = TailController.add_to_builder(
+        TailController.add_to_builder(
             builder, scenario, station=station, driver=driver, law=law, idle=idle
         )
-        for port, system in zip(DRIVER_PORTS, (driver, controller), strict=True):
-            builder.ExportOutput(system.GetOutputPort(port), port)
 
     return build
 
@@ -96,11 +97,13 @@ def assemble(
     minimal: bool = False,
     schedule: DriverLaw | Schedule | None = None,
     build: Build | None = None,
+    bodies: AddBodies | None = None,
 ) -> CarDiagram:
     """Connects station, what drives it, and estimator; the controllers stand outside the station.
 
     The tail follows `tail_law`, the driver `schedule`, which may be a law, or by default what the
-    scenario names; `build` adds something else in place of both. With `minimal`, what no metric of
+    scenario names; `build` adds something else in place of both, and `bodies` bodies of the
+    simulated car. With `minimal`, what no metric of
     a run needs is left out: most of the truth, the estimator of roll and, without tail, the ticks
     of its controller.
 
@@ -109,20 +112,47 @@ def assemble(
             that are there.
     """
     builder = OpenBuilder()
-    station = make_car_station(scenario, interface, meshcat, with_truth=not minimal)
+    station = make_car_station(scenario, interface, meshcat, with_truth=not minimal, bodies=bodies)
     builder.AddSystem(station)
     (build or default_build(scenario, tail_law, schedule, minimal))(builder, station)
-    ports = builder.sources(station)
+    driven = {name: builder.exported.pop(name) for name in DRIVER_PORTS if name in builder.exported}
+    signals = car_signals(builder, station, scenario, driven, minimal)
+    taken = names_of(sensor_columns())
+    for _, names in signals:
+        taken += names
+    user_signals = builder.signals(taken)
+    return CarDiagram(builder, station, signals + user_signals, user_signals)
+
+
+def car_signals(
+    builder: DiagramBuilder,
+    station: Diagram,
+    scenario: Scenario,
+    driven: dict[str, OutputPort],
+    minimal: bool = False,
+) -> Signals:
+    """Lists ports and columns of the log of a driven car; unless `minimal`, adds the estimator of
+    roll where there is none.
+
+    Args:
+        driven: ports of what drives it by those of `DRIVER_PORTS` that it has; the others are those
+            of a `TurnDriver` or `TailController` in the builder, or 0.
+
+    Raises:
+        UserError: an input port of the station is not connected.
+    """
+    ports = port_sources(builder, station)
     missing = [name for name in STATION_INPUTS if name not in ports]
     if missing:
         raise UserError(
             f"build: station port {', '.join(missing)}: not connected; each of them commands the "
             "car"
         )
+    kinds = (TurnDriver, TailController)
+    drivers = [system for system in builder.GetSystems() if isinstance(system, kinds)]
+    ports = output_ports(*drivers) | ports | driven
     for name in DRIVER_PORTS:
-        if name in builder.exported:
-            ports[name] = builder.exported.pop(name)
-        else:
+        if name not in ports:
             ports[name] = constant(builder, f"no_{name}", [0.0])
     sources: list[System] = [station]
     if not minimal:
@@ -130,13 +160,9 @@ def assemble(
         from aerodima.workbench.car.roll_filter import RollFilterSettings
 
         settings = RollFilterSettings.from_scenario(scenario)
-        sources.append(RollEstimator.add_to_builder(builder, settings, station=station))
-    signals = signals_of(CAR_PORTS, ports | output_ports(*sources)) + truth_signals(station)
-    taken = names_of(sensor_columns())
-    for _, names in signals:
-        taken += names
-    user_signals = builder.signals(taken)
-    return CarDiagram(builder, station, signals + user_signals, user_signals)
+        present = [system for system in builder.GetSystems() if isinstance(system, RollEstimator)]
+        sources += present or [RollEstimator.add_to_builder(builder, settings, station=station)]
+    return signals_of(CAR_PORTS, ports | output_ports(*sources)) + truth_signals(station)
 
 
 def build_name(build: Build) -> str:
@@ -156,6 +182,9 @@ def truth_signals(station: Diagram) -> Signals:
         signals.append((ports["plant_state_truth"], names))
     if wind is not None:
         signals += signals_of(CAR_TRUTH, {"wind_truth": wind})
+    for name in ports:
+        if name.endswith(AIR_TRUTH):
+            signals.append((ports[name], air_columns(name.removesuffix(AIR_TRUTH))))
     return signals
 
 

@@ -31,6 +31,8 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from aerodima.workbench.aero.added_mass import AddedMass, add_added_mass
+from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX
+from aerodima.workbench.car.car_bodies import AddBodies, finalize_with_bodies
 from aerodima.workbench.car.car_model import car_sdf, stiction_tolerance
 from aerodima.workbench.car.tail_plant import MIN_INERTIA_FRACTION, added_mass_layout, tail_sdf
 from aerodima.workbench.control.swing_library import resting_tail
@@ -57,8 +59,7 @@ MODELS_PACKAGE = "aerodima_models"
 class CarPlant:
     """A finalised plant with its scene graph; `tail` is None for the car without tail arm.
 
-    Added mass of the air is neither car nor tail but a model instance of its own: sums over the
-    vehicle go over these two.
+    Added mass of the air is a model instance of its own and no part of the vehicle.
     """
 
     plant: MultibodyPlant
@@ -68,10 +69,19 @@ class CarPlant:
 
     @property
     def instances(self) -> list[ModelInstanceIndex]:
-        """Car and tail arm, without the added mass of the air."""
-        if self.tail is None:
-            return [self.car]
-        return [self.car, self.tail]
+        """Whole vehicle, without the added mass of the air."""
+        return own_instances(self.plant)
+
+
+def own_instances(plant: MultibodyPlant) -> list[ModelInstanceIndex]:
+    """Model instances with bodies, without the world's and those of weightless added mass."""
+    instances = [ModelInstanceIndex(index) for index in range(1, plant.num_model_instances())]
+    return [
+        instance
+        for instance in instances
+        if plant.GetBodyIndices(instance)
+        and not plant.GetModelInstanceName(instance).startswith(ADDED_MASS_PREFIX)
+    ]
 
 
 def add_car_plant(
@@ -81,6 +91,8 @@ def add_car_plant(
     *,
     sampled_outputs: bool = True,
     drawn: bool = True,
+    wind: OutputPort | None = None,
+    add_bodies: AddBodies | None = None,
 ) -> CarPlant:
     """Adds the car of a scenario, standing at the origin and heading along x, to a diagram.
 
@@ -91,6 +103,8 @@ def add_car_plant(
             the last step; if not, they are those of the step that begins, and a step need not keep
             them.
         drawn: whether it has its visuals, each of which Drake places in every step.
+        wind: velocity of the air in W (3), m/s, on bodies of the scenario; still air without it.
+        add_bodies: adds bodies of a user.
 
     Raises:
         ModelError: a model file is missing or does not load with these numbers, or
@@ -117,7 +131,7 @@ def add_car_plant(
     plant.set_contact_model(ContactModel.kPoint)
     plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
     plant.SetUseSampledOutputPorts(sampled_outputs)
-    plant.Finalize()
+    finalize_with_bodies(builder, plant, car, scenario, wind, add_bodies)
     result = CarPlant(plant, scene_graph, car, tail)
     _exclude_self_collisions(plant, scene_graph, result.instances)
     if added is not None:

@@ -8,11 +8,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
 from aerodima.workbench.aero.section_watch import SectionWatch
+from aerodima.workbench.car.car_bodies import AddBodies
 from aerodima.workbench.car.car_diagram import Build, CarDiagram, assemble, build_name, plant_facts
 from aerodima.workbench.car.car_model import axle_statics
-from aerodima.workbench.car.car_station import (
-    simulated_car,
-)
+from aerodima.workbench.car.car_station import simulated_car
 from aerodima.workbench.car.outcome_record import OutcomeRecord
 from aerodima.workbench.car.run_view import LiveView
 from aerodima.workbench.car.termination import FlipWatch, check_times, time_after_rows, turn_end
@@ -51,9 +50,10 @@ def run_car(
     force: bool,
     view: LiveView,
     build: Build | None = None,
+    bodies: AddBodies | None = None,
 ) -> RunLog:
     """Records every column of a run log; see `simulate`."""
-    car = assemble(scenario, meshcat=view.meshcat, tail_law=law, build=build)
+    car = assemble(scenario, meshcat=view.meshcat, tail_law=law, build=build, bodies=bodies)
     watch: FlipWatch | None = None
     if stop_when_certain:
         watch = FlipWatch.add_to_builder(
@@ -61,7 +61,7 @@ def run_car(
         )
     columns = recorded_columns(car.signals)
     metadata = _metadata(car, scenario, law, build)
-    with _released(car, build), open_log(log, columns, metadata, force) as rows:
+    with _released(car, build or bodies), open_log(log, columns, metadata, force) as rows:
         settings = scenario.simulation
         RunRecorder.add_to_builder(car.builder, rows, car.signals, settings.log_rate, settings.step)
         sections: SectionWatch | None = None
@@ -89,6 +89,7 @@ def run_outcome(
     schedule: DriverLaw | Schedule | None = None,
     speed: float | None = None,
     build: Build | None = None,
+    bodies: AddBodies | None = None,
 ) -> RunLog:
     """Records what outcome and metrics need, as cheaply as it can be: for studies, which need
     thousands of runs.
@@ -98,9 +99,15 @@ def run_outcome(
     `speed`, m/s, straight ahead, or by default as the manoeuvre says.
     """
     car = assemble(
-        scenario, meshcat=view.meshcat, tail_law=law, minimal=True, schedule=schedule, build=build
+        scenario,
+        meshcat=view.meshcat,
+        tail_law=law,
+        minimal=True,
+        schedule=schedule,
+        build=build,
+        bodies=bodies,
     )
-    with _released(car, build):
+    with _released(car, build or bodies):
         outcome = OutcomeRecord(car.builder, car.station, scenario, car.signals)
         metadata = _metadata(car, scenario, law, build)
         simulator = Simulator(car.builder.Build())
@@ -119,9 +126,9 @@ def run_outcome(
     return run_log_from_metadata(table, metadata)
 
 
-def _released(car: CarDiagram, build: Build | None) -> AbstractContextManager[None]:
+def _released(car: CarDiagram, user: object) -> AbstractContextManager[None]:
     """Breaks the reference cycles afterwards, unless a user, who may hold systems, made them."""
-    if build is None:
+    if user is None:
         return break_reference_cycles(car.builder)
     return nullcontext()
 

@@ -15,6 +15,7 @@ from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, System
 from pydrake.systems.primitives import PassThrough
 
+from aerodima.workbench.aero.tail_force import TailForce
 from aerodima.workbench.car.ak70 import (
     TAIL_JOINTS,
     JointFriction,
@@ -22,7 +23,8 @@ from aerodima.workbench.car.ak70 import (
     TailMotorFactory,
     add_tail_motor,
 )
-from aerodima.workbench.car.car_air import TailAerodynamics, add_sail_report, add_wind_source
+from aerodima.workbench.car.car_air import TailAerodynamics, add_sail_report, add_wind
+from aerodima.workbench.car.car_bodies import AddBodies
 from aerodima.workbench.car.car_plant import CarPlant, add_car_plant
 from aerodima.workbench.car.car_sensors import (
     GpsSpeed,
@@ -31,7 +33,7 @@ from aerodima.workbench.car.car_sensors import (
     SailEncoder,
 )
 from aerodima.workbench.car.chassis_actuators import DriveTrain, SteeringServo
-from aerodima.workbench.car.ground_truth import CarTruth
+from aerodima.workbench.car.ground_truth import AIR_TRUTH, CarTruth, PlantTruth
 from aerodima.workbench.car.plant_ports import PlantPorts
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_contract import (
@@ -67,6 +69,7 @@ def make_car_station(
     *,
     with_truth: bool = True,
     tail_motor: TailMotorFactory = TailMotor,
+    bodies: AddBodies | None = None,
 ) -> Diagram:
     """Makes the station of a scenario as a diagram.
 
@@ -93,6 +96,7 @@ def make_car_station(
             plant's state and the torque of the tail motors in its last step, which costs nothing.
         tail_motor: makes the motor of a simulated joint, called with the scenario and one of
             `tail_pitch` and `tail_roll`.
+        bodies: adds bodies of your own to a simulated car, see `AddBodies`.
 
     Raises:
         ModelError: a model does not load with the numbers of the scenario.
@@ -101,9 +105,11 @@ def make_car_station(
     """
     if tail_motor is not TailMotor and (interface is not None or scenario.tail.mode == "none"):
         raise UserError(f"tail_motor: {tail_motor!r}: only a simulated car with a tail has one")
+    if bodies is not None and interface is not None:
+        raise UserError(f"bodies: {bodies!r}: only a simulated car takes them")
     builder = DiagramBuilder()
     if interface is None:
-        _add_simulated_car(builder, scenario, meshcat, with_truth, tail_motor)
+        _add_simulated_car(builder, scenario, meshcat, with_truth, tail_motor, bodies)
     else:
         export_interface(builder, interface(scenario), STATION_INPUTS, STATION_OUTPUTS)
     station = builder.Build()
@@ -118,19 +124,21 @@ def _add_simulated_car(
     meshcat: Meshcat | None,
     with_truth: bool,
     tail_motor: TailMotorFactory,
+    bodies: AddBodies | None,
 ) -> None:
     """Adds plant, drive train, servo, tail and sensors, and exports the ports of the station."""
     # The plant, and the wind that pushes its added mass.
-    wind = None
-    if scenario.tail.mode != "none":  # the air acts on a tail only
-        wind = add_wind_source(builder, scenario)
-    drawn = with_truth or meshcat is not None
-    gust = None
-    if wind is not None and scenario.wind.gust_amplitude > 0.0:
-        gust = wind.GetOutputPort("wind_acceleration")
-    car = add_car_plant(builder, scenario, gust, sampled_outputs=with_truth, drawn=drawn)
+    air, gust = add_wind(builder, scenario, bodies is not None)
+    car = add_car_plant(
+        builder,
+        scenario,
+        gust,
+        sampled_outputs=with_truth,
+        drawn=with_truth or meshcat is not None,
+        wind=air,
+        add_bodies=bodies,
+    )
     ports = PlantPorts(builder, car)
-    air = wind.GetOutputPort("wind_velocity") if wind is not None else None
 
     # Drive train, steering and tail.
     drive = DriveTrain.add_to_builder(builder, scenario, spins=ports.motion("spins"))
@@ -308,9 +316,10 @@ def _add_truth(
 ) -> dict[str, OutputPort]:
     """Adds what only a simulation knows; returns the ports to export."""
     plant = car.plant
+    state = plant.get_state_output_port()
     contacts = plant.get_contact_results_output_port()
     sources = {
-        "plant_state": plant.get_state_output_port(),
+        "plant_state": state,
         "contact_results": contacts,
         "chassis_motion": ports.motion("chassis_motion"),
         "drive_torque": concatenate(builder, "drive_torque", [(torques, [0])]),
@@ -319,12 +328,19 @@ def _add_truth(
         "plant_acceleration_truth": plant.GetOutputPort("generalized_acceleration"),
         "contact_results_truth": contacts,
     }
+    forces: list[Any] = [force for force in builder.GetSystems() if isinstance(force, TailForce)]
+    air = PlantTruth(plant, None, [], forces)
+    wrenches = {force.get_name(): force.GetOutputPort("wrench") for force in forces}
+    if wrenches:
+        add_and_connect(builder, air, "air_truth", plant_state=state, **wrenches)
+    for name in wrenches:
+        outputs[name + AIR_TRUTH] = air.GetOutputPort(f"{name}_air")
     names = ["body_truth", "contact_truth"]
     if tail is not None:
         report = add_sail_report(builder, plant, scenario, wind)
-        force = tail.air.GetOutputPort("force")
+        on_tail = tail.air.GetOutputPort("force")
         sources["tail_torque"] = tail.motor_torques
-        sources["tail_air"] = concatenate(builder, "air_on_chassis", [(force, range(6))])
+        sources["tail_air"] = concatenate(builder, "air_on_chassis", [(on_tail, range(6))])
         outputs["tail_actuation_truth"] = tail.joint_torques
         outputs["tail_sections_truth"] = report["sections"]
         outputs["tail_validity_truth"] = report["validity"]

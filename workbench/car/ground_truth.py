@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.multibody.plant import ContactResults, MultibodyPlant, PointPairContactInfo
-from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex
+from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from aerodima.workbench.aero.section_laws import cross
 from aerodima.workbench.aero.section_watch import SECTION_COLUMNS
-from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX
-from aerodima.workbench.car.car_plant import CarPlant
+from aerodima.workbench.car.car_plant import CarPlant, own_instances
 from aerodima.workbench.car.car_sensors import (
     CHASSIS_MOTION_SIZE,
     ChassisMotion,
@@ -44,6 +43,8 @@ COM_COLUMNS = [f"com_{axis}_truth_m" for axis in _XYZ] + [
 BODY_TRUTH = PortFields("BodyTruth", tuple(names_of(CAR_TRUTH["body_truth"])))
 CONTACT_TRUTH = PortFields("ContactTruth", tuple(names_of(CAR_TRUTH["contact_truth"])))
 TAIL_TRUTH = PortFields("TailTruth", tuple(names_of(CAR_TRUTH["tail_truth"])))
+AIR_TRUTH = "_air_truth"
+"""Ending of a station's ports with the force of the air on a body other than its tail."""
 LEAST_LOAD = 1e-9
 """N; of a wheel in the air, whose contact point is the origin."""
 
@@ -64,17 +65,6 @@ def air_columns(stem: str) -> list[str]:
 def section_columns(stem: str, number: int) -> list[str]:
     """Columns of the port `sections` of a `TailForce`."""
     return [f"{stem}_section_{index}_{name}" for index in range(number) for name in SECTION_COLUMNS]
-
-
-def own_instances(plant: MultibodyPlant) -> list[ModelInstanceIndex]:
-    """Model instances with bodies, without the world's and those of weightless added mass."""
-    instances = [ModelInstanceIndex(index) for index in range(1, plant.num_model_instances())]
-    return [
-        instance
-        for instance in instances
-        if plant.GetBodyIndices(instance)
-        and not plant.GetModelInstanceName(instance).startswith(ADDED_MASS_PREFIX)
-    ]
 
 
 class _Kinematics(LeafSystem):
@@ -269,10 +259,10 @@ class CarTruth(_Kinematics):
     def _calc_tail(self, context: Context, output: BasicVector) -> None:
         kinematics = self._kinematics_at(context)
         plant = self._plant
+        assert self._tail is not None
+        tail = [self._tail]
         X_WT = plant.EvalBodyPoseInWorld(kinematics, plant.get_body(self._rod))
-        momentum = plant.CalcSpatialMomentumInWorldAboutPoint(
-            kinematics, self._instances[1:], np.zeros(3)
-        )
+        momentum = plant.CalcSpatialMomentumInWorldAboutPoint(kinematics, tail, np.zeros(3))
         moment, force = np.split(vector_of(self._air_port, context), 2)
         p_WBo = plant.EvalBodyPoseInWorld(kinematics, plant.get_body(self._chassis)).translation()
         torque = vector_of(self._torque_port, context)
@@ -281,7 +271,7 @@ class CarTruth(_Kinematics):
             np.concatenate(
                 [
                     X_WT.multiply(self._p_ToTip_T),
-                    plant.CalcCenterOfMassPositionInWorld(kinematics, self._instances[1:]),
+                    plant.CalcCenterOfMassPositionInWorld(kinematics, tail),
                     momentum.translational(),
                     momentum.rotational(),
                     force,

@@ -91,7 +91,7 @@ class OutcomeRecord:
         self._position = slice(q + 4, q + 7)
         self._spin = slice(v, v + 3)
         self._velocity = slice(v, v + 6)
-        still = scenario.wind.is_still or scenario.tail.mode == "none"
+        still = not station.HasOutputPort("wind_truth")
         self._look_back = CALM_FOR + 0.05 + 1.0 / self._rate
         self._may_settle = still and scenario.manoeuvre.kind == "turn"
 

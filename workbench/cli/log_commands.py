@@ -130,10 +130,8 @@ def export(
 
     Example: aerodima log export run.parquet --to csv
     """
-    from aerodima.workbench.logs.exporters import FORMATS, export_log
+    from aerodima.workbench.logs.exporters import export_log
 
-    if to not in FORMATS:
-        raise LogError(f"--to: {to!r} must be one of {', '.join(FORMATS)}")
     path = out or log.with_suffix(f".{to}")
     if path.suffix.lower() != f".{to}":
         raise LogError(f"--out {path}: ending {path.suffix!r} must be .{to} with --to {to}")

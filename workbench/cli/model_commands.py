@@ -214,23 +214,35 @@ def range_of_motion(
 
 def export(
     scenario: cli.ScenarioArgument,
+    form: Annotated[
+        str,
+        cli.chosen("Parameters of which program.", "bundle", "commonroad", "f1tenth_gym"),
+    ] = "bundle",
     out: Annotated[
-        Path | None, cli.written("File (.json); standard output when left out.", ".json")
+        Path | None,
+        cli.written("File (.json, .yaml); standard output when left out.", ".json", ".yaml"),
     ] = None,
     settings: cli.Settings = None,
     force: cli.Force = False,
 ) -> None:
-    """Write a resolved scenario as one JSON bundle.
+    """Write a scenario as one JSON bundle, or its car for another program.
 
-    Every number and its swing are in it; it needs no other file.
+    A bundle has every number and its swing; it needs no other file. The others are YAML: the
+    parameters of the single-track models of f1tenth_gym and CommonRoad.
 
-    Example: aerodima models export auto_turn --out bundle.json
+    Example: aerodima models export f1tenth --form f1tenth_gym --out car.yaml
     """
+    import yaml
+
+    from aerodima.workbench.car.single_track import commonroad_parameters, gym_parameters
     from aerodima.workbench.control.controller_bundle import make_bundle
 
-    text = (
-        json.dumps(make_bundle(workbench.load_scenario(scenario, settings or ())), indent=2) + "\n"
-    )
+    loaded = workbench.load_scenario(scenario, settings or ())
+    if form == "bundle":
+        text = json.dumps(make_bundle(loaded), indent=2) + "\n"
+    else:
+        compute = commonroad_parameters if form == "commonroad" else gym_parameters
+        text = yaml.safe_dump(compute(loaded), sort_keys=False)
     if out is None:
         typer.echo(text, nl=False)
         return

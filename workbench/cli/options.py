@@ -87,8 +87,19 @@ def written(words: str, *allowed: str) -> Any:
 
 
 def chosen(words: str, *allowed: str) -> Any:
-    """Make an option that takes one of a few words."""
-    return typer.Option(metavar="|".join(allowed), help=words, autocompletion=lambda: list(allowed))
+    """Make an option that takes one of a few words and refuses others."""
+
+    def check(param: typer.CallbackParam, value: Any) -> Any:
+        if value is not None and value not in allowed:
+            raise UserError(f"{param.opts[0]} {value}: must be one of {', '.join(allowed)}")
+        return value
+
+    return typer.Option(
+        metavar="|".join(allowed),
+        help=words,
+        autocompletion=lambda: list(allowed),
+        callback=check,
+    )
 
 
 def named(words: str, folder: str, kind: Callable[..., Any] = typer.Argument) -> Any:

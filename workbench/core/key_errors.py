@@ -7,7 +7,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from aerodima.workbench.core.quantity import unit_of
+from aerodima.workbench.core.quantity import angle_hint, unit_of
 from aerodima.workbench.core.ranges import NO_UNIT
 
 Model = type[BaseModel]
@@ -60,7 +60,8 @@ def _line(item: Any, model: Model) -> str:
     text = f"{key}: {item['input']!r} is not allowed; {allowed}"
     for owner in owners:
         if place[-1] in owner.model_fields and unit_of(owner, place[-1]) != NO_UNIT:
-            return f"{text} ({unit_of(owner, place[-1])})"
+            unit = unit_of(owner, place[-1])
+            return f"{text} ({unit}){angle_hint(unit)}"
     return text
 
 

@@ -60,8 +60,10 @@ class QuantityModel(BaseModel):
         if field is None or field.annotation not in (float, int) or not isinstance(value, str):
             return value
         number, _, unit = value.strip().partition(" ")
-        if unit.strip() not in ("", unit_of(cls, key)):
-            raise ValueError(f"{key}: unit {unit.strip()!r} must be {unit_of(cls, key)!r}")
+        allowed = unit_of(cls, key)
+        if unit.strip() not in ("", allowed):
+            hint = angle_hint(allowed)
+            raise ValueError(f"{key}: unit {unit.strip()!r} must be {allowed!r}{hint}")
         try:
             return field.annotation(number)
         except ValueError:
@@ -74,6 +76,11 @@ def unit_of(model: type[BaseModel], key: str) -> str:
     if isinstance(extra, dict):
         return str(extra.get("unit", NO_UNIT))
     return NO_UNIT
+
+
+def angle_hint(unit: str) -> str:
+    """Tell what a degree is where the unit is rad; "" for other units."""
+    return "; 1 degree is 0.0174533 rad" if unit == "rad" else ""
 
 
 def check_rate(rate: float, step: float, name: str) -> None:

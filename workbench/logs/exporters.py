@@ -10,7 +10,7 @@ from functools import partial
 from heapq import merge
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -23,7 +23,6 @@ from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.scenario.signal_table import PLANT_POSITION_PREFIX, TIME
 
 Format = Literal["csv", "mcap"]
-FORMATS = get_args(Format)
 
 Stamped = tuple[int, int, bytes]
 """Time (ns), channel and data of a message."""

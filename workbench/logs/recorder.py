@@ -107,15 +107,6 @@ class OpenBuilder(DiagramBuilder):
         self.exported[name if isinstance(name, str) else output.get_name()] = output
         return super().ExportOutput(output, name)
 
-    def sources(self, system: System) -> dict[str, OutputPort]:
-        """Maps the name of an input port of a system -> the output port that is connected to it."""
-        sources = {}
-        for (target, port), (source, output) in self.connection_map().items():
-            if target is system:
-                name = system.get_input_port(int(port)).get_name()
-                sources[name] = source.get_output_port(int(output))
-        return sources
-
     def signals(self, taken: Sequence[str]) -> Signals:
         """Lists ports that were exported, or logged by `LogVectorOutput`, with the columns that
         they fill.
@@ -134,7 +125,7 @@ class OpenBuilder(DiagramBuilder):
         ports = list(self.exported.items())
         for sink in self.GetSystems():
             if isinstance(sink, VectorLogSink):
-                (source,) = self.sources(sink).values()
+                (source,) = port_sources(self, sink).values()
                 name = sink.get_name()
                 if "@" in name:
                     system: Any = source.get_system()  # an object, by Drake's stubs
@@ -234,6 +225,16 @@ class RunRecorder(LeafSystem):
 
     def _record_in_update(self, context: Context, values: DiscreteValues) -> EventStatus:
         return self._record(context)
+
+
+def port_sources(builder: DiagramBuilder, system: System) -> dict[str, OutputPort]:
+    """Maps the name of an input port of a system -> the output port that is connected to it."""
+    sources = {}
+    for (target, port), (source, output) in builder.connection_map().items():
+        if target is system:
+            name = system.get_input_port(int(port)).get_name()
+            sources[name] = source.get_output_port(int(output))
+    return sources
 
 
 def output_ports(*systems: System) -> dict[str, OutputPort]:

@@ -111,8 +111,9 @@ def plant_metrics(run_log: RunLog) -> dict[str, float | str | None]:
     """Returns one flat row for a table; units are at the end of the names.
 
     `outcome`: see `plant_outcome`, None where it is not defined. Tilt and heading are those of the
-    base, speed, height and path those of the centre of mass. Per tail: largest force of the air,
-    and the magnitude of its impulse (the integral of the force over the run).
+    base, speed, height and path those of the centre of mass. The heading changes from the first row
+    to the last; `heading_change_rad` of a car is that of its turn (`RunMetrics`). Per tail: largest
+    force of the air, and the magnitude of its impulse (the integral of the force over the run).
 
     Raises:
         LogError: the log is of another kind than `plant_run`, times are not sorted, a value is NaN.
@@ -144,7 +145,7 @@ def plant_metrics(run_log: RunLog) -> dict[str, float | str | None]:
             "start_tilt_rad": tilt[0],
             "max_tilt_rad": np.max(tilt),
             "end_tilt_rad": tilt[-1],
-            "heading_change_rad": yaw[-1] - yaw[0],
+            "run_heading_change_rad": yaw[-1] - yaw[0],
         }
     for name, _ in tails_of(run_log):
         row[f"{name}_max_n"] = np.max(air_force(run_log, name))

@@ -91,6 +91,14 @@ class CarParameters(QuantityModel):
     board_width: float = quantity("m", "board along y", "(0, 1]")
     board_thickness: float = quantity("m", "board along z", "(0, 0.05]")
     board_mass: float = quantity("kg", "board, part of the mass of the car", "(0, 1]")
+    bodies: str = quantity(
+        "1", "none, or the path of a file of bodies on the chassis that feel the air"
+    )
+
+    @property
+    def has_bodies(self) -> bool:
+        """Tell whether a file puts bodies that feel the air on the chassis."""
+        return self.bodies != "none"
 
     @model_validator(mode="after")
     def _gyration_is_physical(self) -> Self:

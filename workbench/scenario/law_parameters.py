@@ -60,9 +60,7 @@ class FeedbackParameters(QuantityModel):
     yaw_rate_gain: float = quantity(
         "s", "roll of the tail per yaw rate beyond that of the steering", "[-10, 10]"
     )
-    grip: float = quantity(
-        "m/s2", "lateral acceleration at which the demand saturates", "(0, 200]"
-    )
+    grip: float = quantity("m/s2", "lateral acceleration at which the demand saturates", "(0, 200]")
     kick_roll: float = quantity(
         "rad", "roll of the tail to the inside as the steering starts", "[-3.1416, 3.1416]"
     )

@@ -17,7 +17,7 @@ class WindParameters(QuantityModel):
     """Motion of the air over the ground, everywhere the same: mean, gust and turbulence, in world
     axes.
 
-    The car starts along +x. Only its tail feels the wind.
+    The car starts along +x. Its tail and the bodies of `car.bodies` feel the wind.
     """
 
     mean_x: float = quantity(

@@ -5,6 +5,7 @@ scenario file what differs from them.
 """
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from functools import lru_cache
 from operator import attrgetter
 from pathlib import Path
@@ -16,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from aerodima.workbench.core.errors import ScenarioError
 from aerodima.workbench.core.file_reading import Facts, Json
 from aerodima.workbench.core.key_errors import nearest
-from aerodima.workbench.core.quantity import check_rate, unit_of
+from aerodima.workbench.core.quantity import angle_hint, check_rate, unit_of
 from aerodima.workbench.core.ranges import NO_UNIT
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.yaml_files import (
@@ -151,12 +152,12 @@ class ScenarioFile(StrictModel):
             return
         section, _, name = key.partition(".")
         values = getattr(self, section)
-        value = getattr(values, name)
-        value = repr(value) if isinstance(value, str) else f"{value:.9g}"
+        number = getattr(values, name)
         unit = unit_of(type(values), name)
+        value = repr(number) if isinstance(number, str) else f"{number:.9g}"
         if unit != NO_UNIT:
             value += f" {unit}"
-        raise ValueError(f"{key}: {value} must be {rule}")
+        raise ValueError(f"{key}: {value} must be {rule}{angle_hint(unit)}")
 
     @classmethod
     def sections(cls) -> dict[str, type[BaseModel]]:
@@ -210,18 +211,24 @@ class ScenarioFile(StrictModel):
         return defaults
 
     @classmethod
-    def from_dict(cls, overrides: Json, where: str = "scenario") -> Self:
+    def from_dict(
+        cls, overrides: Facts, where: str = "scenario", settings: Sequence[str] = ()
+    ) -> Self:
         """Resolve overrides (section -> key -> value) on top of `models/parameters`.
 
         Args:
             overrides: nested plain data; a resolved scenario is accepted too.
             where: file or flag named in error messages.
+            settings: `section.key=value`, over the overrides.
 
         Raises:
             ScenarioError: unknown key, wrong unit, value out of range, NaN; names the place, the
                 value and what is allowed.
         """
-        return cls._resolve(cls.defaults(), cls._with_new_keys(overrides), where)
+        data = deepcopy(dict(overrides))
+        for setting in settings:
+            cls.apply_setting(data, setting)
+        return cls._resolve(cls.defaults(), cls._with_new_keys(data), where)
 
     @classmethod
     def load(cls, name_or_path: str | Path, settings: Sequence[str] = ()) -> Self:
@@ -239,12 +246,10 @@ class ScenarioFile(StrictModel):
         """
         path = find_file(name_or_path, cls.folder, "scenario")
         data = cls._with_base(read_yaml(path))
-        for setting in settings:
-            cls.apply_setting(data, setting)
         where = str(path)
         if settings:
             where += f" with --set {' '.join(settings)}"
-        return cls.from_dict(data, where)
+        return cls.from_dict(data, where, settings)
 
     @classmethod
     def _with_base(cls, data: dict[str, Any]) -> dict[str, Any]:

@@ -20,7 +20,6 @@ from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError, ScenarioError
 from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import check_signals, check_time, median_step, naming
-from aerodima.workbench.metrics.run_summary import tails_of
 from aerodima.workbench.scenario.scenario import scenario_from_dict
 from aerodima.workbench.scenario.signal_table import PLANT_POSITION_PREFIX
 from aerodima.workbench.view.dead_reckoning import (
@@ -177,6 +176,8 @@ def _add_car(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
             moment = run_log.vector("tail_force_moment", "truth_n_m")
             root = point_paths(plant, "tail_rod", np.zeros((1, 3)), positions)[:, 0]
             arrows.append(air_arrow("tail", AIR_SCALE, force, moment, root, tip))
+    for name, parts in _logged_air(run_log).items():
+        arrows.append(air_arrow(name, AIR_SCALE, *parts))
     return LoggedRun(
         run_log, plant, car.scene_graph, positions, path, tips, arrows, AIR_SCALE, place
     )
@@ -188,7 +189,7 @@ def _add_plant(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
     if not extra.get(SCENE):
         raise LogError(
             f"{run_log.name}: has no shapes to be drawn; its plant was not registered with a scene "
-            "graph"
+            "graph, or its meshes could not be read"
         )
     plant, scene_graph = add_plant(builder, 0.0)
     bodies = add_shapes(plant, extra[SCENE], run_log.name)
@@ -201,8 +202,7 @@ def _add_plant(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
     scale = float(extra.get(AIR_SCALE_KEY, AIR_SCALE))
     arrows = wheel_arrows(run_log)
     tips = {}
-    for tail, _ in tails_of(run_log):
-        parts = np.split(_numbers(run_log, air_columns(tail)), 4, axis=1)
+    for tail, parts in _logged_air(run_log).items():
         arrows.append(air_arrow(tail, scale, *parts))
         tips[tail] = parts[3]
     rows = np.unique(np.linspace(0, len(path) - 1, _SAMPLED_ROWS).astype(int))
@@ -220,6 +220,14 @@ def _add_plant(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
     return LoggedRun(
         run_log, plant, scene_graph, positions, path, tips, arrows, scale, place, floor
     )
+
+
+def _logged_air(run_log: RunLog) -> dict[str, list[FloatArray]]:
+    """Reads per force of the air the force, N, its moment about Wo, N m, and root and tip of its
+    sections, m, each (n, 3).
+    """
+    names = run_log.table.columns.str.extract("(.*)_root_x_truth_m$", expand=False).dropna()
+    return {name: np.split(_numbers(run_log, air_columns(name)), 4, axis=1) for name in names}
 
 
 def _numbers(run_log: RunLog, columns: list[str]) -> FloatArray:

@@ -12,9 +12,7 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType
 
 from aerodima.workbench.aero.section_watch import SectionWatch
-from aerodima.workbench.car.car_diagram import plant_facts, truth_signals
-from aerodima.workbench.car.roll_estimator import RollEstimator
-from aerodima.workbench.control.controller_systems import TailController, TurnDriver
+from aerodima.workbench.car.car_diagram import car_signals, plant_facts
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.atomic_write import refuse_existing
 from aerodima.workbench.core.errors import LogError, UserError
@@ -25,9 +23,7 @@ from aerodima.workbench.logs.recorder import (
     RunRecorder,
     Signals,
     open_log,
-    output_ports,
     recorded_columns,
-    signals_of,
 )
 from aerodima.workbench.logs.schema import (
     METADATA_KEY,
@@ -38,7 +34,6 @@ from aerodima.workbench.logs.schema import (
     run_metadata,
 )
 from aerodima.workbench.scenario.scenario import Scenario
-from aerodima.workbench.scenario.signal_table import CAR_PORTS, sensor_columns
 from aerodima.workbench.view.logged_run import AIR_SCALE, AIR_SCALE_KEY
 from aerodima.workbench.view.watched_plant import WatchedPlant
 
@@ -142,20 +137,17 @@ def observe(
     air_scale: float = AIR_SCALE,
     force: bool = False,
 ) -> ObservedRun:
-    """Watches a user's diagram: call it last, before `builder.Build()`, and simulate within its
-    `with` block.
+    """Watches a user's diagram: call it before `builder.Build()`, simulate in its `with` block.
 
-    Meshcat gets the plant, if nothing shows it yet, a camera that follows it, and the force of
-    every `TailForce` on it as an arrow. The log has the state of the plant, the motion of its
-    centre of mass and its base, the poses of its bodies with their shapes, per `TailForce` wrench
-    and sections, the wind, and `signals`; `plant_metrics`, `aerodima log metrics`, `replay` and
-    `log compare` read it, with the outcome where it is defined (`plant_outcome`). A car's station
-    with driver, tail controller and roll estimator in the same builder gives the log of a car if
-    `settings` is its scenario.
+    Meshcat gets the plant, if nothing shows it yet, a camera that follows it, and an arrow for
+    every `TailForce`. The log has the state of the plant, the motion of its centre of mass and its
+    base, the poses of its bodies with their shapes, per `TailForce` wrench and sections, the wind,
+    and `signals`; `plant_metrics`, `aerodima log metrics`, `replay` and `log compare` read it. A
+    car's station with its scenario as `settings` gives the log of a car, whatever drives it.
 
     Args:
         builder: that owns the plant.
-        plant: finalised; or a simulated station, whose port `plant_state_truth` is read.
+        plant: finalised; or a simulated station.
         meshcat: shows the run while it goes on; of a station, give it to `make_car_station` too.
         log: Parquet file, refused when it exists, unless `force`; None keeps the log in memory.
         base: its tilt, heading and speed count, z axis up; by default the only floating base.
@@ -167,8 +159,7 @@ def observe(
         force: replace an existing log.
 
     Raises:
-        UserError: plant not finalised or not in the builder, no such body, a rate that is not above
-            0, an existing log.
+        UserError: plant not finalised or elsewhere, no such body, rate not above 0, existing log.
     """
     for what, value in (("rate", rate), ("air_scale", air_scale)):
         check_range(f"observe: {what}", value, 0.0, math.inf, NO_UNIT, above_low=True)
@@ -177,47 +168,21 @@ def observe(
     truth = watched.add_truth(builder)
     if meshcat is not None:
         watched.show(builder, truth, meshcat, air_scale)
-    if not _record_car(run, builder, watched, settings, rate):
+    more = _user_signals(builder, signals or {})
+    if watched.station is not None and isinstance(settings, Scenario):
+        recorded = car_signals(builder, watched.station, settings, {}) + more
+        facts = plant_facts(watched.station)
+        metadata = run_metadata(settings.resolved(), settings.seed, extra=facts)
+    else:
         stated = settings.resolved() if isinstance(settings, Scenario) else dict(settings or {})
         stated = {"name": name or stated.get("name") or watched.plant.get_name()} | stated
         for tail in watched.tails:
             run.watch(builder, tail, rate)
-        recorded = watched.signals(truth) + _user_signals(builder, signals or {})
+        recorded = watched.signals(truth) + more
         facts = watched.facts() | {AIR_SCALE_KEY: air_scale}
         metadata = run_metadata(stated, seed=0, kind=PLANT_RUN, extra=facts)
-        run.record(builder, recorded, rate, watched.plant.time_step(), metadata)
+    run.record(builder, recorded, rate, watched.plant.time_step(), metadata)
     return run
-
-
-def _record_car(
-    run: ObservedRun,
-    builder: DiagramBuilder,
-    watched: WatchedPlant,
-    settings: Scenario | Facts | None,
-    rate: float,
-) -> bool:
-    """Records the log of a car, if the diagram has every part of one; says whether it does."""
-    if watched.station is None or not isinstance(settings, Scenario):
-        return False
-    signals = _car_signals(builder, watched.station)
-    if signals:
-        facts = plant_facts(watched.station)
-        metadata = run_metadata(settings.resolved(), settings.seed, extra=facts)
-        run.record(builder, signals, rate, watched.plant.time_step(), metadata)
-    return bool(signals)
-
-
-def _car_signals(builder: DiagramBuilder, station: Diagram) -> Signals:
-    """Lists every column of a car's log, if driver, tail controller and roll estimator are in the
-    builder; else none.
-    """
-    parts = (TurnDriver, TailController, RollEstimator)
-    sources = [system for system in builder.GetSystems() if isinstance(system, parts)]
-    signals = signals_of(CAR_PORTS, output_ports(*sources, station))
-    present = recorded_columns(signals)
-    if all(column.optional or column.name in present for column in sensor_columns()):
-        return signals + truth_signals(station)
-    return []
 
 
 def _user_signals(builder: DiagramBuilder, ports: Mapping[str, OutputPort]) -> Signals:

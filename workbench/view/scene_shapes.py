@@ -2,11 +2,15 @@
 file.
 
 A mesh is kept as the convex hull of at most `MAX_POINTS` of its points, a capsule as a cylinder
-and two spheres. Half spaces are left out: a replay has a floor of its own.
+and two spheres. Half spaces are left out: a replay has a floor of its own. So are meshes that
+neither Drake nor `_stl_points` reads, such as DAE, with a warning.
 """
 
+import re
+import warnings
 from collections.abc import Iterator
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,6 +38,10 @@ from aerodima.workbench.core.file_reading import Facts, Json
 
 MAX_POINTS = 200
 """Points of the hull that stands for a mesh."""
+_STL_HEAD = 84
+"""Bytes before the facets of a binary STL file."""
+_STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+"""A facet of a binary STL file."""
 WORLD_BODY = ""
 """Body of a shape that stands still."""
 _GREY = Rgba(0.7, 0.7, 0.7)
@@ -77,7 +85,14 @@ def plant_shapes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Json]:
             "body": body_label(plant, body.index()),
             "colour": np.round(diffuse.rgba[:3], 4).tolist(),
         }
-        for kind, size, X_GS in _parts(inspector.GetShape(geometry)):
+        shape = inspector.GetShape(geometry)
+        try:
+            parts = list(_parts(shape))
+        except (OSError, RuntimeError, ValueError) as cause:
+            # In the line that calls `observe`.
+            warnings.warn(f"{body.name()}: {shape} is left out of the log: {cause}", stacklevel=4)
+            continue
+        for kind, size, X_GS in parts:
             X_BS = inspector.GetPoseInFrame(geometry) @ X_GS
             quaternion = X_BS.rotation().ToQuaternion()
             pose = [*quaternion.wxyz(), *X_BS.translation()]
@@ -101,9 +116,23 @@ def _parts(shape: Shape) -> Iterator[tuple[str, list[Any], RigidTransform]]:
     elif isinstance(shape, Ellipsoid):
         yield "ellipsoid", [shape.a(), shape.b(), shape.c()], here
     elif isinstance(shape, Mesh | Convex):
-        hull = shape.GetConvexHull()
-        points = np.array([hull.vertex(index) for index in range(hull.num_vertices())])
+        if shape.extension() == ".stl":
+            points = _stl_points(Path(shape.source().path())) * shape.scale3()
+        else:
+            hull = shape.GetConvexHull()
+            points = np.array([hull.vertex(index) for index in range(hull.num_vertices())])
         yield "hull", np.round(_outermost(points), 6).tolist(), here
+
+
+def _stl_points(path: Path) -> FloatArray:
+    """Reads the corners (n, 3) of a text or binary STL file, which Drake does not; ValueError
+    without any.
+    """
+    content = path.read_bytes()
+    text = re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", content)
+    if text:
+        return np.array(text, float)
+    return np.frombuffer(content, _STL_FACET, offset=_STL_HEAD)["corners"].reshape(-1, 3)
 
 
 def _directions() -> FloatArray:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,12 +23,12 @@ from pydrake.systems.framework import (
 )
 
 from aerodima.workbench.aero.tail_force import TailForce, resolve_body
+from aerodima.workbench.car.car_plant import own_instances
 from aerodima.workbench.car.ground_truth import (
     BASE_COLUMNS,
     COM_COLUMNS,
     PlantTruth,
     air_columns,
-    own_instances,
     pose_columns,
     section_columns,
 )
@@ -35,9 +36,14 @@ from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.port_wiring import add_and_connect, vector_of
-from aerodima.workbench.logs.recorder import Signals, output_ports, signals_of
+from aerodima.workbench.logs.recorder import Signals, output_ports, port_sources, signals_of
 from aerodima.workbench.metrics.run_summary import TAILS
-from aerodima.workbench.scenario.signal_table import CAR_TRUTH, PLANT_POSITION_PREFIX, names_of
+from aerodima.workbench.scenario.signal_table import (
+    CAR_TRUTH,
+    PLANT_POSITION_PREFIX,
+    names_of,
+    sensor_columns,
+)
 from aerodima.workbench.view.force_arrows import (
     AIR_COLOUR,
     SHOWN_LENGTH,
@@ -141,7 +147,8 @@ class WatchedPlant:
         Raises:
             ModelError: the plant has no visible shapes.
         """
-        if not self.scene:
+        bodies = [self.plant.get_body(BodyIndex(index)) for index in range(self.plant.num_bodies())]
+        if not any(map(self.plant.GetVisualGeometriesForBody, bodies)):
             raise ModelError(
                 f"observe: plant '{self.plant.get_name()}' has no visible shapes for Meshcat; make "
                 "it with AddMultibodyPlantSceneGraph and parse the model after that"
@@ -184,6 +191,12 @@ class WatchedPlant:
                 (tail.GetOutputPort("validity"), validity),
             ]
         if self.station is not None:
+            columns = ", ".join(names_of(sensor_columns())[1:])  # it has the time
+            warnings.warn(
+                "observe: the log has no columns of sensors and commands, since settings= is no "
+                f"Scenario; it is that of any plant and leaves out: {columns}",
+                stacklevel=3,
+            )
             table = {name: CAR_TRUTH[name] for name in _STATION_TRUTH}
             signals += signals_of(table, output_ports(self.station))
         elif self.wind is not None:
@@ -224,13 +237,8 @@ def _base_of(plant: MultibodyPlant, base: RigidBody | str | None) -> BodyIndex |
 
 def _wind(builder: DiagramBuilder, tails: list[Any]) -> OutputPort | None:
     """Finds the port that the first tail force feels wind from."""
-    connections: Mapping[Any, Any] = builder.connection_map()
-    for tail in tails:
-        source = connections.get((tail, tail.GetInputPort("wind_velocity").get_index()))
-        if source is not None:
-            system, index = source
-            return system.get_output_port(index)
-    return None
+    winds = [port_sources(builder, tail).get("wind_velocity") for tail in tails]
+    return next(filter(None, winds), None)
 
 
 def _copy_tail(

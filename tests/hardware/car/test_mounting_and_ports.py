@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from aerodima.hardware.car.car_ports import ports_from_dict, read_ports
+from aerodima.hardware.car.car_ports import ports_from_dict, read_operator_ports, read_ports
 from aerodima.hardware.car.mounting import AXES, load_mounting
 from aerodima.hardware.car.wirings import tail_motors, wire_car
 from aerodima.hardware.devices.device_states import SourceFault
@@ -109,6 +109,19 @@ def test_what_is_no_ports_file_is_refused_by_its_name(tmp_path, read, text):
     if text is not None:
         path.write_text(text)
     assert_refused(lambda: read(path), HardwareError, "ports.json")
+
+
+def test_the_operators_computer_names_its_radio_alone(tmp_path):
+    path = tmp_path / "ports.json"
+    console = {"schema": "aerodima/ports/1", "console": {"path": "/dev/c"}, "car": 3}
+    for data in (console, PORTS | console):
+        path.write_text(json.dumps(data))
+        ports = read_operator_ports(path)
+        assert (ports.console.path, ports.car) == ("/dev/c", 3)
+    path.write_text(json.dumps(console))
+    assert_refused(lambda: read_ports(path), HardwareError, "teensy", "imu")
+    path.write_text(json.dumps(console | {"consol": {}}))
+    assert_refused(lambda: read_operator_ports(path), HardwareError, "consol", "'console'")
 
 
 def test_a_file_without_an_end_is_refused():

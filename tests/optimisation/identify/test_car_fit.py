@@ -4,12 +4,13 @@ the intervals.
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.identify.car_fit import fit_car
+from aerodima.optimisation.identify.car_fit import fit_car, prior_range, unknowns
 from aerodima.optimisation.identify.car_log import TAIL, CarDrive, LoggedCommands, car_drive
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.logs.schema import RunLog, write_run_log
@@ -18,6 +19,8 @@ from tests.commands import call
 from tests.optimisation.coverage import assert_held
 from tests.optimisation.identify.car_truth import drawn, emulated
 from tests.refusals import assert_named, assert_refused
+
+SINGLE_TRACK = Path(__file__).parents[2] / "data/single_track"
 
 
 def still_log(steered=0.5, **columns):
@@ -45,7 +48,7 @@ def gyro_with_nan(table):
 
 def nameless_gyro():
     log = still_log()
-    return replace(log, table=log.table.rename(columns={"imu_gyro_x_rad_per_s": "x"}))
+    return replace(log, table=log.table.rename(columns={"imu_gyro_z_rad_per_s": "x"}))
 
 
 def cut():
@@ -58,7 +61,7 @@ def cut():
         (lambda: replace(still_log(), kind="swing"), ("swing",)),
         (lambda: still_log(0.0), ("steering_command_rad", "0.01 rad")),
         (lambda: changed(imu_gyro_z_rad_per_s=gyro_with_nan), ("imu_gyro_z_rad_per_s", "2.2 s")),
-        (nameless_gyro, ("imu_gyro_x_rad_per_s",)),
+        (nameless_gyro, ("imu_gyro_z_rad_per_s",)),
         (
             lambda: changed(status_speed_age_s=lambda table: table.time_s % 1.0),
             ("speed_m_per_s", "2", "5"),
@@ -113,6 +116,31 @@ def test_commands_are_held_and_steering_alone_is_late():
     commands = LoggedCommands(time, driver, np.zeros((2, 3, 5)), 100.0, begin=1.0, latency=0.05)
     assert commands.at(0.12) == (0.0, 0.2, 1.0)
     assert commands.at(0.15) == (0.3, 0.2, 1.0)
+
+
+def single_track(name, speed):
+    """The log of a F1TENTH that another program simulated."""
+    table = pd.read_csv(SINGLE_TRACK / f"{name}.csv")
+    car = load_scenario("f1tenth", [f"manoeuvre.speed={speed}"]).resolved()
+    return RunLog(table, car, 1, kind="car_log", source="single_track.parquet")
+
+
+def test_a_log_of_speed_steering_yaw_rate_and_acceleration_alone_is_driven_at_its_speed():
+    drive = car_drive(single_track("gentle", 3.0))
+    assert set(drive.channels) == {"yaw_rate", "lateral_acceleration", "speed"}
+    assert drive.scenario.drive.governor
+    assert drive.line_speed == pytest.approx(3.0)
+    names = {*unknowns(drive).names}
+    assert names & {"tyre_friction", "com_height", "gyro_bias_x"} == {"tyre_friction"}
+    named = ("throttle_command", "imu_roll_rad", "imu_gyro_x_rad_per_s")
+    assert_named("; ".join(drive.warnings), named)
+
+
+def test_a_small_car_has_the_prior_of_a_large_one_in_proportion():
+    small = load_scenario("f1tenth").car
+    low, high = prior_range("com_height", small)
+    assert low < small.com_height < high < 0.12  # where the range of the large car begins
+    assert prior_range("tyre_friction", small) == (0.35, 1.2)
 
 
 class Formula(CarDrive):
@@ -200,6 +228,22 @@ def test_the_truth_of_a_drive_lies_in_the_intervals():
     assert [name for name in UNKNOWNS if not found[name].holds(truth.values[name])] == []
     assert found["tyre_friction"].upper - found["tyre_friction"].lower < 0.03
     assert not found.warnings
+
+
+@pytest.mark.slow
+@pytest.mark.nightly
+def test_turns_of_another_program_show_its_tyres():
+    """Of a gentle turn the stiffness, to 10 %: its axles differ by 15 % and ours do not, and our
+    tyres are not straight up to a quarter of their friction. Of a hard one the friction, to 5 %:
+    its tyres have a peak, which ours approach.
+    """
+    gentle = fit_car(car_drive(single_track("gentle", 3.0)))
+    slope = gentle["tyre_friction"].value / math.tan(gentle["tyre_slip_angle"].value)
+    assert slope == pytest.approx(1.0489 * (4.718 + 5.4562) / 2.0, rel=0.1)
+    assert gentle["tyre_friction"].holds(1.0489)
+    assert gentle["tyre_slip_angle"].holds(math.atan(2.0 / (4.718 + 5.4562)))
+    hard = fit_car(car_drive(single_track("hard", 4.0)))
+    assert hard["tyre_friction"].value == pytest.approx(1.0489, rel=0.05)
 
 
 @pytest.mark.slow

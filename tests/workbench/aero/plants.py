@@ -2,7 +2,7 @@
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import SpatialInertia
+from pydrake.multibody.tree import SpatialInertia, default_model_instance
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
@@ -26,9 +26,10 @@ def add_free_plant(builder):
     return plant, body
 
 
-def add_free_body(plant, name="tail", mass=0.5):
+def add_free_body(plant, name="tail", mass=0.5, model=None):
     """A free brick of 0.1 x 0.2 x 0.6 m with its centre of mass at the body origin."""
-    return plant.AddRigidBody(name, SpatialInertia.SolidBoxWithMass(mass, 0.1, 0.2, 0.6))
+    model = model or default_model_instance()
+    return plant.AddRigidBody(name, model, SpatialInertia.SolidBoxWithMass(mass, 0.1, 0.2, 0.6))
 
 
 def free_tail(layout, law, wind=(0.0, 0.0, 0.0), **options):

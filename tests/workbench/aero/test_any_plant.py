@@ -4,6 +4,7 @@ layout.
 
 import math
 import warnings
+from functools import partial
 
 import numpy as np
 import pytest
@@ -21,8 +22,10 @@ from aerodima.workbench import (
     observe,
 )
 from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.aero.tail_force import resolve_body
+from aerodima.workbench.core.errors import ModelError
 from tests.refusals import assert_refused
-from tests.workbench.aero.plants import add_free_plant, add_plant, port_value
+from tests.workbench.aero.plants import add_free_body, add_free_plant, add_plant, port_value
 
 MASS, WIDTH, HEIGHT, C_N, DENSITY, START = 0.4, 0.3, 0.5, 1.3, 1.225, 8.0
 
@@ -169,3 +172,14 @@ def test_wrong_input_is_refused_by_name():
     assert_refused(lambda: add("tail"), UserError, "'tail'", "sled")
     add("sled")
     assert_refused(lambda: add("sled"), UserError, "'tail_force_sled'", "'sled'")
+
+
+def test_name_of_two_bodies_and_an_axis_of_two_numbers_are_refused():
+    plant = add_plant(DiagramBuilder())
+    for model in ("left", "right"):
+        add_free_body(plant, model=plant.AddModelInstance(model))
+    plant.Finalize()
+    assert_refused(lambda: resolve_body(plant, "tail"), ModelError, "left::tail", "right::tail")
+    strip = partial(SectionLayout.strip, start=0.1, length=0.5, width=0.1)
+    assert_refused(lambda: strip(axis_B=(0, 1)), ModelError, "axis_B", "(0, 1)", "three")
+    assert_refused(lambda: strip(normal_B=(0, 1)), ModelError, "normal_B", "(0, 1)", "three")

@@ -63,7 +63,7 @@ def test_condition_keeps_the_raw_log_and_refuses_to_overwrite(refused, folder, u
 
 
 def test_export_goes_beside_the_log_and_names_a_wrong_format(refused, folder):
-    assert "'xlsx'" in refused("log", "export", folder / "run.parquet", "--to", "xlsx")
+    assert "--to xlsx" in refused("log", "export", folder / "run.parquet", "--to", "xlsx")
     told = done("log", "export", folder / "run.parquet", "--to", "csv")
     assert told.split() == [str(folder / "run.csv"), str(folder / "run.csv.json")]
     assert "--force" in refused("log", "export", folder / "run.parquet", "--to", "csv")

@@ -103,7 +103,7 @@ def test_existing_page_is_refused_before_anything_is_simulated(refused, untouche
         (("--speed", "-1"), ("manoeuvre.speed", "-1", "0", "m/s")),
         (
             ("--tail", "wagging"),
-            ("tail.mode=wagging", "'none', 'held' or 'swing'"),
+            ("--tail wagging", "none, held, swing"),
         ),
         (("turn_swin",), ("turn_swin", "'turn_swing'")),
         (("--law", "nowhere.py:Law"), ("nowhere.py",)),

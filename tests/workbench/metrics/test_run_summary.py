@@ -108,7 +108,7 @@ def test_metrics_of_a_plant_are_those_of_its_motion():
         "start_tilt_rad": 0.0,
         "max_tilt_rad": 0.2,
         "end_tilt_rad": 0.0,
-        "heading_change_rad": -4.0,
+        "run_heading_change_rad": -4.0,
         "left_max_n": 10.0,
         "left_impulse_n_s": 5.0,
         "right_max_n": 1.0,

@@ -95,8 +95,11 @@ def test_last_of_two_equal_settings_counts():
     [
         ({"carr": {}}, ("carr", "'car'")),
         ({"car": {"com_hight": 0.2}}, ("car.com_hight", "'com_height'")),
-        ({"manoeuvre": {"steer_angle": "30 deg"}}, ("manoeuvre.steer_angle", "'rad'")),
-        ({"manoeuvre": {"steer_angle": 30.0}}, ("manoeuvre.steer_angle", "30.0", "1.2", "rad")),
+        ({"manoeuvre": {"steer_angle": "30 deg"}}, ("manoeuvre.steer_angle", "'rad'", "degree")),
+        (
+            {"manoeuvre": {"steer_angle": 30.0}},
+            ("manoeuvre.steer_angle", "30.0", "1.2", "rad", "degree"),
+        ),
         ({"simulation": {"step": 1e-300}}, ("simulation.step", "1e-300", "0.00001")),
         ({"drive": {"governor": 1}}, ("drive.governor", "1")),
         ({"feedback": {"most_roll": 2.0}}, ("feedback.most_roll", "2")),
@@ -114,7 +117,7 @@ def test_last_of_two_equal_settings_counts():
         ),
         (
             {"manoeuvre": {"steer_angle": 0.5237}},
-            ("manoeuvre.steer_angle", "0.5237", "servo.limit"),
+            ("manoeuvre.steer_angle", "0.5237", "servo.limit", "degree"),
         ),
         ({"tail": {"length": 0.9, "sail_length": 0.95}}, ("tail.sail_length", "0.95", "0.9")),
         ({"manoeuvre": {"speed_ramp": 3.0}}, ("manoeuvre.speed_ramp", "3", "turn_start")),

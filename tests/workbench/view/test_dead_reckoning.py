@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
-from aerodima.workbench.car.ground_truth import own_instances
+from aerodima.workbench.car.car_plant import own_instances
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import run_log_from_metadata, run_metadata
 from aerodima.workbench.scenario.scenario import load_scenario, scenario_from_dict

@@ -20,10 +20,13 @@ from aerodima.workbench import (
     observe,
     plant_metrics,
 )
+from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.car.car_diagram import assemble
+from aerodima.workbench.car.car_station import make_car_station
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.metrics.run_summary import plant_outcome
-from aerodima.workbench.scenario.scenario import scenario_from_dict
+from aerodima.workbench.scenario.scenario import load_scenario, scenario_from_dict
+from aerodima.workbench.scenario.signal_table import STATION_INPUTS
 from aerodima.workbench.view.logged_run import add_logged_run
 from aerodima.workbench.view.run_figures import plot_overlay
 from tests.refusals import assert_refused
@@ -140,6 +143,31 @@ def test_station_of_a_car_in_a_builder_of_ones_own_gives_the_log_of_a_car(tailed
         Simulator(car.builder.Build()).AdvanceTo(tailed.time[-1])
     assert run.log.kind == "car_run"
     assert signals_equal(run.log, replace(tailed, table=tailed.table))
+
+
+def add_constants(builder, station):
+    for name, fields in STATION_INPUTS.items():
+        source = builder.AddSystem(ConstantVectorSource(np.full(fields.size, 0.1)))
+        builder.Connect(source.get_output_port(), station.GetInputPort(name))
+
+
+def test_controller_of_ones_own_gives_the_log_that_simulate_gives():
+    short = ["manoeuvre.duration=0.1", "manoeuvre.turn_start=0.05", "manoeuvre.rolling_start=true"]
+    scenario = load_scenario("turn_swing", [*short, "manoeuvre.speed=0"])
+    expected = simulate(scenario, build=add_constants).table
+    builder = DiagramBuilder()
+    station = builder.AddSystem(make_car_station(scenario))
+    add_constants(builder, station)
+    with observe(builder, station, rate=scenario.simulation.log_rate, settings=scenario) as run:
+        Simulator(builder.Build()).AdvanceTo(0.1)
+    assert run.log.table.equals(expected)
+
+
+def test_log_of_a_station_without_its_scenario_names_the_columns_that_it_leaves_out():
+    builder = DiagramBuilder()
+    station = builder.AddSystem(make_car_station(load_scenario("turn_swing")))
+    with pytest.warns(UserWarning, match="settings= .* throttle_command, .* imu_gyro_z_rad_per_s"):
+        observe(builder, station)
 
 
 def test_impulse_of_the_logged_air_is_the_change_of_momentum():

@@ -80,3 +80,26 @@ def test_mesh_comes_back_as_its_convex_hull():
     found = corners(scene)
     assert found.min(axis=0) == pytest.approx(points.min(axis=0), abs=1e-6)
     assert found.max(axis=0) == pytest.approx(points.max(axis=0), abs=1e-6)
+
+
+WEDGE = np.array([[0, 0, 0], [0.3, 0, 0], [0, 0.2, 0], [0, 0, 0.1]], "<f4")
+FACETS = WEDGE[[[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]]
+BINARY = bytes(84) + b"".join(bytes(12) + facet.tobytes() + bytes(2) for facet in FACETS)
+TEXT = b"".join(b"vertex %e %e %e\n" % (*p,) for p in FACETS.reshape(-1, 3))
+
+
+@pytest.mark.parametrize("content", [BINARY, TEXT], ids=["binary", "text"])
+def test_stl_comes_back_with_its_corners_and_scale(tmp_path, content):
+    path = tmp_path / "wedge.stl"
+    path.write_bytes(content)
+    found = corners(scene_with(Mesh(str(path), np.array([1.0, 2.0, 3.0]))))
+    expected = np.unique(WEDGE * [1.0, 2.0, 3.0], axis=0)
+    assert np.unique(np.round(found, 6) + 0.0, axis=0) == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["wedge.dae", "broken.stl"])
+def test_mesh_that_cannot_be_read_is_left_out_with_a_note(tmp_path, name):
+    path = tmp_path / name
+    path.write_text("no mesh")
+    with pytest.warns(UserWarning, match=rf"thing: .*{name}"):
+        assert scene_with(Mesh(str(path))) == []

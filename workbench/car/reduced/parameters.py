@@ -308,6 +308,8 @@ def _coefficients(law: object) -> tuple[float, float]:
 
 def _refuse_unknown(scenario: Scenario) -> None:
     tail = scenario.tail
+    if scenario.car.has_bodies:
+        raise UserError(f"car.bodies: {scenario.car.bodies}; the reduced car knows: none")
     if tail.mode != "none" and tail.sail == "free":
         raise UserError("tail.sail: 'free'; the reduced car knows: facing, locked")
     if tail.mode != "none" and tail.added_mass != 0.0:
