@@ -11,7 +11,14 @@ class DriveSafety(QuantityModel):
     operator_silence: float = quantity(
         "s", "age of the operator's command at which the car stops", "(0, 1]"
     )
-    tail_hold: float = quantity("s", "from throttle 0 to the exit of the motors", "[0, 5]")
+    tail_hold: float = quantity("s", "from throttle 0 to the exit of the motors at least", "[0, 5]")
+    max_tail_hold: float = quantity(
+        "s", "from throttle 0 to the exit of the motors of a car that moves", "[0, 5]"
+    )
+    rest_speed: float = quantity(
+        "m/s", "measured speed below which the car may be at rest", "(0, 5]"
+    )
+    rest_time: float = quantity("s", "below that speed, after which the car is at rest", "[0, 5]")
     after_exit: float = quantity(
         "s", "from the exit of the motors to the end of the loop", "[0, 5]"
     )

@@ -207,7 +207,8 @@ def _report(result: DriveResult, out: Path, traffic: Path | None) -> None:
     """
     if result.log is not None:
         say(f"log: {result.log}")
-    say(f"ended: {result.reason}", err=not result.orderly)
+    ending = f"; {result.ending}" if result.ending else ""
+    say(f"ended: {result.reason}{ending}", err=not result.orderly)
     if result.traffic_error:
         say(f"error: {traffic}: {result.traffic_error}", err=True)
     if result.signal:

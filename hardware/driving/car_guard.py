@@ -3,17 +3,15 @@
 ```
  READY -- arm, by hand --> ARMED -- drive --> DRIVING    (a reason to stop before that: STOPPED)
                              |                   |
-                             +-- a soft reason --+--> HOLDING (throttle 0, tail held)
-                             |                             | after `tail_hold`
-                             +-- a hard reason --------> EXITING (exit frames)
+                             +-- held first -----+--> HOLDING (throttle 0, tail held)
+                             |                             | at rest, or after `max_tail_hold`
+                             +-- at once --------------> EXITING (exit frames)
                                                            | after `after_exit`
                                                         STOPPED
 ```
-Soft: the operator, the IMU or the GPS is silent, the GPS has lost its fix, the operator takes the
-car out of AUTO, the car is too fast, the run is over. Hard: the operator's emergency stop, a fault
-of a motor, a bus or the Teensy, a car that has tipped over (by its attitude or its accelerometer)
-or does not turn at full steering, a command that is not finite, a loop that comes too late, a
-signal. Every reason means throttle 0 and steering 0 in the same cycle, and stays.
+Every reason means throttle 0 and steering 0 in the same cycle, and stays. `stop_posture` says which
+causes switch the motors off at once, and which hold the tail first: for `tail_hold` at least, and
+while the car moves for `max_tail_hold` at most. A roll motor that has a fault is off meanwhile.
 
 A switch that is at AUTO, MANUAL or CONTROL during arming moves nothing: the operator must report
 IDLE once the motors hold, and the car obeys only what is chosen after that.
@@ -32,13 +30,19 @@ from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_monitors import Debounce
 from aerodima.hardware.driving.drive_limits import DriveLimits
 from aerodima.hardware.driving.loop_delay import least_delay, with_delay
+from aerodima.hardware.driving.stop_posture import (
+    StopCause,
+    ending_text,
+    ends_at_once,
+    fault_causes,
+    posture_text,
+)
 from aerodima.hardware.protocol.radio import OperatorPrompt, RadioMode
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.scenario.signal_table import TAIL_STATE
 
 _RATES = [TAIL_STATE.index("pitch_rate"), TAIL_STATE.index("roll_rate")]
 _GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
-_UNFITTED = (SourceFault.NONE, SourceFault.NOT_FITTED)
 _AFTERMATH = 30
 """Cycles after a delay of the loop in which its devices seem silent for that."""
 
@@ -68,8 +72,10 @@ class CarGuard:
     Attributes:
         stage: see the picture above.
         reason: why the car stopped, empty before.
-        hard: whether that reason was a hard one.
+        hard: whether that reason switched the motors off at once.
         stop_time: when that reason came, s; NaN before.
+        off_time: when the exit frames went out, s; NaN before.
+        ending: how the tail was held, and for how long, in words; empty before the exit frames.
         least_delay: of the computer that explains the reason, s; infinite where none does.
         left: the operator has left the mode and reported while the car was being stopped. One who
             falls silent then has not chosen to end the drive: the console sends a car to rest whose
@@ -93,6 +99,9 @@ class CarGuard:
         self.reason = ""
         self.hard = False
         self.stop_time = math.nan
+        self.off_time = math.nan
+        self.ending = ""
+        self._moves = False
         self.least_delay = math.inf
         self.left = False
         self.reading = CarReading()
@@ -129,6 +138,13 @@ class CarGuard:
             return OperatorPrompt.NONE
         return OperatorPrompt.SELECT_MODE if self.was_idle else OperatorPrompt.RETURN_TO_IDLE
 
+    @property
+    def posture(self) -> str:
+        """Posture of the tail of a car that stops, and how that ended, in words; empty before."""
+        if self._has_tail and self.stage is Stage.HOLDING:
+            return posture_text(self.reading.named_status.tail_roll_fault)
+        return self.ending
+
     # -- by hand
 
     def arm(self, now: float) -> None:
@@ -142,9 +158,9 @@ class CarGuard:
             raise HardwareError(
                 f"the car cannot be armed: it is {self.stage.name.lower()}{because}"
             )
-        _, reason = self._reason(self.reading)
-        if reason:
-            raise HardwareError(f"the car cannot be armed: {reason}")
+        reasons = self._reasons(self.reading)
+        if reasons:
+            raise HardwareError(f"the car cannot be armed: {reasons[0][1]}")
         self.wiring.arm()
         self._go_unless_stopped(Stage.ARMED, now)
 
@@ -165,13 +181,15 @@ class CarGuard:
         self._mode = mode
         self._go_unless_stopped(Stage.DRIVING, now)
 
-    def stop(self, reason: str, now: float, hard: bool = False) -> None:
-        """Begins to stop: softly with the tail held first, hard with exit frames at once.
+    def stop(self, reason: str, now: float, cause: StopCause = StopCause.REQUEST) -> None:
+        """Begins to stop, with the tail held first or with exit frames at once, as `ends_at_once`
+        has it.
 
-        The first reason counts.
+        The first reason counts; a later cause may switch the motors off sooner.
 
         A car that is not armed yet is stopped at once, and cannot be armed any more.
         """
+        hard = ends_at_once(cause, self._moves)
         if not self.reason:
             self.reason = reason
             self.hard = hard
@@ -198,7 +216,12 @@ class CarGuard:
         self._judge(now)
         self._check_idle(now)
         self.wiring.prompt = self.prompt
-        if self.stage is Stage.HOLDING and now - self._since >= self._safety.tail_hold:
+        self.wiring.posture = self.posture
+        held = now - self._since
+        if self.stage is Stage.HOLDING and (
+            held >= self._safety.max_tail_hold
+            or (held >= self._safety.tail_hold and not self._moves)
+        ):
             self._exit(now)
         elif self.stage is Stage.EXITING and now - self._since >= self._safety.after_exit:
             self._go(Stage.STOPPED, now)
@@ -207,7 +230,7 @@ class CarGuard:
     def write(self, command: CarCommand, now: float) -> None:
         """Runs the second half: sends the command if the car drives, else throttle 0."""
         if self.stage is Stage.DRIVING and not command.finite:
-            self.stop("the controller commands NaN or infinity", now, hard=True)
+            self.stop("the controller commands NaN or infinity", now, StopCause.CONTROLLER)
         self._steering = 0.0
         if self.stage is Stage.DRIVING:
             self._steering = command.steering_angle
@@ -231,7 +254,7 @@ class CarGuard:
             self.stop(
                 f"the controller is too slow: {count}, the last {spent * 1000:.0f} ms",
                 now,
-                hard=True,
+                StopCause.CONTROLLER,
             )
 
     def _check_clock(self, now: float, due: float | None) -> None:
@@ -248,7 +271,7 @@ class CarGuard:
             self._overruns_in_a_row = 0
         if self._overruns_in_a_row >= self._safety.most_overruns and self.stage in _LIVE:
             text = with_delay(f"{self._overruns_in_a_row} late cycles in a row", self.lateness)
-            self.stop(text, now, hard=True)
+            self.stop(text, now, StopCause.LATE_LOOP)
 
     def _check_idle(self, now: float) -> None:
         """Notes an IDLE that was given after the car was ready; the newest command may be older."""
@@ -261,55 +284,54 @@ class CarGuard:
     def _judge(self, now: float) -> None:
         reading = self.reading
         status = reading.named_status
-        hard, reason = self._reason(reading)
+        self._moves = self._has_tail and self._limits.moves(reading, now)
+        self.wiring.holds_pitch = self._moves and self.stage in _LIVE
+        reasons = self._reasons(reading)
         least = math.inf
-        if reason:
+        if reasons:
             least = least_delay(reading, self._has_tail)
-            reason = with_delay(reason, max(self._delays), least)
+            cause, text = reasons[0]
+            reasons[0] = cause, with_delay(text, max(self._delays), least)
         fallen = self._limits.tilt(reading, now)
         fallen = fallen or self._limits.straight(reading, self._steering, now)
         speed = self._limits.too_fast(reading, now) or self._limits.blind(reading, now)
-        hard = hard or bool(fallen)
-        reason = reason or fallen or speed
         armed = status.armed == 1.0
-        if self.stage in _LIVE and self._has_tail and self._was_armed and not armed:
-            hard = True
-            reason = reason or "the tail motors are off"
+        off = ""
+        if self._has_tail and self._was_armed and not (armed or status.tail_roll_fault):
+            off = "the tail motors are off"
         self._was_armed = armed
-        if self.stage is Stage.DRIVING and not reason and reading.operator.mode is not self._mode:
-            reason = f"the operator left {self._mode.name} for {reading.operator.mode.name}"
+        others = {StopCause.FALLEN: fallen, StopCause.SPEED: speed, StopCause.MOTORS_OFF: off}
+        reasons += [(cause, text) for cause, text in others.items() if text]
+        if self.stage is Stage.DRIVING and not reasons and reading.operator.mode is not self._mode:
+            text = f"the operator left {self._mode.name} for {reading.operator.mode.name}"
+            reasons = [(StopCause.REQUEST, text)]
             self.left = True
         elif self.left and status.operator_fault in _GONE:
             self.left = False
             self.reason += " and was not heard any more"
         # The stop latches before the car is armed too.
         stopped = status.operator_fault == SourceFault.STOPPED
-        if reason and (self.stage in _LIVE or (stopped and self.stage is Stage.READY)):
+        if reasons and (self.stage in _LIVE or (stopped and self.stage is Stage.READY)):
             if not self.reason:
                 self.least_delay = least
-            self.stop(reason, now, hard)
+            causes = [cause for cause, _ in reasons]
+            worst = max(causes, key=lambda cause: ends_at_once(cause, self._moves))
+            self.stop(reasons[0][1], now, worst)
 
-    def _reason(self, reading: CarReading) -> tuple[bool, str]:
-        """Returns whether the car must stop at once, and why it must stop; empty if it need not."""
-        status = reading.named_status
-        motors = (status.tail_pitch_fault, status.tail_roll_fault)
-        hard = (
-            status.operator_fault == SourceFault.STOPPED
-            or (self._has_tail and any(motors))
-            or status.sail_fault not in _UNFITTED
-        )
-        soft = (
-            status.operator_fault != 0.0 or status.imu_fault != 0.0 or status.speed_fault in _GONE
-        )
-        if hard or soft:
-            return hard, reading.fault_text or "a device has a fault"
+    def _reasons(self, reading: CarReading) -> list[tuple[StopCause, str]]:
+        """Returns why the car must stop by its devices, the text of the first in words."""
+        reasons = [
+            (cause, reading.fault_text or "a device has a fault")
+            for cause in fault_causes(reading.named_status, self._has_tail)
+        ]
         # Replies of the MIT mode carry neither voltage nor current of the pack: the least current
         # is that of the mechanical power at the lowest voltage allowed.
         current = reading.tail_torque @ reading.tail_state[_RATES] / self._safety.least_voltage
         fuse = self._safety.fuse
         if current > fuse:
-            return True, f"the tail motors draw {current:.0f} A; the fuse has {fuse:g} A"
-        return False, ""
+            text = f"the tail motors draw {current:.0f} A; the fuse has {fuse:g} A"
+            reasons.append((StopCause.CURRENT, text))
+        return reasons
 
     def _go_unless_stopped(self, stage: Stage, now: float) -> None:
         """Continues by hand; a signal may have come in between."""
@@ -318,6 +340,9 @@ class CarGuard:
             self._exit(now)
 
     def _exit(self, now: float) -> None:
+        self.off_time = now
+        if self._has_tail:
+            self.ending = ending_text(self.posture, now - self._since, self._moves)
         self.wiring.disarm(now)
         self._go(Stage.EXITING, now)
 

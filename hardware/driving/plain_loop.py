@@ -124,10 +124,12 @@ def run_loop(
         if time_now + 0.5 * PERIOD > length:
             break
         reading = guard.read(clock(), start + time_now)
-        begin = clock()
-        step = pilot.step(time_now, reading)
-        spent = clock() - begin
-        guard.note_computing(spent, clock())
+        spent = 0.0
+        if not guard.reason:  # a car that stops needs no pilot, who may be what failed
+            begin = clock()
+            step = pilot.step(time_now, reading)
+            spent = clock() - begin
+            guard.note_computing(spent, clock())
         row.estimate(reading)
         wait(start + time_now + WRITE_DELAY)
         guard.write(step.command, clock())
