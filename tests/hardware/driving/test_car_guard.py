@@ -7,9 +7,10 @@ import pytest
 
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import CarCommand
-from aerodima.hardware.devices.device_states import SourceFault
+from aerodima.hardware.devices.device_states import MotorFault, SourceFault
 from aerodima.hardware.devices.radio_link import IDLE
 from aerodima.hardware.driving.car_guard import CarGuard, Stage
+from aerodima.hardware.driving.stop_posture import StopCause
 from aerodima.hardware.protocol.radio import OperatorCommand, OperatorPrompt, RadioMode
 from aerodima.hardware.protocol.teensy import SWITCHED_OFF, TeensyStatus
 from aerodima.workbench.core.errors import HardwareError
@@ -120,30 +121,115 @@ SOFT = {
 }
 
 
-@pytest.mark.parametrize("cause", SOFT.values(), ids=SOFT)
-def test_a_soft_reason_cuts_the_throttle_in_the_next_cycle_holds_the_tail_then_exits(car, cause):
+def slow_ticks(car):
+    for _ in range(SAFETY.most_slow_ticks):
+        car.guard.note_computing(SAFETY.slow_tick + 0.001, car.now)
+
+
+BROKEN = CarCommand(throttle=math.nan)
+HELD_WHILE_MOVING = {
+    "roll motor": lambda car: car.wiring.motor_fault(),
+    "roll motor beyond range": lambda car: car.wiring.motor_fault(code=MotorFault.OUT_OF_RANGE),
+    "slow controller": slow_ticks,
+    "late loop": lambda car: car.turn(late=0.03, count=SAFETY.most_overruns),
+    "NaN": lambda car: car.guard.write(BROKEN, car.now),
+}
+
+
+def finish(car):
+    """Turns until the motors are off; how long they were held, s."""
+    begin = car.guard.stop_time
+    while car.guard.stage is Stage.HOLDING:
+        car.turn()
+    held = car.guard.off_time - begin
+    car.turn(count=round(SAFETY.after_exit / PERIOD) + 1)
+    assert car.guard.finished
+    assert not car.guard.hard
+    return held
+
+
+@pytest.mark.parametrize("cause", (SOFT | HELD_WHILE_MOVING).values(), ids=SOFT | HELD_WHILE_MOVING)
+@pytest.mark.parametrize("gps", [True, False])
+def test_a_car_that_moves_cuts_the_throttle_at_once_holds_the_tail_then_exits(car, cause, gps):
+    if not gps:
+        car.wiring.faults["speed"] = SourceFault.NOT_FITTED
     car.driving()
     cause(car)
     car.turn()
     assert car.guard.stage is Stage.HOLDING
     assert same(car.last, STOP)
     assert car.wiring.calls == ["arm", "hold"]
-    car.turn(count=round(SAFETY.tail_hold / PERIOD))
+    roll = "roll limp" if "tail_roll" in car.wiring.faults else "and roll held"
+    assert roll in car.wiring.posture
+    assert finish(car) == pytest.approx(SAFETY.max_tail_hold, abs=1.5 * PERIOD)
     assert car.wiring.calls == ["arm", "hold", "disarm"]
-    car.turn(count=round(SAFETY.after_exit / PERIOD) + 1)
-    assert car.guard.finished
-    assert not car.guard.hard
+    assert roll in car.guard.ending
+    assert "moves" in car.guard.ending
     assert all(same(command, STOP) for command in car.wiring.commands[-60:])
+
+
+@pytest.mark.parametrize("cause", (SOFT | HELD_WHILE_MOVING).values(), ids=SOFT | HELD_WHILE_MOVING)
+def test_the_tail_of_a_car_that_comes_to_rest_is_held_until_then(car, cause):
+    car.driving()
+    cause(car)
+    car.turn(count=100)
+    car.wiring.speed = SAFETY.rest_speed - 0.1
+    slow = car.now
+    lost = car.wiring.faults.get("speed")
+    off = slow + SAFETY.rest_time if lost is None else car.guard.stop_time + SAFETY.max_tail_hold
+    finish(car)
+    assert car.guard.off_time == pytest.approx(off, abs=2.5 * PERIOD)
+    assert ("at rest" in car.guard.ending) is (lost is None)
+
+
+@pytest.mark.parametrize("cause", HELD_WHILE_MOVING.values(), ids=HELD_WHILE_MOVING)
+def test_at_rest_a_fault_switches_the_motors_off_at_once(car, cause):
+    car.wiring.speed = 0.1
+    car.turn(count=50)
+    car.driving()
+    cause(car)
+    car.turn()
+    assert car.guard.stage is Stage.EXITING
+    assert car.guard.hard
+    assert car.wiring.calls == ["arm", "disarm"]
+    assert car.guard.ending == "motors off at once"
+
+
+@pytest.mark.parametrize("cause", SOFT.values(), ids=SOFT)
+def test_at_rest_the_tail_is_held_for_a_moment(car, cause):
+    car.wiring.speed = 0.1
+    car.turn(count=50)
+    car.driving()
+    cause(car)
+    car.turn()
+    lost = "speed" in car.wiring.faults
+    held = SAFETY.max_tail_hold if lost else SAFETY.tail_hold
+    assert finish(car) == pytest.approx(held, abs=1.5 * PERIOD)
+
+
+def test_a_car_whose_speed_is_unknown_moves_once_its_throttle_was_opened(car):
+    car.wiring.faults["speed"] = SourceFault.NOT_FITTED
+    for throttle in (0.0, 0.1):
+        car.wiring.armed = False
+        car.guard = CarGuard(car.wiring, SAFETY)
+        car.turn(count=2)
+        car.guard.arm(car.now)
+        car.turn(count=2)
+        car.guard.drive(RadioMode.AUTO, car.now)
+        car.turn(CarCommand(0.1, throttle), count=3)
+        car.guard.note_computing(0.0, car.now)
+        slow_ticks(car)
+        assert car.guard.stage is (Stage.HOLDING if throttle else Stage.EXITING)
 
 
 HARD = {
     "emergency stop": soft("operator", SourceFault.STOPPED),
-    "motor": lambda car: car.wiring.motor_fault(),
+    "pitch motor": lambda car: car.wiring.motor_fault("pitch"),
     "teensy silent": soft("sail", SourceFault.SILENT),
     "teensy watchdog": soft("sail", SourceFault.REPORTED),
     "teensy fallen": soft("sail", SourceFault.REPORTED, SWITCHED_OFF[TeensyStatus.ATTITUDE]),
     "motors went off": lambda car: setattr(car.wiring, "armed", False),
-    "signal": lambda car: car.guard.stop("SIGINT", car.now, hard=True),
+    "signal": lambda car: car.guard.stop("SIGINT", car.now, StopCause.SIGNAL),
 }
 
 
@@ -175,8 +261,7 @@ def test_a_command_that_is_not_finite_never_reaches_the_car(car, place, value):
     )
     car.turn(CarCommand(**values))
     assert same(car.last, STOP)
-    assert car.guard.stage is Stage.EXITING
-    assert car.guard.hard
+    assert car.guard.stage is Stage.HOLDING
 
 
 def test_emergency_stop_latches(car):
@@ -191,10 +276,10 @@ def test_emergency_stop_latches(car):
     assert_refused(lambda: car.guard.arm(car.now), HardwareError, car.guard.reason)
 
 
-@pytest.mark.parametrize("hard", [True, False])
-def test_a_reason_to_stop_before_arming_forbids_it(car, hard):
+@pytest.mark.parametrize("cause", [StopCause.SIGNAL, StopCause.REQUEST])
+def test_a_reason_to_stop_before_arming_forbids_it(car, cause):
     car.turn(count=2)
-    car.guard.stop("SIGINT", car.now, hard)
+    car.guard.stop("SIGINT", car.now, cause)
     assert car.guard.finished
     car.turn(count=20)
     assert_refused(lambda: car.guard.arm(car.now), HardwareError, "SIGINT")
@@ -207,7 +292,7 @@ def test_a_signal_while_the_car_is_being_armed_or_let_go_switches_it_off(car):
 
     def interrupted():
         arm()
-        car.guard.stop("SIGTERM", car.now, hard=True)
+        car.guard.stop("SIGTERM", car.now, StopCause.SIGNAL)
 
     car.wiring.arm = interrupted
     car.guard.arm(car.now)
@@ -239,10 +324,14 @@ def test_a_hard_reason_while_holding_exits_at_once(car):
     car.driving()
     car.guard.stop("the operator is silent", car.now)
     car.turn(count=3)
-    car.wiring.motor_fault()
+    car.wiring.motor_fault("roll")
+    car.turn()
+    assert car.guard.stage is Stage.HOLDING
+    car.wiring.motor_fault("pitch")
     car.turn()
     assert car.guard.stage is Stage.EXITING
     assert car.guard.reason == "the operator is silent"
+    assert car.guard.ending.startswith("pitch held, roll limp for 0.05 s")
 
 
 def test_late_cycles_are_counted_and_too_many_in_a_row_stop_the_car(car):
@@ -252,21 +341,25 @@ def test_late_cycles_are_counted_and_too_many_in_a_row_stop_the_car(car):
     assert car.guard.stage is Stage.DRIVING
     assert car.guard.overruns == SAFETY.most_overruns - 1
     car.turn(late=0.03, count=SAFETY.most_overruns)
-    assert car.guard.stage is Stage.EXITING
+    assert car.guard.stage is Stage.HOLDING
     assert "30 ms" in car.guard.reason
 
 
 @pytest.mark.parametrize(
     ("pause", "cause", "named"),
     [
-        (0.05, HARD["motor"], "the computer fell behind by 50 ms: tail roll: no reply"),
+        (
+            0.05,
+            HELD_WHILE_MOVING["roll motor"],
+            "the computer fell behind by 50 ms: tail roll: no reply",
+        ),
         (0.06, SOFT["imu silent"], "the computer fell behind by 60 ms: imu SILENT"),
         (0.04, SOFT["imu silent"], "imu SILENT"),
         (0.08, HARD["teensy watchdog"], "the computer fell behind by 80 ms: sail REPORTED"),
         (0.08, HARD["teensy fallen"], "sail REPORTED"),
         (0.05, HARD["emergency stop"], "operator STOPPED"),
         (0.05, SOFT["imu error"], "imu REPORTED"),
-        (0.0, HARD["motor"], "tail roll: no reply"),
+        (0.0, HELD_WHILE_MOVING["roll motor"], "tail roll: no reply"),
     ],
 )
 def test_silence_after_a_pause_of_the_computer_is_its_own_fault(car, pause, cause, named):
@@ -292,7 +385,7 @@ def test_too_many_slow_ticks_within_a_second_stop_the_car_and_a_single_one_is_co
     assert len(car.guard.slow_ticks) == 2 * (SAFETY.most_slow_ticks - 1)
     car.turn()
     car.guard.note_computing(slow, car.now)
-    assert car.guard.stage is Stage.EXITING
+    assert car.guard.stage is Stage.HOLDING
     assert f"{SAFETY.most_slow_ticks}" in car.guard.reason
 
 
@@ -308,7 +401,7 @@ def test_more_current_than_the_fuse_has_stops_the_car_and_a_tail_that_brakes_doe
 
     car.wiring.read = powerful
     car.turn()
-    assert car.guard.hard is (way > 0.0)
+    assert car.guard.stage is (Stage.HOLDING if way > 0.0 else Stage.DRIVING)
     assert ("35 A" in car.guard.reason) is (way > 0.0)
 
 
@@ -332,7 +425,7 @@ def test_an_operator_who_leaves_the_mode_and_falls_silent_was_lost(car, heard):
     assert (car.guard.stage, car.guard.left) == (Stage.HOLDING, True)
     if not heard:
         car.wiring.faults["operator"] = SourceFault.SILENT
-    car.turn(count=100)
+    car.turn(count=250)
     assert car.guard.finished
     assert (car.guard.left, car.guard.hard) == (heard, False)
     assert "IDLE" in car.guard.reason
