@@ -3,14 +3,14 @@
 ```
  READY -- arm, by hand --> ARMED -- drive --> DRIVING    (a reason to stop before that: STOPPED)
                              |                   |
-                             +-- held first -----+--> HOLDING (throttle 0, tail held)
+                             +-- held first -----+--> HOLDING (throttle 0, tail held or by its law)
                              |                             | at rest, or after `max_tail_hold`
                              +-- at once --------------> EXITING (exit frames)
                                                            | after `after_exit`
                                                         STOPPED
 ```
 Every reason means throttle 0 and steering 0 in the same cycle, and stays. `stop_posture` says which
-causes switch the motors off at once, and which hold the tail first: for `tail_hold` at least, and
+causes switch the motors off at once, and which keep them on first: for `tail_hold` at least, and
 while the car moves for `max_tail_hold` at most. A roll motor that has a fault is off meanwhile.
 
 A switch that is at AUTO, MANUAL or CONTROL during arming moves nothing: the operator must report
@@ -31,10 +31,11 @@ from aerodima.hardware.devices.motor_monitors import Debounce
 from aerodima.hardware.driving.drive_limits import DriveLimits
 from aerodima.hardware.driving.loop_delay import least_delay, with_delay
 from aerodima.hardware.driving.stop_posture import (
+    Posture,
     StopCause,
     ending_text,
-    ends_at_once,
     fault_causes,
+    posture_after,
     posture_text,
 )
 from aerodima.hardware.protocol.radio import OperatorPrompt, RadioMode
@@ -74,6 +75,7 @@ class CarGuard:
         reason: why the car stopped, empty before.
         hard: whether that reason switched the motors off at once.
         stop_time: when that reason came, s; NaN before.
+        needs_pilot: the tail follows the pilot, also of a car that stops.
         off_time: when the exit frames went out, s; NaN before.
         ending: how the tail was held, and for how long, in words; empty before the exit frames.
         least_delay: of the computer that explains the reason, s; infinite where none does.
@@ -101,6 +103,7 @@ class CarGuard:
         self.stop_time = math.nan
         self.off_time = math.nan
         self.ending = ""
+        self.needs_pilot = True
         self._moves = False
         self.least_delay = math.inf
         self.left = False
@@ -142,7 +145,8 @@ class CarGuard:
     def posture(self) -> str:
         """Posture of the tail of a car that stops, and how that ended, in words; empty before."""
         if self._has_tail and self.stage is Stage.HOLDING:
-            return posture_text(self.reading.named_status.tail_roll_fault)
+            posture = Posture.LAW if self.needs_pilot else Posture.HELD
+            return posture_text(posture, self.reading.named_status.tail_roll_fault)
         return self.ending
 
     # -- by hand
@@ -182,25 +186,27 @@ class CarGuard:
         self._go_unless_stopped(Stage.DRIVING, now)
 
     def stop(self, reason: str, now: float, cause: StopCause = StopCause.REQUEST) -> None:
-        """Begins to stop, with the tail held first or with exit frames at once, as `ends_at_once`
-        has it.
+        """Begins to stop, in the posture that `posture_after` has for the cause.
 
         The first reason counts; a later cause may switch the motors off sooner.
 
         A car that is not armed yet is stopped at once, and cannot be armed any more.
         """
-        hard = ends_at_once(cause, self._moves)
+        posture = posture_after(cause, self._moves)
         if not self.reason:
             self.reason = reason
-            self.hard = hard
+            self.hard = posture is Posture.OFF
             self.stop_time = now
         if self.stage is Stage.READY:
             self._go(Stage.STOPPED, now)
-        elif self.stage in _LIVE and hard:
+        elif self.stage in _LIVE and posture is Posture.OFF:
             self._exit(now)
-        elif self.stage in (Stage.ARMED, Stage.DRIVING):
-            self.wiring.hold(now)
-            self._go(Stage.HOLDING, now)
+        elif self.stage in _LIVE:
+            if self.needs_pilot and (posture is Posture.HELD or self.stage is Stage.ARMED):
+                self.wiring.hold(now)
+                self.needs_pilot = False
+            if self.stage is not Stage.HOLDING:
+                self._go(Stage.HOLDING, now)
 
     # -- once per cycle
 
@@ -228,17 +234,22 @@ class CarGuard:
         return self.reading
 
     def write(self, command: CarCommand, now: float) -> None:
-        """Runs the second half: sends the command if the car drives, else throttle 0."""
-        if self.stage is Stage.DRIVING and not command.finite:
+        """Runs the second half: sends the command if the car drives, what it has for the tail if
+        that follows its law, else nothing but throttle 0.
+        """
+        obeys = self.stage is Stage.DRIVING or (self.stage is Stage.HOLDING and self.needs_pilot)
+        if obeys and not command.finite:
+            obeys = False
             self.stop("the controller commands NaN or infinity", now, StopCause.CONTROLLER)
         self._steering = 0.0
-        if self.stage is Stage.DRIVING:
+        if not obeys:
+            command = CarCommand()
+        elif self.stage is Stage.DRIVING:
             self._steering = command.steering_angle
-            self.wiring.write(
-                replace(command, throttle=self._limits.throttle(command.throttle, now)), now
-            )
+            command = replace(command, throttle=self._limits.throttle(command.throttle, now))
         else:
-            self.wiring.write(CarCommand(), now)
+            command = replace(command, steering_angle=0.0, throttle=0.0)
+        self.wiring.write(command, now)
 
     def note_computing(self, spent: float, now: float) -> None:
         """Notes the time of the controller's tick, s; too many slow ones within a second stop the
@@ -304,7 +315,7 @@ class CarGuard:
         reasons += [(cause, text) for cause, text in others.items() if text]
         if self.stage is Stage.DRIVING and not reasons and reading.operator.mode is not self._mode:
             text = f"the operator left {self._mode.name} for {reading.operator.mode.name}"
-            reasons = [(StopCause.REQUEST, text)]
+            reasons = [(StopCause.LEFT_MODE, text)]
             self.left = True
         elif self.left and status.operator_fault in _GONE:
             self.left = False
@@ -315,7 +326,7 @@ class CarGuard:
             if not self.reason:
                 self.least_delay = least
             causes = [cause for cause, _ in reasons]
-            worst = max(causes, key=lambda cause: ends_at_once(cause, self._moves))
+            worst = max(causes, key=lambda cause: posture_after(cause, self._moves))
             self.stop(reasons[0][1], now, worst)
 
     def _reasons(self, reading: CarReading) -> list[tuple[StopCause, str]]:

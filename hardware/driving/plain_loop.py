@@ -19,6 +19,7 @@ from aerodima.hardware.devices.motor_limits import clip
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.driving.car_guard import CarGuard
 from aerodima.hardware.driving.run_journal import RunJournal, drive_columns
+from aerodima.hardware.driving.stop_posture import StopCause
 from aerodima.workbench.car.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
 from aerodima.workbench.control.manoeuvre import make_schedule
@@ -119,13 +120,13 @@ def run_loop(
         links = [guard.lateness, wiring.imu_time - start, wiring.teensy_time - start, spent]
         journal.append(row.make(time_now, step, reading, links))
         if journal.error:
-            guard.stop(journal.error, clock())
+            guard.stop(journal.error, clock(), StopCause.LOG)
         # This is the row of the end; its tick belongs to what comes after.
         if time_now + 0.5 * PERIOD > length:
             break
         reading = guard.read(clock(), start + time_now)
         spent = 0.0
-        if not guard.reason:  # a car that stops needs no pilot, who may be what failed
+        if guard.needs_pilot:  # who may be what failed
             begin = clock()
             step = pilot.step(time_now, reading)
             spent = clock() - begin

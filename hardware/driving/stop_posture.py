@@ -1,11 +1,12 @@
 """Causes of a stop, and the posture of the tail between a stop and the exit of its motors.
 
-A tail that goes limp in mid-swerve turns the car over. So while the car moves no single fault but
-one of the pitch motor itself switches that motor off: the drive holds pitch, and roll where its
-motor still obeys, until the car is at rest or `max_tail_hold` has passed.
+A tail that goes limp in mid-swerve turns the car over, and so may one that stands still. So while
+the car moves no single fault but one of the pitch motor itself switches that motor off, until the
+car is at rest or `max_tail_hold` has passed: the tail follows its law where that still knows the
+car, else the drive holds pitch, and roll where its motor still obeys.
 """
 
-from enum import Enum, auto
+from enum import Enum, IntEnum, auto
 from typing import Any
 
 from aerodima.hardware.devices.device_states import MotorFault, SourceFault
@@ -43,29 +44,44 @@ class StopCause(Enum):
     RADIO = auto()
     SPEED = auto()
     """The GPS is silent or has no fix, or the car is too fast."""
+    LEFT_MODE = auto()
+    """The operator has left the mode."""
+    LOG = auto()
+    """The log takes no rows."""
     REQUEST = auto()
-    """The run is over, the operator has left the mode, the log takes no rows."""
+    """The run is over, or has not begun."""
 
 
-_AT_ONCE = frozenset(
-    {
-        StopCause.EMERGENCY,
-        StopCause.SIGNAL,
-        StopCause.FALLEN,
-        StopCause.PITCH_MOTOR,
-        StopCause.TEENSY,
-        StopCause.MOTORS_OFF,
-        StopCause.ARMING,
-    }
-)
-_AT_ONCE_AT_REST = frozenset(
-    {StopCause.ROLL_MOTOR, StopCause.CONTROLLER, StopCause.LATE_LOOP, StopCause.CURRENT}
-)
+class Posture(IntEnum):
+    """What becomes of the tail of a car that stops, in ascending order of what is given up."""
+
+    LAW = 0
+    """The pilot goes on commanding it, while throttle and steering are 0."""
+    HELD = 1
+    """Pitch is held, and roll where its motor still obeys."""
+    OFF = 2
+    """The motors are switched off."""
 
 
-def ends_at_once(cause: StopCause, moves: bool) -> bool:
-    """Returns whether the motors go off at once, or are held first; `moves`: the car may move."""
-    return cause in _AT_ONCE or (cause in _AT_ONCE_AT_REST and not moves)
+_POSTURES = {
+    StopCause.LEFT_MODE: (Posture.LAW, Posture.HELD),
+    StopCause.LOG: (Posture.LAW, Posture.HELD),
+    StopCause.RADIO: (Posture.LAW, Posture.HELD),
+    StopCause.SPEED: (Posture.LAW, Posture.HELD),
+    StopCause.IMU: (Posture.HELD, Posture.HELD),
+    StopCause.REQUEST: (Posture.HELD, Posture.HELD),
+    StopCause.ROLL_MOTOR: (Posture.HELD, Posture.OFF),
+    StopCause.CONTROLLER: (Posture.HELD, Posture.OFF),
+    StopCause.LATE_LOOP: (Posture.HELD, Posture.OFF),
+    StopCause.CURRENT: (Posture.HELD, Posture.OFF),
+}
+"""Postures of a car that moves and of one at rest; the other causes switch the motors off."""
+
+
+def posture_after(cause: StopCause, moves: bool) -> Posture:
+    """Returns the posture that a cause of a stop asks for; `moves`: the car may move."""
+    moving, resting = _POSTURES.get(cause, (Posture.OFF, Posture.OFF))
+    return moving if moves else resting
 
 
 def fault_causes(status: Any, has_tail: bool) -> list[StopCause]:
@@ -85,13 +101,15 @@ def fault_causes(status: Any, has_tail: bool) -> list[StopCause]:
     return [cause for cause, present in faults.items() if present]
 
 
-def posture_text(roll_fault: float) -> str:
-    """Returns the posture of a tail that is held, in words; `roll_fault`: of the status."""
-    return "pitch held, roll limp" if roll_fault else "pitch and roll held"
+def posture_text(posture: Posture, roll_fault: float) -> str:
+    """Returns the posture of a tail whose motors are on, in words; `roll_fault`: of the status."""
+    if roll_fault:
+        return "pitch held, roll limp"
+    return "tail by its law" if posture is Posture.LAW else "pitch and roll held"
 
 
 def ending_text(posture: str, held: float, moves: bool) -> str:
-    """Returns how a stop ended, in words: `posture`, empty for none, held for so long (s), until
+    """Returns how a stop ended, in words: `posture`, empty for none, kept for so long (s), until
     the car came to rest or although it `moves`.
     """
     if not posture:

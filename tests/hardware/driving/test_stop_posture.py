@@ -1,34 +1,44 @@
-"""Which cause of a stop switches the motors off at once, and which holds the tail first."""
+"""Which cause of a stop switches the motors off at once, and what becomes of the tail after the
+others.
+"""
 
 import pytest
 
 from aerodima.hardware.devices.device_states import MotorFault, SourceFault
-from aerodima.hardware.driving.stop_posture import StopCause, ends_at_once, fault_causes
+from aerodima.hardware.driving.stop_posture import (
+    Posture,
+    StopCause,
+    fault_causes,
+    posture_after,
+)
 from aerodima.workbench.scenario.signal_table import STATUS
 
-AT_ONCE = {
-    "EMERGENCY": (True, True),
-    "SIGNAL": (True, True),
-    "FALLEN": (True, True),
-    "PITCH_MOTOR": (True, True),
-    "TEENSY": (True, True),
-    "MOTORS_OFF": (True, True),
-    "ARMING": (True, True),
-    "ROLL_MOTOR": (False, True),
-    "CONTROLLER": (False, True),
-    "LATE_LOOP": (False, True),
-    "CURRENT": (False, True),
-    "IMU": (False, False),
-    "RADIO": (False, False),
-    "SPEED": (False, False),
-    "REQUEST": (False, False),
+LAW, HELD, OFF = Posture
+POSTURES = {
+    "EMERGENCY": (OFF, OFF),
+    "SIGNAL": (OFF, OFF),
+    "FALLEN": (OFF, OFF),
+    "PITCH_MOTOR": (OFF, OFF),
+    "TEENSY": (OFF, OFF),
+    "MOTORS_OFF": (OFF, OFF),
+    "ARMING": (OFF, OFF),
+    "ROLL_MOTOR": (HELD, OFF),
+    "CONTROLLER": (HELD, OFF),
+    "LATE_LOOP": (HELD, OFF),
+    "CURRENT": (HELD, OFF),
+    "IMU": (HELD, HELD),
+    "REQUEST": (HELD, HELD),
+    "RADIO": (LAW, HELD),
+    "SPEED": (LAW, HELD),
+    "LEFT_MODE": (LAW, HELD),
+    "LOG": (LAW, HELD),
 }
-"""Whether the motors go off at once: of a car that moves, of one at rest."""
+"""Of a car that moves, and of one at rest."""
 
 
 @pytest.mark.parametrize("cause", StopCause)
-def test_every_cause_has_its_end(cause):
-    assert (ends_at_once(cause, True), ends_at_once(cause, False)) == AT_ONCE[cause.name]
+def test_every_cause_has_its_posture(cause):
+    assert (posture_after(cause, True), posture_after(cause, False)) == POSTURES[cause.name]
 
 
 def causes(has_tail=True, **faults):
