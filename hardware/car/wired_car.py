@@ -123,10 +123,12 @@ class WiredCar:
             devices.watchdog.arm()
         devices.group.set_enter(time.monotonic())
 
-    def hold(self, now: float) -> None:
-        """Holds the tail until the next command that is not all zeros; nothing after `stop`."""
-        if self.devices is not None:
-            self.devices.group.set_hold(now)
+    def hold(self, now: float, centred: bool = False) -> None:
+        """Holds the tail until the next command that is not all zeros, where it is, or its roll
+        in the middle; nothing after `stop`.
+        """
+        for motor, centre in zip(self.motors, (None, 0.0), strict=False):
+            motor.set_hold(now, centre if centred else None)
 
     def disarm(self, now: float) -> None:
         """Sends exit frames now and in the following cycles; the links stay open and `read` goes

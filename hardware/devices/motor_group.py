@@ -66,11 +66,6 @@ class MotorGroup:
         for motor in self.motors:
             motor.set_enter(now)
 
-    def set_hold(self, now: float) -> None:
-        """Holds all running motors where they are."""
-        for motor in self.motors:
-            motor.set_hold(now)
-
     def set_exit(self, now: float) -> None:
         """Switches all motors off."""
         for motor in self.motors:

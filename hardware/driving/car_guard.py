@@ -36,7 +36,6 @@ from aerodima.hardware.driving.stop_posture import (
     ending_text,
     fault_causes,
     posture_after,
-    posture_text,
 )
 from aerodima.hardware.protocol.radio import OperatorPrompt, RadioMode
 from aerodima.workbench.core.errors import HardwareError
@@ -104,6 +103,7 @@ class CarGuard:
         self.off_time = math.nan
         self.ending = ""
         self.needs_pilot = True
+        self._centred = False
         self._moves = False
         self.least_delay = math.inf
         self.left = False
@@ -145,8 +145,11 @@ class CarGuard:
     def posture(self) -> str:
         """Posture of the tail of a car that stops, and how that ended, in words; empty before."""
         if self._has_tail and self.stage is Stage.HOLDING:
-            posture = Posture.LAW if self.needs_pilot else Posture.HELD
-            return posture_text(posture, self.reading.named_status.tail_roll_fault)
+            if self.reading.named_status.tail_roll_fault:
+                return "pitch held, roll limp"
+            if self.needs_pilot:
+                return "tail by its law"
+            return "pitch held, roll to the middle" if self._centred else "tail held"
         return self.ending
 
     # -- by hand
@@ -203,8 +206,9 @@ class CarGuard:
             self._exit(now)
         elif self.stage in _LIVE:
             if self.needs_pilot and (posture is Posture.HELD or self.stage is Stage.ARMED):
-                self.wiring.hold(now)
+                self.wiring.hold(now, self._moves)
                 self.needs_pilot = False
+                self._centred = self._moves
             if self.stage is not Stage.HOLDING:
                 self._go(Stage.HOLDING, now)
 

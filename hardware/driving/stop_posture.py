@@ -3,7 +3,7 @@
 A tail that goes limp in mid-swerve turns the car over, and so may one that stands still. So while
 the car moves no single fault but one of the pitch motor itself switches that motor off, until the
 car is at rest or `max_tail_hold` has passed: the tail follows its law where that still knows the
-car, else the drive holds pitch, and roll where its motor still obeys.
+car, else the drive holds pitch and moves roll to the middle, unless its motor has failed.
 """
 
 from enum import Enum, IntEnum, auto
@@ -58,7 +58,7 @@ class Posture(IntEnum):
     LAW = 0
     """The pilot goes on commanding it, while throttle and steering are 0."""
     HELD = 1
-    """Pitch is held, and roll where its motor still obeys."""
+    """Pitch is held; roll too, in the middle while the car moves, unless its motor has failed."""
     OFF = 2
     """The motors are switched off."""
 
@@ -99,13 +99,6 @@ def fault_causes(status: Any, has_tail: bool) -> list[StopCause]:
         StopCause.SPEED: status.speed_fault in _GONE,
     }
     return [cause for cause, present in faults.items() if present]
-
-
-def posture_text(posture: Posture, roll_fault: float) -> str:
-    """Returns the posture of a tail whose motors are on, in words; `roll_fault`: of the status."""
-    if roll_fault:
-        return "pitch held, roll limp"
-    return "tail by its law" if posture is Posture.LAW else "pitch and roll held"
 
 
 def ending_text(posture: str, held: float, moves: bool) -> str:

@@ -231,10 +231,10 @@ def test_the_guard_on_the_wired_car_disarms_when_the_operator_falls_silent(bench
     turn(20)
     bench.radio.silence = 0.26
     silent = bench.now
-    turn(100)
+    turn(230)
     assert guard.finished
     first = bench.port.exits(2, silent)[0]
-    assert first - silent == pytest.approx(safety.tail_hold, abs=0.03)
+    assert first - silent == pytest.approx(safety.max_tail_hold, abs=0.03)
     assert "0.26 s" in guard.reason
 
 

@@ -68,7 +68,7 @@ class FakeWiring:
         self.calls.append("arm")
         self.armed = True
 
-    def hold(self, now):
+    def hold(self, now, centred=False):
         self.calls.append("hold")
 
     def disarm(self, now):

@@ -162,7 +162,7 @@ def test_a_car_that_moves_cuts_the_throttle_at_once_holds_the_tail_then_exits(ca
     assert np.any(car.last.tail_roll) == (cause in FOLLOWS_LAW)
     hold = [] if cause in FOLLOWS_LAW else ["hold"]
     assert car.wiring.calls == ["arm", *hold]
-    posture = "and roll held" if hold else "law"
+    posture = "roll to the middle" if hold else "law"
     if "tail_roll" in car.wiring.faults:
         posture = "roll limp"
     assert posture in car.wiring.posture
