@@ -162,6 +162,33 @@ def test_it_acts_when_the_strings_stop_and_not_before():
         assert exits[0] - last == pytest.approx(TIMING.watchdog_timeout, abs=2 * MS)
 
 
+def test_a_motor_keeps_its_last_command_until_the_watchdog_acts():
+    """Like the real motor it holds that for ever: the Teensy need not repeat it."""
+    bench = Bench().drive()
+    last = bench.now - 0.01
+    bench.wait(TIMING.watchdog_timeout + 0.002)
+    pushes = [make_command(motor_id, PUSH, PROFILE) for motor_id in (1, 2)]
+    held = [frame for when, frame in bench.sent if when < last + TIMING.watchdog_timeout]
+    assert held[-2:] == pushes
+    off = [frame for when, frame in bench.sent if when > last + TIMING.watchdog_timeout - MS / 2]
+    assert off[:2] == [make_neutral(motor_id, PROFILE) for motor_id in (1, 2)]
+    assert set(off[2:]) == {make_exit(1), make_exit(2)}
+
+
+def test_roll_alone_is_switched_off_while_pitch_is_held_without_an_attitude():
+    bench = Bench().drive()
+    begin = bench.now
+    orders = MotorOrder(1, MotorRequest.COMMAND, PUSH), MotorOrder(2, MotorRequest.EXIT, NEUTRAL)
+    for _ in range(200):
+        old = Attitude(0.0, 0.0, 5000)
+        bench.core.feed(make_string(TeensyCommand(orders, 1500, 1500, old)), bench.now)
+        bench.wait(0.01)
+    sent = [frame for when, frame in bench.sent if when > begin]
+    assert set(sent) == {make_command(1, PUSH, PROFILE), make_exit(2)}
+    assert sent.count(make_exit(2)) == 200
+    assert bench.last_reply().status is TeensyStatus.RUNNING
+
+
 def test_it_goes_on_sending_exit_frames():
     bench = Bench().drive()
     acted = bench.now - 0.01 + TIMING.watchdog_timeout
