@@ -184,7 +184,7 @@ CASES: tuple[Case, ...] = (
         reason="IMU",
         within=0.3,
         held=True,
-        acts="drive, soft",
+        acts="drive, held",
     ),
     *_on_both(
         "GPS silent",
@@ -192,7 +192,7 @@ CASES: tuple[Case, ...] = (
         reason="GPS",
         within=1.3,
         held=True,
-        acts="drive, soft, after 1 s",
+        acts="drive, held, after 1 s",
     ),
     *_on_both(
         "radio silent",
@@ -200,7 +200,7 @@ CASES: tuple[Case, ...] = (
         reason="radio",
         within=0.5,
         held=True,
-        acts="drive, soft, after 0.25 s",
+        acts="drive, held, after 0.25 s",
     ),
     *_on_both("operator's emergency stop", operator=_STOP, reason="emergency"),
     *_on_both("commanded NaN", broken_command=_BROKEN, reason="NaN", held=True),
@@ -226,7 +226,7 @@ CASES: tuple[Case, ...] = (
         reason="run.parquet",
         within=0.6,
         held=True,
-        acts="drive, soft, at the next rows",
+        acts="drive, held, at the next rows",
     ),
     *_on_both("receive thread dies", breaker=ReceiverDies),
     *_motor(
@@ -292,7 +292,7 @@ CASES: tuple[Case, ...] = (
         reason="IMU",
         within=0.3,
         held=True,
-        acts="drive, soft, after 10 equal samples",
+        acts="drive, held, after 10 equal samples",
     ),
     *_on_both(
         "GPS frozen while driving",
@@ -301,7 +301,7 @@ CASES: tuple[Case, ...] = (
         within=1.4,
         held=True,
         run_time=AT + 4.0,
-        acts="drive, soft, after 10 equal speeds",
+        acts="drive, held, after 10 equal speeds",
     ),
     *_on_both(
         "attitude stuck, the gyro lives",
@@ -310,7 +310,7 @@ CASES: tuple[Case, ...] = (
         within=0.5,
         held=True,
         run_time=AT + 4.0,
-        acts="drive, soft, after 10 equal samples",
+        acts="drive, held, after 10 equal samples",
     ),
     *_on_both(
         "attitude stuck, the car lies on its side",
@@ -332,7 +332,7 @@ CASES: tuple[Case, ...] = (
         reason="fix",
         within=1.3,
         held=True,
-        acts="drive, soft, after 1 s",
+        acts="drive, held, after 1 s",
     ),
     *_on_both("car tips over", fault={"fault": "tipped_over"}, reason="degrees", acts="drive"),
     *_on_both(
@@ -348,7 +348,7 @@ CASES: tuple[Case, ...] = (
         reason="6.7",
         within=0.6,
         held=True,
-        acts="drive, soft",
+        acts="drive, held",
     ),
     *_on_both(
         "full throttle at once",
