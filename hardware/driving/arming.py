@@ -13,7 +13,6 @@ from aerodima.hardware.driving.car_guard import CarGuard, Stage
 from aerodima.hardware.driving.drive_checks import report, standstill_checks
 from aerodima.hardware.driving.plain_loop import idle_until
 from aerodima.hardware.driving.speaker import Say
-from aerodima.hardware.driving.stop_posture import StopCause
 from aerodima.hardware.protocol.radio import OperatorPrompt, RadioMode
 from aerodima.workbench.control.user_law import in_words
 from aerodima.workbench.core import terminal
@@ -93,7 +92,7 @@ def arm_motors(guard: CarGuard, timeout: float, check: Callable[[], None] | None
     guard.arm(time.monotonic())
     if not idle_until(guard, lambda: guard.ready, timeout):
         failure = guard.reason or f"the motors do not take commands within {timeout:g} s"
-        guard.stop(failure, time.monotonic(), StopCause.ARMING)
+        guard.stop(failure, time.monotonic(), "arming")
         await_stop(guard)
         raise HardwareError(f"arming failed: {failure}")
     if check is None:
@@ -102,7 +101,7 @@ def arm_motors(guard: CarGuard, timeout: float, check: Callable[[], None] | None
     try:
         check()
     except HardwareError as error:
-        guard.stop(str(error), time.monotonic(), StopCause.ARMING)
+        guard.stop(str(error), time.monotonic(), "arming")
         await_stop(guard)
         raise
 

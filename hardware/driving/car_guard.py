@@ -33,7 +33,6 @@ from aerodima.hardware.driving.loop_delay import least_delay, with_delay
 from aerodima.hardware.driving.stop_posture import (
     Posture,
     StopCause,
-    ending_text,
     fault_causes,
     posture_after,
 )
@@ -75,8 +74,7 @@ class CarGuard:
         hard: whether that reason switched the motors off at once.
         stop_time: when that reason came, s; NaN before.
         needs_pilot: the tail follows the pilot, also of a car that stops.
-        off_time: when the exit frames went out, s; NaN before.
-        ending: how the tail was held, and for how long, in words; empty before the exit frames.
+        posture: of the tail since then, for how long, and how that ended, in words; empty before.
         least_delay: of the computer that explains the reason, s; infinite where none does.
         left: the operator has left the mode and reported while the car was being stopped. One who
             falls silent then has not chosen to end the drive: the console sends a car to rest whose
@@ -100,10 +98,8 @@ class CarGuard:
         self.reason = ""
         self.hard = False
         self.stop_time = math.nan
-        self.off_time = math.nan
-        self.ending = ""
+        self.posture = ""
         self.needs_pilot = True
-        self._centred = False
         self._moves = False
         self.least_delay = math.inf
         self.left = False
@@ -141,17 +137,6 @@ class CarGuard:
             return OperatorPrompt.NONE
         return OperatorPrompt.SELECT_MODE if self.was_idle else OperatorPrompt.RETURN_TO_IDLE
 
-    @property
-    def posture(self) -> str:
-        """Posture of the tail of a car that stops, and how that ended, in words; empty before."""
-        if self._has_tail and self.stage is Stage.HOLDING:
-            if self.reading.named_status.tail_roll_fault:
-                return "pitch held, roll limp"
-            if self.needs_pilot:
-                return "tail by its law"
-            return "pitch held, roll to the middle" if self._centred else "tail held"
-        return self.ending
-
     # -- by hand
 
     def arm(self, now: float) -> None:
@@ -167,7 +152,7 @@ class CarGuard:
             )
         reasons = self._reasons(self.reading)
         if reasons:
-            raise HardwareError(f"the car cannot be armed: {reasons[0][1]}")
+            raise HardwareError(f"the car cannot be armed: {next(iter(reasons.values()))}")
         self.wiring.arm()
         self._go_unless_stopped(Stage.ARMED, now)
 
@@ -188,14 +173,16 @@ class CarGuard:
         self._mode = mode
         self._go_unless_stopped(Stage.DRIVING, now)
 
-    def stop(self, reason: str, now: float, cause: StopCause = StopCause.REQUEST) -> None:
-        """Begins to stop, in the posture that `posture_after` has for the cause.
+    def stop(self, reason: str, now: float, *causes: StopCause) -> None:
+        """Begins to stop, in the posture that gives up most of those of the causes; held, where
+        there is none.
 
-        The first reason counts; a later cause may switch the motors off sooner.
+        The first reason counts; later causes may give up more.
 
         A car that is not armed yet is stopped at once, and cannot be armed any more.
         """
-        posture = posture_after(cause, self._moves)
+        postures = [posture_after(cause, self._moves) for cause in causes]
+        posture = max(postures, default=Posture.HELD)
         if not self.reason:
             self.reason = reason
             self.hard = posture is Posture.OFF
@@ -208,9 +195,12 @@ class CarGuard:
             if self.needs_pilot and (posture is Posture.HELD or self.stage is Stage.ARMED):
                 self.wiring.hold(now, self._moves)
                 self.needs_pilot = False
-                self._centred = self._moves
+                self.posture = "pitch held, roll to the middle" if self._moves else "tail held"
             if self.stage is not Stage.HOLDING:
+                self.posture = self.posture or "tail by its law"
                 self._go(Stage.HOLDING, now)
+            if self.reading.named_status.tail_roll_fault:
+                self.posture = "pitch held, roll limp"
 
     # -- once per cycle
 
@@ -226,12 +216,10 @@ class CarGuard:
         self._judge(now)
         self._check_idle(now)
         self.wiring.prompt = self.prompt
-        self.wiring.posture = self.posture
-        held = now - self._since
-        if self.stage is Stage.HOLDING and (
-            held >= self._safety.max_tail_hold
-            or (held >= self._safety.tail_hold and not self._moves)
-        ):
+        if self._has_tail:
+            self.wiring.posture = self.posture
+        longest = self._safety.max_tail_hold if self._moves else self._safety.tail_hold
+        if self.stage is Stage.HOLDING and now - self._since >= longest:
             self._exit(now)
         elif self.stage is Stage.EXITING and now - self._since >= self._safety.after_exit:
             self._go(Stage.STOPPED, now)
@@ -241,10 +229,10 @@ class CarGuard:
         """Runs the second half: sends the command if the car drives, what it has for the tail if
         that follows its law, else nothing but throttle 0.
         """
-        obeys = self.stage is Stage.DRIVING or (self.stage is Stage.HOLDING and self.needs_pilot)
+        obeys = self.needs_pilot and self.stage in (Stage.DRIVING, Stage.HOLDING)
         if obeys and not command.finite:
             obeys = False
-            self.stop("the controller commands NaN or infinity", now, StopCause.CONTROLLER)
+            self.stop("the controller commands NaN or infinity", now, "controller")
         self._steering = 0.0
         if not obeys:
             command = CarCommand()
@@ -269,7 +257,7 @@ class CarGuard:
             self.stop(
                 f"the controller is too slow: {count}, the last {spent * 1000:.0f} ms",
                 now,
-                StopCause.CONTROLLER,
+                "controller",
             )
 
     def _check_clock(self, now: float, due: float | None) -> None:
@@ -286,7 +274,7 @@ class CarGuard:
             self._overruns_in_a_row = 0
         if self._overruns_in_a_row >= self._safety.most_overruns and self.stage in _LIVE:
             text = with_delay(f"{self._overruns_in_a_row} late cycles in a row", self.lateness)
-            self.stop(text, now, StopCause.LATE_LOOP)
+            self.stop(text, now, "late loop")
 
     def _check_idle(self, now: float) -> None:
         """Notes an IDLE that was given after the car was ready; the newest command may be older."""
@@ -302,24 +290,21 @@ class CarGuard:
         self._moves = self._has_tail and self._limits.moves(reading, now)
         self.wiring.holds_pitch = self._moves and self.stage in _LIVE
         reasons = self._reasons(reading)
-        least = math.inf
-        if reasons:
-            least = least_delay(reading, self._has_tail)
-            cause, text = reasons[0]
-            reasons[0] = cause, with_delay(text, max(self._delays), least)
+        least = least_delay(reading, self._has_tail)
         fallen = self._limits.tilt(reading, now)
         fallen = fallen or self._limits.straight(reading, self._steering, now)
         speed = self._limits.too_fast(reading, now) or self._limits.blind(reading, now)
         armed = status.armed == 1.0
-        off = ""
+        if fallen:
+            reasons["fallen"] = fallen
+        if speed:
+            reasons["speed"] = speed
         if self._has_tail and self._was_armed and not (armed or status.tail_roll_fault):
-            off = "the tail motors are off"
+            reasons["motors off"] = "the tail motors are off"
         self._was_armed = armed
-        others = {StopCause.FALLEN: fallen, StopCause.SPEED: speed, StopCause.MOTORS_OFF: off}
-        reasons += [(cause, text) for cause, text in others.items() if text]
         if self.stage is Stage.DRIVING and not reasons and reading.operator.mode is not self._mode:
-            text = f"the operator left {self._mode.name} for {reading.operator.mode.name}"
-            reasons = [(StopCause.LEFT_MODE, text)]
+            mode = reading.operator.mode.name
+            reasons["mode"] = f"the operator left {self._mode.name} for {mode}"
             self.left = True
         elif self.left and status.operator_fault in _GONE:
             self.left = False
@@ -329,23 +314,19 @@ class CarGuard:
         if reasons and (self.stage in _LIVE or (stopped and self.stage is Stage.READY)):
             if not self.reason:
                 self.least_delay = least
-            causes = [cause for cause, _ in reasons]
-            worst = max(causes, key=lambda cause: posture_after(cause, self._moves))
-            self.stop(reasons[0][1], now, worst)
+            reason = with_delay(next(iter(reasons.values())), max(self._delays), least)
+            self.stop(reason, now, *reasons)
 
-    def _reasons(self, reading: CarReading) -> list[tuple[StopCause, str]]:
-        """Returns why the car must stop by its devices, the text of the first in words."""
-        reasons = [
-            (cause, reading.fault_text or "a device has a fault")
-            for cause in fault_causes(reading.named_status, self._has_tail)
-        ]
+    def _reasons(self, reading: CarReading) -> dict[StopCause, str]:
+        """Returns why the car must stop by its devices, the worst fault in words."""
+        causes = fault_causes(reading.status[1::2], self._has_tail)
+        reasons = dict.fromkeys(causes, reading.fault_text or "a device has a fault")
         # Replies of the MIT mode carry neither voltage nor current of the pack: the least current
         # is that of the mechanical power at the lowest voltage allowed.
         current = reading.tail_torque @ reading.tail_state[_RATES] / self._safety.least_voltage
         fuse = self._safety.fuse
         if current > fuse:
-            text = f"the tail motors draw {current:.0f} A; the fuse has {fuse:g} A"
-            reasons.append((StopCause.CURRENT, text))
+            reasons["current"] = f"the tail motors draw {current:.0f} A; the fuse has {fuse:g} A"
         return reasons
 
     def _go_unless_stopped(self, stage: Stage, now: float) -> None:
@@ -355,9 +336,11 @@ class CarGuard:
             self._exit(now)
 
     def _exit(self, now: float) -> None:
-        self.off_time = now
-        if self._has_tail:
-            self.ending = ending_text(self.posture, now - self._since, self._moves)
+        state = "while the car moves" if self._moves else "at rest"
+        if self.stage is Stage.HOLDING:
+            self.posture += f" for {now - self._since:.2f} s, motors off {state}"
+        else:
+            self.posture = "motors off at once"
         self.wiring.disarm(now)
         self._go(Stage.EXITING, now)
 

@@ -34,7 +34,7 @@ class DriveLimits:
             abs(asked), safety.throttle_limit, max(present + rise, safety.throttle_start)
         )
         self._time = now
-        self._opened |= self._throttle != 0.0
+        self._opened = self._opened or bool(self._throttle)
         return self._throttle
 
     def tilt(self, reading: CarReading, now: float) -> str:
@@ -90,11 +90,11 @@ class DriveLimits:
         """Returns whether the car may move: it is not slow, or its throttle was opened and its
         speed is unknown.
         """
-        safety = self._safety
-        known = reading.named_status.speed_fault == SourceFault.NONE
-        slow = known and float(reading.speed[0]) < safety.rest_speed
-        rests = self._lasts("slow", slow, safety.rest_time, now)
-        return not rests and (known or self._opened)
+        unknown = bool(reading.named_status.speed_fault)
+        fast = unknown or bool(reading.speed[0] >= self._safety.rest_speed)
+        if self._lasts("slow", not fast, self._safety.speed_time, now):
+            return False
+        return self._opened or not unknown
 
     def _lasts(self, name: str, holds: bool, time: float, now: float) -> bool:
         """Returns whether a condition holds and has held for a time, s."""

@@ -53,7 +53,6 @@ from aerodima.hardware.driving.plain_loop import (
 )
 from aerodima.hardware.driving.run_journal import RunJournal, log_facts, open_run_journal
 from aerodima.hardware.driving.speaker import Say, Speaker
-from aerodima.hardware.driving.stop_posture import StopCause
 from aerodima.hardware.protocol.radio import RadioMode
 from aerodima.workbench.control.driver_law import refuse_simulated_only
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
@@ -220,7 +219,7 @@ class DriveSession:
         self.signals = self._resources.enter_context(
             stop_on_signals(self._stop_hard, self._give_up)
         )
-        self._resources.enter_context(stop_on_exit(self._stop_by_controller))
+        self._resources.enter_context(stop_on_exit(self._stop_hard))
         scheduling = prefer_realtime(DRIVE_PRIORITY)
         self._resources.callback(restore_ordinary)
         self._resources.callback(restore_latency)
@@ -237,10 +236,7 @@ class DriveSession:
         prefer_latency()
 
     def _stop_hard(self, reason: str) -> None:
-        self._guard.stop(reason, time.monotonic(), StopCause.SIGNAL)
-
-    def _stop_by_controller(self, reason: str) -> None:
-        self._guard.stop(reason, time.monotonic(), StopCause.CONTROLLER)
+        self._guard.stop(reason, time.monotonic(), "signal")
 
     def _give_up(self, cause: str) -> None:
         """Ends drive and program within a controller that does not end, whatever interrupts it."""
@@ -364,7 +360,7 @@ class DriveSession:
             await_stop(guard)
         except BaseException as error:
             end_time_limit()
-            self._stop_by_controller(f"{type(error).__name__}: {error}")
+            guard.stop(f"{type(error).__name__}: {error}", time.monotonic(), "controller")
             with suppress(Exception):  # whatever it is, the motors must go off
                 await_stop(guard)
             self._car.stop(guard.reason)  # before anything else: writing a log may take its time
@@ -409,11 +405,7 @@ class DriveSession:
             facts[DIAGRAM] = build_name(self._build)
         if self._options.law_name:
             facts[TAIL_LAW] = self._options.law_name
-        if guard.ending:
-            facts |= {
-                "ending": guard.ending,
-                "motors_off_after_s": guard.off_time - guard.stop_time,
-            }
+        facts["ending"] = self._car.posture
         journal.add_facts(facts)
 
     # -- stop
@@ -431,5 +423,5 @@ class DriveSession:
             self._log,
             self.signals[0] if self.signals else 0,
             self._car.traffic_error,
-            guard.ending,
+            self._car.posture,
         )

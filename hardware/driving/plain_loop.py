@@ -19,7 +19,6 @@ from aerodima.hardware.devices.motor_limits import clip
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.driving.car_guard import CarGuard
 from aerodima.hardware.driving.run_journal import RunJournal, drive_columns
-from aerodima.hardware.driving.stop_posture import StopCause
 from aerodima.workbench.car.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
 from aerodima.workbench.control.manoeuvre import make_schedule
@@ -120,7 +119,7 @@ def run_loop(
         links = [guard.lateness, wiring.imu_time - start, wiring.teensy_time - start, spent]
         journal.append(row.make(time_now, step, reading, links))
         if journal.error:
-            guard.stop(journal.error, clock(), StopCause.LOG)
+            guard.stop(journal.error, clock(), "log")
         # This is the row of the end; its tick belongs to what comes after.
         if time_now + 0.5 * PERIOD > length:
             break

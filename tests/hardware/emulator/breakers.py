@@ -17,7 +17,6 @@ from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wirings import wire_car
 from aerodima.hardware.driving.drive_limits import DriveLimits
 from aerodima.hardware.driving.run_journal import open_run_journal
-from aerodima.hardware.driving.stop_posture import StopCause
 from aerodima.hardware.driving.watchdog_test import run_watchdog_test
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.logs.schema import read_run_log
@@ -89,7 +88,7 @@ class DiskFull(Breaker):
     def turn(self, guard):
         self.journal.append(np.zeros(len(self.journal.columns)))
         if self.journal.error:
-            guard.stop(self.journal.error, time.monotonic(), StopCause.LOG)
+            guard.stop(self.journal.error, time.monotonic(), "log")
 
     def end(self):
         resource.setrlimit(resource.RLIMIT_FSIZE, self.before)

@@ -20,7 +20,6 @@ from aerodima.hardware.car.wirings import wire_car
 from aerodima.hardware.driving.arming import await_stop
 from aerodima.hardware.driving.car_guard import CarGuard, Stage
 from aerodima.hardware.driving.plain_loop import wait_until
-from aerodima.hardware.driving.stop_posture import StopCause
 from aerodima.hardware.protocol.ak70 import make_enter, make_exit
 from aerodima.hardware.protocol.radio import OperatorPrompt, RadioMode
 from aerodima.workbench.core.errors import HardwareError
@@ -156,7 +155,7 @@ def run_case(case, folder):
             drive_until_stopped(guard, case.run_time, command_at, breaker)
         except ArithmeticError as error:  # as a drive does it
             reason = f"{type(error).__name__}: {error}"
-            guard.stop(reason, time.monotonic(), StopCause.CONTROLLER)
+            guard.stop(reason, time.monotonic(), "controller")
             await_stop(guard)
         finally:
             car.stop("over")

@@ -148,11 +148,12 @@ def test_what_a_motor_does_not_say_is_unknown_and_not_zero():
 
 
 def test_it_acts_when_the_strings_stop_and_not_before():
+    """Until then a motor holds its last command by itself: the Teensy sends it nothing."""
     bench = Bench().drive()
     last = bench.now - 0.01  # time of the last string
     bench.wait(TIMING.watchdog_timeout - 0.01)
     assert bench.core.state.throttle == 1520
-    assert not bench.exits(1, since=last)
+    assert bench.sent[-1] == (last, make_command(2, PUSH, PROFILE))
     bench.wait(0.002)
     assert (bench.core.state.servo, bench.core.state.throttle) == (1500, 1500)
     assert bench.core.state.status == TeensyStatus.WATCHDOG_ACTED
@@ -160,19 +161,6 @@ def test_it_acts_when_the_strings_stop_and_not_before():
         exits = bench.exits(motor_id, since=last)
         assert len(exits) == TIMING.exit_burst
         assert exits[0] - last == pytest.approx(TIMING.watchdog_timeout, abs=2 * MS)
-
-
-def test_a_motor_keeps_its_last_command_until_the_watchdog_acts():
-    """Like the real motor it holds that for ever: the Teensy need not repeat it."""
-    bench = Bench().drive()
-    last = bench.now - 0.01
-    bench.wait(TIMING.watchdog_timeout + 0.002)
-    pushes = [make_command(motor_id, PUSH, PROFILE) for motor_id in (1, 2)]
-    held = [frame for when, frame in bench.sent if when < last + TIMING.watchdog_timeout]
-    assert held[-2:] == pushes
-    off = [frame for when, frame in bench.sent if when > last + TIMING.watchdog_timeout - MS / 2]
-    assert off[:2] == [make_neutral(motor_id, PROFILE) for motor_id in (1, 2)]
-    assert set(off[2:]) == {make_exit(1), make_exit(2)}
 
 
 def test_roll_alone_is_switched_off_while_pitch_is_held_without_an_attitude():
