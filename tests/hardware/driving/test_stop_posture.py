@@ -31,27 +31,23 @@ def test_every_cause_has_its_posture(moves, posture, names):
     assert causes == set(names.split(", "))
 
 
-def causes_of(source, fault, has_tail=True):
-    faults = np.zeros(len(STATUS_SOURCES))
-    faults[STATUS_SOURCES.index(source)] = fault
-    return fault_causes(faults, has_tail)
-
-
-@pytest.mark.parametrize("fault", list(MotorFault)[1:])
-def test_a_fault_of_a_motor_is_that_of_its_joint_alone(fault):
-    assert causes_of("tail_pitch", fault) == ["pitch motor"]
-    assert causes_of("tail_roll", fault) == ["roll motor"]
-    assert causes_of("tail_roll", fault, has_tail=False) == []
-
-
-SILENT, LOST, REPORTED = SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED
-
-
-@pytest.mark.parametrize("fault", list(SourceFault))
-def test_every_fault_of_a_device_has_its_cause(fault):
-    emergency = ["emergency stop"] * (fault is SourceFault.STOPPED)
-    stops = fault in (SILENT, LOST, REPORTED)
-    assert causes_of("operator", fault) == emergency + ["radio"] * bool(fault)
-    assert causes_of("imu", fault) == ["imu"] * bool(fault)
-    assert causes_of("speed", fault) == ["speed"] * stops
-    assert causes_of("sail", fault) == ["teensy"] * (fault > SourceFault.NOT_FITTED)
+@pytest.mark.parametrize("code", range(len(MotorFault)))
+def test_every_fault_of_a_source_has_its_cause(code):
+    faults = code * np.eye(len(STATUS_SOURCES))
+    named = SourceFault(code).name if code < len(SourceFault) else ""
+    teensy = code > SourceFault.NOT_FITTED
+    speed = named in ("SILENT", "LOST", "REPORTED")
+    emergency = ["emergency stop"] if named == "STOPPED" else []
+    one = bool(code)
+    expected = {
+        "tail_pitch": ["pitch motor"] * one,
+        "tail_roll": ["roll motor"] * one,
+        "sail": ["teensy"] * teensy,
+        "imu": ["imu"] * one,
+        "speed": ["speed"] * speed,
+        "operator": emergency + ["radio"] * one,
+    }
+    for source, row in zip(STATUS_SOURCES, faults, strict=True):
+        assert fault_causes(row, True) == expected[source]
+        without_tail = [] if source.startswith("tail") else expected[source]
+        assert fault_causes(row, False) == without_tail
