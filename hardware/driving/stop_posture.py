@@ -36,7 +36,7 @@ _GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
 
 
 class Posture(IntEnum):
-    """What becomes of the tail of a car that stops, in ascending order of what is given up."""
+    """Says what becomes of the tail of a car that stops; a higher one gives up more."""
 
     LAW = 0
     """The pilot goes on commanding it, while throttle and steering are 0."""
@@ -47,24 +47,15 @@ class Posture(IntEnum):
 
 
 LAW, HELD, OFF = Posture
-_POSTURES: dict[StopCause, tuple[Posture, Posture]] = {
-    "roll motor": (HELD, OFF),
-    "controller": (HELD, OFF),
-    "late loop": (HELD, OFF),
-    "current": (HELD, OFF),
-    "imu": (HELD, HELD),
-    "radio": (LAW, HELD),
-    "speed": (LAW, HELD),
-    "mode": (LAW, HELD),
-    "log": (LAW, HELD),
-}
-"""Postures of a car that moves and of one at rest; the other causes switch the motors off."""
 
 
 def posture_after(cause: StopCause, moves: bool) -> Posture:
     """Returns the posture that a cause of a stop asks for; `moves`: the car may move."""
-    moving, resting = _POSTURES.get(cause, (OFF, OFF))
-    return moving if moves else resting
+    if cause in ("radio", "speed", "mode", "log"):
+        return LAW if moves else HELD
+    if cause in ("roll motor", "controller", "late loop", "current"):
+        return HELD if moves else OFF
+    return HELD if cause == "imu" else OFF
 
 
 def fault_causes(faults: FloatArray, has_tail: bool) -> list[StopCause]:
