@@ -11,7 +11,11 @@ class DriveSafety(QuantityModel):
     operator_silence: float = quantity(
         "s", "age of the operator's command at which the car stops", "(0, 1]"
     )
-    tail_hold: float = quantity("s", "from throttle 0 to the exit of the motors", "[0, 5]")
+    tail_hold: float = quantity("s", "from throttle 0 to the exit of the motors at least", "[0, 5]")
+    max_tail_hold: float = quantity(
+        "s", "from throttle 0 to the exit of the motors of a car that moves", "[0, 5]"
+    )
+    rest_speed: float = quantity("m/s", "measured speed below which the car is at rest", "(0, 5]")
     after_exit: float = quantity(
         "s", "from the exit of the motors to the end of the loop", "[0, 5]"
     )
@@ -39,7 +43,9 @@ class DriveSafety(QuantityModel):
         "1/s", "at which the rest comes on; it goes back at once", "(0, 100]"
     )
     speed_limit: float = quantity("m/s", "measured speed at which the car stops", "(0, 30]")
-    speed_time: float = quantity("s", "beyond that limit, after which the car stops", "[0, 2]")
+    speed_time: float = quantity(
+        "s", "beyond that limit, after which the car stops, or below that of rest", "[0, 2]"
+    )
     still_time: float = quantity(
         "s", "for which the car is looked at before it is armed", "(0, 10]"
     )

@@ -51,6 +51,8 @@ class WiredCar:
         stop_reason: of the first `stop`, empty before.
         prompt: what the operator must do before the car drives, with the next report; set by the
             guard.
+        posture: of the tail of a car that stops, in words, for the operator; set by the guard.
+        holds_pitch: a fault of the roll motor leaves the pitch motor on; set by the guard.
         traffic_error: what stopped the log of the CAN traffic, known after `stop`; empty if nothing
             did.
     """
@@ -74,6 +76,8 @@ class WiredCar:
         self.stop_reason = ""
         self.traffic_error = ""
         self.prompt = OperatorPrompt.NONE
+        self.posture = ""
+        self.holds_pitch = False
         self._reader = CarReader(mounting)
         self._reporter = CarReporter(has_tail, car)
         self._released = False  # by hand; what stands for `armed` where there are no motors
@@ -119,10 +123,12 @@ class WiredCar:
             devices.watchdog.arm()
         devices.group.set_enter(time.monotonic())
 
-    def hold(self, now: float) -> None:
-        """Holds the tail until the next command that is not all zeros; nothing after `stop`."""
-        if self.devices is not None:
-            self.devices.group.set_hold(now)
+    def hold(self, now: float, centred: bool = False) -> None:
+        """Holds the tail until the next command that is not all zeros, where it is, or its roll
+        in the middle; nothing after `stop`.
+        """
+        for motor, centre in zip(self.motors, (None, 0.0), strict=False):
+            motor.set_hold(now, centre if centred else None)
 
     def disarm(self, now: float) -> None:
         """Sends exit frames now and in the following cycles; the links stay open and `read` goes
@@ -194,7 +200,7 @@ class WiredCar:
         for motor in devices.group.motors:
             if motor.state in ENERGISED and not self._released:
                 motor.set_exit(now)
-        devices.group.step(now)
+        devices.group.step(now, self.holds_pitch)
         if devices.group.port is not devices.teensy:
             devices.teensy.poll()
         _watch(devices, now)
@@ -233,7 +239,7 @@ class WiredCar:
             )
         devices.teensy.commit()
         if devices.radio is not None:
-            self._reporter.update(devices.radio, self.reading, now, self.prompt)
+            self._reporter.update(devices.radio, self.reading, now, self.prompt, self.posture)
 
     # -- the way out
 

@@ -293,23 +293,28 @@ class CarReporter:
         reading: CarReading,
         now: float,
         prompt: OperatorPrompt = OperatorPrompt.NONE,
+        posture: str = "",
         at_once: bool = False,
     ) -> None:
-        """Sends a report when one is due (`now` in s, monotonic), or at once."""
+        """Sends a report when one is due (`now` in s, monotonic), or at once; `posture`: of the
+        tail of a car that stops, in words.
+        """
         if now < self._due and not at_once:
             return
         self._due = now + REPORT_PERIOD
         self._sequence += 1
-        report = self._report(reading, radio.stopped, prompt)
+        report = self._report(reading, radio.stopped, prompt, posture)
         radio.report(make_report(report, self._sequence))
 
-    def _report(self, reading: CarReading, stopped: bool, prompt: OperatorPrompt) -> CarReport:
+    def _report(
+        self, reading: CarReading, stopped: bool, prompt: OperatorPrompt, posture: str
+    ) -> CarReport:
         status = reading.named_status
         tail = TAIL_STATE.read(reading.tail_state)
         imu = IMU.read(reading.imu)
         torque = TAIL_TORQUE.read(reading.tail_torque)
         codes = np.minimum(reading.status[1::2], _UNKNOWN_FAULT)
-        text = reading.fault_text
+        text = "; ".join(filter(None, (reading.fault_text, posture)))
         if not text and prompt is OperatorPrompt.RETURN_TO_IDLE:
             text = _REST_FIRST
         return CarReport(

@@ -207,7 +207,7 @@ def _report(result: DriveResult, out: Path, traffic: Path | None) -> None:
     """
     if result.log is not None:
         say(f"log: {result.log}")
-    say(f"ended: {result.reason}", err=not result.orderly)
+    say(f"ended: {result.reason}; {result.ending}".rstrip("; "), err=not result.orderly)
     if result.traffic_error:
         say(f"error: {traffic}: {result.traffic_error}", err=True)
     if result.signal:

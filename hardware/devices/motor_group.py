@@ -1,5 +1,5 @@
 """The motors of the tail on one bus: frames go to the motor that they name, and a fault of one
-switches off all.
+switches off all, or all but the first.
 """
 
 from collections import deque
@@ -66,19 +66,14 @@ class MotorGroup:
         for motor in self.motors:
             motor.set_enter(now)
 
-    def set_hold(self, now: float) -> None:
-        """Holds all running motors where they are."""
-        for motor in self.motors:
-            motor.set_hold(now)
-
     def set_exit(self, now: float) -> None:
         """Switches all motors off."""
         for motor in self.motors:
             motor.set_exit(now)
 
-    def step(self, now: float) -> None:
+    def step(self, now: float, holds_first: bool = False) -> None:
         """Runs one cycle: hands out what came in, checks the bus, lets every motor send what its
-        state asks for.
+        state asks for; `holds_first`: a fault of another motor leaves the first one on.
         """
         for arrival, frame in self.port.poll():
             self.received.append((arrival, frame))
@@ -90,7 +85,7 @@ class MotorGroup:
                 motor.set_fault(MotorFault.BUS, self.port.fault_text, now)
         for motor in self.motors:
             motor.step(now)
-        self._switch_off_together(now)
+        self._switch_off_together(now, holds_first)
 
     def _addressed(self, frame: CanFrame) -> Motor | None:
         """Returns the motor of a frame: named in its first byte or as its CAN id, in the last byte
@@ -103,9 +98,10 @@ class MotorGroup:
             motor_id = frame.data[0]
         return self._by_id.get(motor_id)
 
-    def _switch_off_together(self, now: float) -> None:
+    def _switch_off_together(self, now: float, holds_first: bool) -> None:
+        others = self.motors[1:] if holds_first else self.motors
         for faulted in self.motors:
             if faulted.state is MotorState.FAULTED:
                 text = f"switched off with {faulted.fault_text}"
-                for motor in self.motors:
+                for motor in others:
                     motor.set_fault(MotorFault.OTHER_MOTOR, text, now)

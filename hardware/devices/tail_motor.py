@@ -151,11 +151,15 @@ class Motor:
         self._command_time = now
         return True
 
-    def set_hold(self, now: float) -> None:
-        """Leaves the commands and holds the present position, if running."""
+    def set_hold(self, now: float, position: float | None = None) -> None:
+        """Leaves the commands and holds the present position, if running; from now on `position`
+        (rad), if one is given.
+        """
         if self.state is MotorState.RUNNING:
             self._hold_position = self.position
             self._go(MotorState.HOLDING, now)
+        if position is not None:
+            self._hold_position = position
 
     def set_exit(self, now: float) -> None:
         """Switches the motor off, from every state: exit frames at once, and again in the following

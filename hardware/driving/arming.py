@@ -92,7 +92,7 @@ def arm_motors(guard: CarGuard, timeout: float, check: Callable[[], None] | None
     guard.arm(time.monotonic())
     if not idle_until(guard, lambda: guard.ready, timeout):
         failure = guard.reason or f"the motors do not take commands within {timeout:g} s"
-        guard.stop(failure, time.monotonic(), hard=True)
+        guard.stop(failure, time.monotonic(), "arming")
         await_stop(guard)
         raise HardwareError(f"arming failed: {failure}")
     if check is None:
@@ -101,7 +101,7 @@ def arm_motors(guard: CarGuard, timeout: float, check: Callable[[], None] | None
     try:
         check()
     except HardwareError as error:
-        guard.stop(str(error), time.monotonic(), hard=True)
+        guard.stop(str(error), time.monotonic(), "arming")
         await_stop(guard)
         raise
 

@@ -3,17 +3,15 @@
 ```
  READY -- arm, by hand --> ARMED -- drive --> DRIVING    (a reason to stop before that: STOPPED)
                              |                   |
-                             +-- a soft reason --+--> HOLDING (throttle 0, tail held)
-                             |                             | after `tail_hold`
-                             +-- a hard reason --------> EXITING (exit frames)
+                             +-- held first -----+--> HOLDING (throttle 0, tail held or by its law)
+                             |                             | at rest, or after `max_tail_hold`
+                             +-- at once --------------> EXITING (exit frames)
                                                            | after `after_exit`
                                                         STOPPED
 ```
-Soft: the operator, the IMU or the GPS is silent, the GPS has lost its fix, the operator takes the
-car out of AUTO, the car is too fast, the run is over. Hard: the operator's emergency stop, a fault
-of a motor, a bus or the Teensy, a car that has tipped over (by its attitude or its accelerometer)
-or does not turn at full steering, a command that is not finite, a loop that comes too late, a
-signal. Every reason means throttle 0 and steering 0 in the same cycle, and stays.
+Every reason means throttle 0 and steering 0 in the same cycle, and stays. `stop_posture` says which
+causes switch the motors off at once, and which keep them on first: for `tail_hold` at least, and
+while the car moves for `max_tail_hold` at most. A roll motor that has a fault is off meanwhile.
 
 A switch that is at AUTO, MANUAL or CONTROL during arming moves nothing: the operator must report
 IDLE once the motors hold, and the car obeys only what is chosen after that.
@@ -32,13 +30,18 @@ from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_monitors import Debounce
 from aerodima.hardware.driving.drive_limits import DriveLimits
 from aerodima.hardware.driving.loop_delay import least_delay, with_delay
+from aerodima.hardware.driving.stop_posture import (
+    Posture,
+    StopCause,
+    fault_causes,
+    posture_after,
+)
 from aerodima.hardware.protocol.radio import OperatorPrompt, RadioMode
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.scenario.signal_table import TAIL_STATE
 
 _RATES = [TAIL_STATE.index("pitch_rate"), TAIL_STATE.index("roll_rate")]
 _GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
-_UNFITTED = (SourceFault.NONE, SourceFault.NOT_FITTED)
 _AFTERMATH = 30
 """Cycles after a delay of the loop in which its devices seem silent for that."""
 
@@ -68,8 +71,10 @@ class CarGuard:
     Attributes:
         stage: see the picture above.
         reason: why the car stopped, empty before.
-        hard: whether that reason was a hard one.
+        hard: whether that reason switched the motors off at once.
         stop_time: when that reason came, s; NaN before.
+        needs_pilot: the tail follows the pilot, also of a car that stops.
+        posture: of the tail since then, for how long, and how that ended, in words; empty before.
         least_delay: of the computer that explains the reason, s; infinite where none does.
         left: the operator has left the mode and reported while the car was being stopped. One who
             falls silent then has not chosen to end the drive: the console sends a car to rest whose
@@ -93,6 +98,9 @@ class CarGuard:
         self.reason = ""
         self.hard = False
         self.stop_time = math.nan
+        self.posture = ""
+        self.needs_pilot = True
+        self._moves = False
         self.least_delay = math.inf
         self.left = False
         self.reading = CarReading()
@@ -142,9 +150,9 @@ class CarGuard:
             raise HardwareError(
                 f"the car cannot be armed: it is {self.stage.name.lower()}{because}"
             )
-        _, reason = self._reason(self.reading)
-        if reason:
-            raise HardwareError(f"the car cannot be armed: {reason}")
+        reasons = self._reasons(self.reading)
+        if reasons:
+            raise HardwareError(f"the car cannot be armed: {next(iter(reasons.values()))}")
         self.wiring.arm()
         self._go_unless_stopped(Stage.ARMED, now)
 
@@ -165,24 +173,34 @@ class CarGuard:
         self._mode = mode
         self._go_unless_stopped(Stage.DRIVING, now)
 
-    def stop(self, reason: str, now: float, hard: bool = False) -> None:
-        """Begins to stop: softly with the tail held first, hard with exit frames at once.
+    def stop(self, reason: str, now: float, *causes: StopCause) -> None:
+        """Begins to stop, in the posture that gives up most of those of the causes; held, where
+        there is none.
 
-        The first reason counts.
+        The first reason counts; later causes may give up more.
 
         A car that is not armed yet is stopped at once, and cannot be armed any more.
         """
+        postures = [posture_after(cause, self._moves) for cause in causes]
+        posture = max(postures, default=Posture.HELD)
         if not self.reason:
             self.reason = reason
-            self.hard = hard
+            self.hard = posture is Posture.OFF
             self.stop_time = now
         if self.stage is Stage.READY:
             self._go(Stage.STOPPED, now)
-        elif self.stage in _LIVE and hard:
+        elif self.stage in _LIVE and posture is Posture.OFF:
             self._exit(now)
-        elif self.stage in (Stage.ARMED, Stage.DRIVING):
-            self.wiring.hold(now)
-            self._go(Stage.HOLDING, now)
+        elif self.stage in _LIVE:
+            if self.needs_pilot and (posture is Posture.HELD or self.stage is Stage.ARMED):
+                self.wiring.hold(now, self._moves)
+                self.needs_pilot = False
+                self.posture = "pitch held, roll to the middle" if self._moves else "tail held"
+            if self.stage is not Stage.HOLDING:
+                self.posture = self.posture or "tail by its law"
+                self._go(Stage.HOLDING, now)
+            if self.reading.named_status.tail_roll_fault:
+                self.posture = "pitch held, roll limp"
 
     # -- once per cycle
 
@@ -198,24 +216,32 @@ class CarGuard:
         self._judge(now)
         self._check_idle(now)
         self.wiring.prompt = self.prompt
-        if self.stage is Stage.HOLDING and now - self._since >= self._safety.tail_hold:
+        if self._has_tail:
+            self.wiring.posture = self.posture
+        longest = self._safety.max_tail_hold if self._moves else self._safety.tail_hold
+        if self.stage is Stage.HOLDING and now - self._since >= longest:
             self._exit(now)
         elif self.stage is Stage.EXITING and now - self._since >= self._safety.after_exit:
             self._go(Stage.STOPPED, now)
         return self.reading
 
     def write(self, command: CarCommand, now: float) -> None:
-        """Runs the second half: sends the command if the car drives, else throttle 0."""
-        if self.stage is Stage.DRIVING and not command.finite:
-            self.stop("the controller commands NaN or infinity", now, hard=True)
+        """Runs the second half: sends the command if the car drives, what it has for the tail if
+        that follows its law, else nothing but throttle 0.
+        """
+        obeys = self.needs_pilot and self.stage in (Stage.DRIVING, Stage.HOLDING)
+        if obeys and not command.finite:
+            obeys = False
+            self.stop("the controller commands NaN or infinity", now, "controller")
         self._steering = 0.0
-        if self.stage is Stage.DRIVING:
+        if not obeys:
+            command = CarCommand()
+        elif self.stage is Stage.DRIVING:
             self._steering = command.steering_angle
-            self.wiring.write(
-                replace(command, throttle=self._limits.throttle(command.throttle, now)), now
-            )
+            command = replace(command, throttle=self._limits.throttle(command.throttle, now))
         else:
-            self.wiring.write(CarCommand(), now)
+            command = replace(command, steering_angle=0.0, throttle=0.0)
+        self.wiring.write(command, now)
 
     def note_computing(self, spent: float, now: float) -> None:
         """Notes the time of the controller's tick, s; too many slow ones within a second stop the
@@ -231,7 +257,7 @@ class CarGuard:
             self.stop(
                 f"the controller is too slow: {count}, the last {spent * 1000:.0f} ms",
                 now,
-                hard=True,
+                "controller",
             )
 
     def _check_clock(self, now: float, due: float | None) -> None:
@@ -248,7 +274,7 @@ class CarGuard:
             self._overruns_in_a_row = 0
         if self._overruns_in_a_row >= self._safety.most_overruns and self.stage in _LIVE:
             text = with_delay(f"{self._overruns_in_a_row} late cycles in a row", self.lateness)
-            self.stop(text, now, hard=True)
+            self.stop(text, now, "late loop")
 
     def _check_idle(self, now: float) -> None:
         """Notes an IDLE that was given after the car was ready; the newest command may be older."""
@@ -261,55 +287,47 @@ class CarGuard:
     def _judge(self, now: float) -> None:
         reading = self.reading
         status = reading.named_status
-        hard, reason = self._reason(reading)
-        least = math.inf
-        if reason:
-            least = least_delay(reading, self._has_tail)
-            reason = with_delay(reason, max(self._delays), least)
+        self._moves = self._has_tail and self._limits.moves(reading, now)
+        self.wiring.holds_pitch = self._moves and self.stage in _LIVE
+        reasons = self._reasons(reading)
+        least = least_delay(reading, self._has_tail)
         fallen = self._limits.tilt(reading, now)
         fallen = fallen or self._limits.straight(reading, self._steering, now)
         speed = self._limits.too_fast(reading, now) or self._limits.blind(reading, now)
-        hard = hard or bool(fallen)
-        reason = reason or fallen or speed
         armed = status.armed == 1.0
-        if self.stage in _LIVE and self._has_tail and self._was_armed and not armed:
-            hard = True
-            reason = reason or "the tail motors are off"
+        if fallen:
+            reasons["fallen"] = fallen
+        if speed:
+            reasons["speed"] = speed
+        if self._has_tail and self._was_armed and not (armed or status.tail_roll_fault):
+            reasons["motors off"] = "the tail motors are off"
         self._was_armed = armed
-        if self.stage is Stage.DRIVING and not reason and reading.operator.mode is not self._mode:
-            reason = f"the operator left {self._mode.name} for {reading.operator.mode.name}"
+        if self.stage is Stage.DRIVING and not reasons and reading.operator.mode is not self._mode:
+            mode = reading.operator.mode.name
+            reasons["mode"] = f"the operator left {self._mode.name} for {mode}"
             self.left = True
         elif self.left and status.operator_fault in _GONE:
             self.left = False
             self.reason += " and was not heard any more"
         # The stop latches before the car is armed too.
         stopped = status.operator_fault == SourceFault.STOPPED
-        if reason and (self.stage in _LIVE or (stopped and self.stage is Stage.READY)):
+        if reasons and (self.stage in _LIVE or (stopped and self.stage is Stage.READY)):
             if not self.reason:
                 self.least_delay = least
-            self.stop(reason, now, hard)
+            reason = with_delay(next(iter(reasons.values())), max(self._delays), least)
+            self.stop(reason, now, *reasons)
 
-    def _reason(self, reading: CarReading) -> tuple[bool, str]:
-        """Returns whether the car must stop at once, and why it must stop; empty if it need not."""
-        status = reading.named_status
-        motors = (status.tail_pitch_fault, status.tail_roll_fault)
-        hard = (
-            status.operator_fault == SourceFault.STOPPED
-            or (self._has_tail and any(motors))
-            or status.sail_fault not in _UNFITTED
-        )
-        soft = (
-            status.operator_fault != 0.0 or status.imu_fault != 0.0 or status.speed_fault in _GONE
-        )
-        if hard or soft:
-            return hard, reading.fault_text or "a device has a fault"
+    def _reasons(self, reading: CarReading) -> dict[StopCause, str]:
+        """Returns why the car must stop by its devices, the worst fault in words."""
+        causes = fault_causes(reading.status[1::2], self._has_tail)
+        reasons = dict.fromkeys(causes, reading.fault_text or "a device has a fault")
         # Replies of the MIT mode carry neither voltage nor current of the pack: the least current
         # is that of the mechanical power at the lowest voltage allowed.
         current = reading.tail_torque @ reading.tail_state[_RATES] / self._safety.least_voltage
         fuse = self._safety.fuse
         if current > fuse:
-            return True, f"the tail motors draw {current:.0f} A; the fuse has {fuse:g} A"
-        return False, ""
+            reasons["current"] = f"the tail motors draw {current:.0f} A; the fuse has {fuse:g} A"
+        return reasons
 
     def _go_unless_stopped(self, stage: Stage, now: float) -> None:
         """Continues by hand; a signal may have come in between."""
@@ -318,6 +336,11 @@ class CarGuard:
             self._exit(now)
 
     def _exit(self, now: float) -> None:
+        state = "while the car moves" if self._moves else "at rest"
+        if self.stage is Stage.HOLDING:
+            self.posture += f" for {now - self._since:.2f} s, motors off {state}"
+        else:
+            self.posture = "motors off at once"
         self.wiring.disarm(now)
         self._go(Stage.EXITING, now)
 

@@ -1,4 +1,4 @@
-"""Limits of a car that drives: its throttle, its speed, and how it stands."""
+"""Limits of a car that drives: its throttle, its speed, how it stands, and whether it moves."""
 
 import math
 from collections import defaultdict
@@ -20,6 +20,7 @@ class DriveLimits:
         self._safety = safety
         self._conditions: defaultdict[str, Debounce] = defaultdict(Debounce)
         self._throttle = 0.0
+        self._opened = False
         self._time = math.inf
 
     def throttle(self, asked: float, now: float) -> float:
@@ -33,6 +34,7 @@ class DriveLimits:
             abs(asked), safety.throttle_limit, max(present + rise, safety.throttle_start)
         )
         self._time = now
+        self._opened = self._opened or bool(self._throttle)
         return self._throttle
 
     def tilt(self, reading: CarReading, now: float) -> str:
@@ -83,6 +85,16 @@ class DriveLimits:
         if not self._lasts("fast", fast, self._safety.speed_time, now):
             return ""
         return f"the car drives {speed:.1f} m/s; allowed is {limit:g}"
+
+    def moves(self, reading: CarReading, now: float) -> bool:
+        """Returns whether the car may move: it is not slow, or its throttle was opened and its
+        speed is unknown.
+        """
+        unknown = bool(reading.named_status.speed_fault)
+        fast = unknown or bool(reading.speed[0] >= self._safety.rest_speed)
+        if self._lasts("slow", not fast, self._safety.speed_time, now):
+            return False
+        return self._opened or not unknown
 
     def _lasts(self, name: str, holds: bool, time: float, now: float) -> bool:
         """Returns whether a condition holds and has held for a time, s."""

@@ -21,6 +21,8 @@ class DriveResult:
         signal: number of the signal that ended it; 0 for none.
         traffic_error: why the log of the CAN traffic is not whole; empty if it is, or if there is
             none.
+        ending: how the tail was held and when its motors went off; empty for motors that were
+            never on.
     """
 
     reason: str
@@ -28,6 +30,7 @@ class DriveResult:
     log: Path | None
     signal: int = 0
     traffic_error: str = ""
+    ending: str = ""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -236,7 +236,7 @@ class DriveSession:
         prefer_latency()
 
     def _stop_hard(self, reason: str) -> None:
-        self._guard.stop(reason, time.monotonic(), hard=True)
+        self._guard.stop(reason, time.monotonic(), "signal")
 
     def _give_up(self, cause: str) -> None:
         """Ends drive and program within a controller that does not end, whatever interrupts it."""
@@ -360,7 +360,9 @@ class DriveSession:
             await_stop(guard)
         except BaseException as error:
             end_time_limit()
-            self._stop_hard(f"{type(error).__name__}: {error}")
+            guard.stop(f"{type(error).__name__}: {error}", time.monotonic(), "controller")
+            with suppress(Exception):  # whatever it is, the motors must go off
+                await_stop(guard)
             self._car.stop(guard.reason)  # before anything else: writing a log may take its time
             guard.hard = True  # though the operator may have ended the drive before
             # No signal raises: SystemExit and the like are the controller's, and end no program.
@@ -403,6 +405,7 @@ class DriveSession:
             facts[DIAGRAM] = build_name(self._build)
         if self._options.law_name:
             facts[TAIL_LAW] = self._options.law_name
+        facts["ending"] = self._car.posture
         journal.add_facts(facts)
 
     # -- stop
@@ -420,4 +423,5 @@ class DriveSession:
             self._log,
             self.signals[0] if self.signals else 0,
             self._car.traffic_error,
+            self._car.posture,
         )

@@ -113,7 +113,8 @@ def test_hold_by_hand_stops_a_swing_where_it_is(bench):
     bench.to_running(hold(-1.5))
     bench.cycle(hold(-1.5), count=200)
     bench.cycle(MitCommand(0.0, 8.0, 0.0, 3.0, 0.0), count=10)
-    bench.group.set_hold(bench.now)
+    for motor in bench.motors:
+        motor.set_hold(bench.now)
     assert bench.motors[0].state is MotorState.HOLDING
     bench.cycle(count=50)
     assert abs(bench.fakes[0].speed) < 0.2

@@ -23,6 +23,7 @@ from aerodima.workbench.scenario.signal_table import STATUS
 from tests.hardware.car.fake_devices import CarOnTheBench
 from tests.refusals import assert_refused
 
+SAFETY = load_drive_safety()
 HOLD = CarCommand(
     0.0, 0.0, np.array([0.0, 0.0, 17.0, 5.0, 0.0]), np.array([-1.5, 0.0, 17.0, 5.0, 0.0])
 )
@@ -211,31 +212,94 @@ def test_an_emergency_stop_is_named_before_everything_else(bench):
     assert reading.fault_text != bench.teensy.fault_text
 
 
-def test_the_guard_on_the_wired_car_disarms_when_the_operator_falls_silent(bench):
-    safety = load_drive_safety()
-    guard = CarGuard(bench.car, safety)
+class Driving:
+    """A car on the bench that drives at `speed`, m/s, under its guard; roll is to the side."""
 
-    def turn(count):
+    def __init__(self, bench, speed=3.3):
+        self.bench = bench
+        self.guard = CarGuard(bench.car, SAFETY)
+        self.at(speed)
+        self.turn(2)
+        self.guard.arm(bench.now)
+        self.turn(60)
+        self.guard.drive(bench.radio.command.mode, bench.now)
+        self.turn(50)
+
+    def at(self, speed):
+        self.bench.gps.newest = (self.bench.now, GpsSample(speed, True, 10.0))
+
+    def turn(self, count=1):
+        bench = self.bench
         for _ in range(count):
             bench.now += 0.01
             bench.port.now = bench.now
             for motor in bench.port.motors:
                 motor.advance(0.01)
-            guard.read(bench.now)
-            guard.write(HOLD, bench.now)
+            self.guard.read(bench.now)
+            self.guard.write(HOLD, bench.now)
 
-    turn(2)
-    guard.arm(bench.now)
-    turn(60)
-    guard.drive(bench.radio.command.mode, bench.now)
-    turn(20)
-    bench.radio.silence = 0.26
-    silent = bench.now
-    turn(100)
-    assert guard.finished
-    first = bench.port.exits(2, silent)[0]
-    assert first - silent == pytest.approx(safety.tail_hold, abs=0.03)
-    assert "0.26 s" in guard.reason
+    def after(self, fault, seconds=3.0):
+        """Times from a fault to the first exit frames of pitch and roll, s."""
+        begin = self.bench.now
+        fault(self.bench)
+        self.turn(round(seconds / 0.01))
+        assert self.guard.finished
+        return [self.bench.port.exits(motor_id, begin)[0] - begin for motor_id in (1, 2)]
+
+
+def test_the_guard_on_the_wired_car_disarms_when_the_operator_falls_silent(bench):
+    driving = Driving(bench)
+    off = driving.after(lambda bench: setattr(bench.radio, "silence", 0.26))
+    assert off == pytest.approx([SAFETY.max_tail_hold] * 2, abs=0.03)
+    assert "0.26 s" in driving.guard.reason
+    assert "by its law" in driving.guard.posture
+    assert bench.port.motors[1].position == pytest.approx(-1.5, abs=0.1)
+
+
+def test_a_lost_imu_in_mid_drive_leaves_the_pitch_motor_on_and_takes_roll_to_the_middle(bench):
+    driving = Driving(bench)
+    lost = bench.now
+    bench.imu.code = SourceFault.SILENT
+    driving.turn(round(SAFETY.max_tail_hold / 0.01) - 2)
+    pitch, roll = bench.port.motors
+    assert bench.port.exits(1, lost) == bench.port.exits(2, lost) == []
+    assert (pitch.entered, pitch.command.kp) == (True, pytest.approx(17.0, rel=0.1))
+    assert (roll.position, roll.speed) == (pytest.approx(0.0, abs=0.05), pytest.approx(0, abs=0.1))
+    assert set(bench.teensy.pulses[-round(SAFETY.max_tail_hold / 0.01) + 4 :]) == {(1500, 1500)}
+    assert "roll to the middle" in decode_report(bench.radio.reports[-1]).text
+    driving.turn(5)
+    assert bench.port.exits(1, lost)[0] - lost == pytest.approx(SAFETY.max_tail_hold, abs=0.03)
+
+
+def mute(joint):
+    return lambda bench: setattr(bench.port.motors[joint], "respond", lambda frame: [])
+
+
+def test_a_roll_motor_that_fails_is_off_and_pitch_is_held(bench):
+    driving = Driving(bench)
+    pitch, roll = driving.after(mute(1))
+    assert roll < 0.08
+    assert pitch == pytest.approx(roll + SAFETY.max_tail_hold, abs=0.03)
+    assert "roll limp" in driving.guard.posture
+    assert "tail roll" in driving.guard.reason
+    armed = bench.watchdog.calls.index("arm")
+    off = bench.watchdog.calls.index("trip")
+    assert off - armed > SAFETY.max_tail_hold / 0.01, "not before pitch is off"
+
+
+@pytest.mark.parametrize(
+    ("fault", "speed", "within"),
+    [
+        (mute(1), 0.0, 0.08),
+        (mute(0), 3.3, 0.08),
+        (lambda bench: setattr(bench.port.motors[0], "fault", 2), 3.3, 0.03),
+        (lambda bench: setattr(bench.radio, "stopped", True), 3.3, 0.02),
+    ],
+)
+def test_both_motors_go_off_at_once(bench, fault, speed, within):
+    driving = Driving(bench, speed)
+    assert max(driving.after(fault, 0.5)) <= within
+    assert driving.guard.posture == "motors off at once"
 
 
 def test_a_car_without_a_tail_has_no_motors_and_says_so():

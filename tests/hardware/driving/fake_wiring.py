@@ -46,6 +46,7 @@ class FakeWiring:
         self.speed = 3.0
         self.imu_time = self.teensy_time = 0.0
         self.armed = False
+        self.holds_pitch = False
         self.faults = {}
         self.ages = {}
         self.fault_text = ""
@@ -67,7 +68,7 @@ class FakeWiring:
         self.calls.append("arm")
         self.armed = True
 
-    def hold(self, now):
+    def hold(self, now, centred=False):
         self.calls.append("hold")
 
     def disarm(self, now):
@@ -82,10 +83,15 @@ class FakeWiring:
         self.faults[source] = code
         self.fault_texts[source] = text
 
-    def motor_fault(self):
-        """As `MotorGroup` does it: both motors are off with it."""
-        self.faults |= {"tail_roll": MotorFault.NO_REPLY, "tail_pitch": MotorFault.OTHER_MOTOR}
-        self.fault_text = "tail roll: no reply for 5 cycles"
+    def motor_fault(self, joint="roll", code=MotorFault.NO_REPLY):
+        """As `MotorGroup` does it: both motors are off with it, but for a pitch motor that is
+        held.
+        """
+        other = {"roll": "pitch", "pitch": "roll"}[joint]
+        self.faults[f"tail_{joint}"] = code
+        if joint == "pitch" or not self.holds_pitch:
+            self.faults[f"tail_{other}"] = MotorFault.OTHER_MOTOR
+        self.fault_text = f"tail {joint}: no reply for 5 cycles"
         self.armed = False
 
     def write(self, command, now):

@@ -7,7 +7,7 @@ import pytest
 
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import CarCommand
-from aerodima.hardware.devices.device_states import SourceFault
+from aerodima.hardware.devices.device_states import MotorFault, SourceFault
 from aerodima.hardware.devices.radio_link import IDLE
 from aerodima.hardware.driving.car_guard import CarGuard, Stage
 from aerodima.hardware.protocol.radio import OperatorCommand, OperatorPrompt, RadioMode
@@ -36,12 +36,12 @@ class Car:
             self.guard.write(command, self.now)
         return self
 
-    def driving(self):
+    def driving(self, command=FORWARD):
         self.turn(count=2)
         self.guard.arm(self.now)
         self.turn(count=2)
         self.guard.drive(RadioMode.AUTO, self.now)
-        return self.turn(count=3)
+        return self.turn(command, count=3)
 
     @property
     def last(self):
@@ -120,30 +120,101 @@ SOFT = {
 }
 
 
-@pytest.mark.parametrize("cause", SOFT.values(), ids=SOFT)
-def test_a_soft_reason_cuts_the_throttle_in_the_next_cycle_holds_the_tail_then_exits(car, cause):
+def slow_ticks(car):
+    for _ in range(SAFETY.most_slow_ticks):
+        car.guard.note_computing(SAFETY.slow_tick + 0.001, car.now)
+
+
+FOLLOWS_LAW = [cause for name, cause in SOFT.items() if not name.startswith(("imu", "run"))]
+BROKEN = CarCommand(throttle=math.nan)
+HELD_WHILE_MOVING = {
+    "roll motor": lambda car: car.wiring.motor_fault(),
+    "roll motor beyond range": lambda car: car.wiring.motor_fault(code=MotorFault.OUT_OF_RANGE),
+    "slow controller": slow_ticks,
+    "late loop": lambda car: car.turn(late=0.03, count=SAFETY.most_overruns),
+    "NaN": lambda car: car.guard.write(BROKEN, car.now),
+}
+
+
+def finish(car):
+    """Turns until the motors are off; how long they were held, s."""
+    while car.guard.stage is Stage.HOLDING:
+        car.turn()
+    held = car.now - car.guard.stop_time
+    car.turn(count=round(SAFETY.after_exit / PERIOD) + 1)
+    assert car.guard.finished
+    assert not car.guard.hard
+    return held
+
+
+HELD = SOFT | HELD_WHILE_MOVING
+
+
+@pytest.mark.parametrize("cause", HELD.values(), ids=HELD)
+@pytest.mark.parametrize("gps", [True, False])
+def test_a_car_that_moves_cuts_the_throttle_at_once_holds_the_tail_then_exits(car, cause, gps):
+    if not gps:
+        car.wiring.faults["speed"] = SourceFault.NOT_FITTED
     car.driving()
     cause(car)
     car.turn()
     assert car.guard.stage is Stage.HOLDING
-    assert same(car.last, STOP)
-    assert car.wiring.calls == ["arm", "hold"]
-    car.turn(count=round(SAFETY.tail_hold / PERIOD))
-    assert car.wiring.calls == ["arm", "hold", "disarm"]
-    car.turn(count=round(SAFETY.after_exit / PERIOD) + 1)
-    assert car.guard.finished
-    assert not car.guard.hard
-    assert all(same(command, STOP) for command in car.wiring.commands[-60:])
+    assert (car.last.steering_angle, car.last.throttle) == (0.0, 0.0)
+    assert np.any(car.last.tail_roll) == (cause in FOLLOWS_LAW)
+    hold = [] if cause in FOLLOWS_LAW else ["hold"]
+    assert car.wiring.calls == ["arm", *hold]
+    posture = "roll to the middle" if hold else "law"
+    if "tail_roll" in car.wiring.faults:
+        posture = "roll limp"
+    assert posture in car.wiring.posture
+    assert finish(car) == pytest.approx(SAFETY.max_tail_hold, abs=1.5 * PERIOD)
+    assert car.wiring.calls == ["arm", *hold, "disarm"]
+    assert posture in car.guard.posture
+    assert all(same(command, STOP) for command in car.wiring.commands[-20:])
+
+
+@pytest.mark.parametrize("cause", HELD.values(), ids=HELD)
+def test_the_tail_of_a_car_that_comes_to_rest_is_held_until_then(car, cause):
+    car.driving()
+    cause(car)
+    car.turn(count=100)
+    car.wiring.speed = SAFETY.rest_speed - 0.1
+    known = "speed" not in car.wiring.faults
+    held = 1.0 + SAFETY.speed_time if known else SAFETY.max_tail_hold
+    assert finish(car) == pytest.approx(held, abs=3.5 * PERIOD)
+    assert ("at rest" in car.guard.posture) is known
+
+
+@pytest.mark.parametrize("cause", HELD.values(), ids=HELD)
+def test_at_rest_a_broken_part_switches_the_motors_off_at_once(car, cause):
+    car.wiring.speed = 0.1
+    car.turn(count=50)
+    car.driving()
+    cause(car)
+    car.turn()
+    at_once = cause in HELD_WHILE_MOVING.values()
+    assert car.guard.stage is (Stage.EXITING if at_once else Stage.HOLDING)
+    assert car.guard.hard is at_once
+    if not at_once and "speed" not in car.wiring.faults:
+        assert finish(car) == pytest.approx(SAFETY.tail_hold, abs=1.5 * PERIOD)
+
+
+@pytest.mark.parametrize(("throttle", "stage"), [(0.1, Stage.HOLDING), (0.0, Stage.EXITING)])
+def test_a_car_whose_speed_is_unknown_moves_once_its_throttle_was_opened(car, throttle, stage):
+    car.wiring.faults["speed"] = SourceFault.NOT_FITTED
+    car.driving(CarCommand(0.1, throttle))
+    slow_ticks(car)
+    assert car.guard.stage is stage
 
 
 HARD = {
     "emergency stop": soft("operator", SourceFault.STOPPED),
-    "motor": lambda car: car.wiring.motor_fault(),
+    "pitch motor": lambda car: car.wiring.motor_fault("pitch"),
     "teensy silent": soft("sail", SourceFault.SILENT),
     "teensy watchdog": soft("sail", SourceFault.REPORTED),
     "teensy fallen": soft("sail", SourceFault.REPORTED, SWITCHED_OFF[TeensyStatus.ATTITUDE]),
     "motors went off": lambda car: setattr(car.wiring, "armed", False),
-    "signal": lambda car: car.guard.stop("SIGINT", car.now, hard=True),
+    "signal": lambda car: car.guard.stop("SIGINT", car.now, "signal"),
 }
 
 
@@ -175,8 +246,7 @@ def test_a_command_that_is_not_finite_never_reaches_the_car(car, place, value):
     )
     car.turn(CarCommand(**values))
     assert same(car.last, STOP)
-    assert car.guard.stage is Stage.EXITING
-    assert car.guard.hard
+    assert car.guard.stage is Stage.HOLDING
 
 
 def test_emergency_stop_latches(car):
@@ -191,10 +261,10 @@ def test_emergency_stop_latches(car):
     assert_refused(lambda: car.guard.arm(car.now), HardwareError, car.guard.reason)
 
 
-@pytest.mark.parametrize("hard", [True, False])
-def test_a_reason_to_stop_before_arming_forbids_it(car, hard):
+@pytest.mark.parametrize("causes", [["signal"], []])
+def test_a_reason_to_stop_before_arming_forbids_it(car, causes):
     car.turn(count=2)
-    car.guard.stop("SIGINT", car.now, hard)
+    car.guard.stop("SIGINT", car.now, *causes)
     assert car.guard.finished
     car.turn(count=20)
     assert_refused(lambda: car.guard.arm(car.now), HardwareError, "SIGINT")
@@ -207,7 +277,7 @@ def test_a_signal_while_the_car_is_being_armed_or_let_go_switches_it_off(car):
 
     def interrupted():
         arm()
-        car.guard.stop("SIGTERM", car.now, hard=True)
+        car.guard.stop("SIGTERM", car.now, "signal")
 
     car.wiring.arm = interrupted
     car.guard.arm(car.now)
@@ -239,10 +309,14 @@ def test_a_hard_reason_while_holding_exits_at_once(car):
     car.driving()
     car.guard.stop("the operator is silent", car.now)
     car.turn(count=3)
-    car.wiring.motor_fault()
+    car.wiring.motor_fault("roll")
+    car.turn()
+    assert car.guard.stage is Stage.HOLDING
+    car.wiring.motor_fault("pitch")
     car.turn()
     assert car.guard.stage is Stage.EXITING
     assert car.guard.reason == "the operator is silent"
+    assert car.guard.posture.startswith("pitch held, roll limp for 0.05 s")
 
 
 def test_late_cycles_are_counted_and_too_many_in_a_row_stop_the_car(car):
@@ -252,21 +326,25 @@ def test_late_cycles_are_counted_and_too_many_in_a_row_stop_the_car(car):
     assert car.guard.stage is Stage.DRIVING
     assert car.guard.overruns == SAFETY.most_overruns - 1
     car.turn(late=0.03, count=SAFETY.most_overruns)
-    assert car.guard.stage is Stage.EXITING
+    assert car.guard.stage is Stage.HOLDING
     assert "30 ms" in car.guard.reason
 
 
 @pytest.mark.parametrize(
     ("pause", "cause", "named"),
     [
-        (0.05, HARD["motor"], "the computer fell behind by 50 ms: tail roll: no reply"),
+        (
+            0.05,
+            HELD_WHILE_MOVING["roll motor"],
+            "the computer fell behind by 50 ms: tail roll: no reply",
+        ),
         (0.06, SOFT["imu silent"], "the computer fell behind by 60 ms: imu SILENT"),
         (0.04, SOFT["imu silent"], "imu SILENT"),
         (0.08, HARD["teensy watchdog"], "the computer fell behind by 80 ms: sail REPORTED"),
         (0.08, HARD["teensy fallen"], "sail REPORTED"),
         (0.05, HARD["emergency stop"], "operator STOPPED"),
         (0.05, SOFT["imu error"], "imu REPORTED"),
-        (0.0, HARD["motor"], "tail roll: no reply"),
+        (0.0, HELD_WHILE_MOVING["roll motor"], "tail roll: no reply"),
     ],
 )
 def test_silence_after_a_pause_of_the_computer_is_its_own_fault(car, pause, cause, named):
@@ -292,7 +370,7 @@ def test_too_many_slow_ticks_within_a_second_stop_the_car_and_a_single_one_is_co
     assert len(car.guard.slow_ticks) == 2 * (SAFETY.most_slow_ticks - 1)
     car.turn()
     car.guard.note_computing(slow, car.now)
-    assert car.guard.stage is Stage.EXITING
+    assert car.guard.stage is Stage.HOLDING
     assert f"{SAFETY.most_slow_ticks}" in car.guard.reason
 
 
@@ -308,7 +386,7 @@ def test_more_current_than_the_fuse_has_stops_the_car_and_a_tail_that_brakes_doe
 
     car.wiring.read = powerful
     car.turn()
-    assert car.guard.hard is (way > 0.0)
+    assert car.guard.stage is (Stage.HOLDING if way > 0.0 else Stage.DRIVING)
     assert ("35 A" in car.guard.reason) is (way > 0.0)
 
 
@@ -332,7 +410,7 @@ def test_an_operator_who_leaves_the_mode_and_falls_silent_was_lost(car, heard):
     assert (car.guard.stage, car.guard.left) == (Stage.HOLDING, True)
     if not heard:
         car.wiring.faults["operator"] = SourceFault.SILENT
-    car.turn(count=100)
+    car.turn(count=250)
     assert car.guard.finished
     assert (car.guard.left, car.guard.hard) == (heard, False)
     assert "IDLE" in car.guard.reason

@@ -144,6 +144,7 @@ def test_a_fault_ends_the_run_with_a_log_up_to_it(tmp_path, run):
         return real(now)
 
     wiring.read = read
+    wiring.speed = 0.0
     guard, stopped = run(tmp_path / "run.parquet", wiring)
     log = read_run_log(tmp_path / "run.parquet")
     assert guard.finished
@@ -209,6 +210,7 @@ def test_a_full_disk_stops_the_car_and_what_it_did_not_take_is_in_the_log_once_t
 
     clock = Time()
     wiring = FakeWiring()
+    wiring.speed = 0.0
     guard = armed(wiring, clock)
     good = open_run_journal(tmp_path / "good.parquet", SCENARIO, "watched_can")
     journal = FullDisk(tmp_path / "run.parquet", drive_columns(), good._metadata)

@@ -88,7 +88,7 @@ class DiskFull(Breaker):
     def turn(self, guard):
         self.journal.append(np.zeros(len(self.journal.columns)))
         if self.journal.error:
-            guard.stop(self.journal.error, time.monotonic())
+            guard.stop(self.journal.error, time.monotonic(), "log")
 
     def end(self):
         resource.setrlimit(resource.RLIMIT_FSIZE, self.before)

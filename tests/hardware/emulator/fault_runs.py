@@ -17,6 +17,7 @@ from pathlib import Path
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import PERIOD, CarCommand
 from aerodima.hardware.car.wirings import wire_car
+from aerodima.hardware.driving.arming import await_stop
 from aerodima.hardware.driving.car_guard import CarGuard, Stage
 from aerodima.hardware.driving.plain_loop import wait_until
 from aerodima.hardware.protocol.ak70 import make_enter, make_exit
@@ -26,7 +27,7 @@ from aerodima.workbench.core.realtime import DRIVE_PRIORITY, prefer_realtime, re
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.signal_table import STATUS
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
-from tests.hardware.emulator.fault_cases import AT, CASES, PITCH, ROLL
+from tests.hardware.emulator.fault_cases import AT, CASES, HELD, PITCH, ROLL
 from tests.hardware.emulator.process_runs import CASES as PROCESS_CASES
 from tests.hardware.emulator.process_runs import (
     REFUSED,
@@ -153,7 +154,9 @@ def run_case(case, folder):
             gc.freeze()  # as the drive does: no pause of the collector within the run
             drive_until_stopped(guard, case.run_time, command_at, breaker)
         except ArithmeticError as error:  # as a drive does it
-            guard.stop(f"{type(error).__name__}: {error}", time.monotonic(), hard=True)
+            reason = f"{type(error).__name__}: {error}"
+            guard.stop(reason, time.monotonic(), "controller")
+            await_stop(guard)
         finally:
             car.stop("over")
             restore_ordinary()
@@ -197,7 +200,7 @@ def check(case, found):
         return found
     assert case.reason in found.reason, found.reason
     assert found.reason != RUN_OVER
-    assert found.motors_off <= case.within, found
+    assert found.motors_off <= case.within + HELD * case.held, found
     assert found.throttle_neutral <= (case.throttle_within or case.within), found
     assert found.exits >= 6, "several frames to each motor"
     assert found.entered_again == 0, "nothing is armed again by itself"

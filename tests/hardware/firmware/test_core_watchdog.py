@@ -148,11 +148,12 @@ def test_what_a_motor_does_not_say_is_unknown_and_not_zero():
 
 
 def test_it_acts_when_the_strings_stop_and_not_before():
+    """Until then a motor holds its last command by itself: the Teensy sends it nothing."""
     bench = Bench().drive()
     last = bench.now - 0.01  # time of the last string
     bench.wait(TIMING.watchdog_timeout - 0.01)
     assert bench.core.state.throttle == 1520
-    assert not bench.exits(1, since=last)
+    assert bench.sent[-1] == (last, make_command(2, PUSH, PROFILE))
     bench.wait(0.002)
     assert (bench.core.state.servo, bench.core.state.throttle) == (1500, 1500)
     assert bench.core.state.status == TeensyStatus.WATCHDOG_ACTED
@@ -160,6 +161,20 @@ def test_it_acts_when_the_strings_stop_and_not_before():
         exits = bench.exits(motor_id, since=last)
         assert len(exits) == TIMING.exit_burst
         assert exits[0] - last == pytest.approx(TIMING.watchdog_timeout, abs=2 * MS)
+
+
+def test_roll_alone_is_switched_off_while_pitch_is_held_without_an_attitude():
+    bench = Bench().drive()
+    begin = bench.now
+    orders = MotorOrder(1, MotorRequest.COMMAND, PUSH), MotorOrder(2, MotorRequest.EXIT, NEUTRAL)
+    for _ in range(200):
+        old = Attitude(0.0, 0.0, 5000)
+        bench.core.feed(make_string(TeensyCommand(orders, 1500, 1500, old)), bench.now)
+        bench.wait(0.01)
+    sent = [frame for when, frame in bench.sent if when > begin]
+    assert set(sent) == {make_command(1, PUSH, PROFILE), make_exit(2)}
+    assert sent.count(make_exit(2)) == 200
+    assert bench.last_reply().status is TeensyStatus.RUNNING
 
 
 def test_it_goes_on_sending_exit_frames():

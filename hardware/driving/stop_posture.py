@@ -1,0 +1,73 @@
+"""Causes of a stop, and the posture of the tail between a stop and the exit of its motors.
+
+A tail that goes limp in mid-swerve turns the car over, and so may one that stands still. So while
+the car moves no single fault but one of the pitch motor itself switches that motor off, until the
+car is at rest or `max_tail_hold` has passed: the tail follows its law where that still knows the
+car, else the drive holds pitch and moves roll to the middle, unless its motor has failed.
+"""
+
+from enum import IntEnum
+from typing import Literal
+
+from aerodima.hardware.devices.device_states import SourceFault
+from aerodima.workbench.core.array_types import FloatArray
+
+StopCause = Literal[
+    "emergency stop",
+    "signal",
+    "fallen",
+    "pitch motor",
+    "teensy",
+    "motors off",
+    "arming",
+    "roll motor",
+    "controller",
+    "late loop",
+    "current",
+    "imu",
+    "radio",
+    "speed",
+    "mode",
+    "log",
+]
+"""Motors that are off without a fault have the cause `motors off`; `speed`: that of the GPS is too
+high, or lost; the operator has left the `mode`; the `log` takes no rows."""
+_GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
+
+
+class Posture(IntEnum):
+    """Says what becomes of the tail of a car that stops; a higher one gives up more."""
+
+    LAW = 0
+    """The pilot goes on commanding it, while throttle and steering are 0."""
+    HELD = 1
+    """Pitch is held; roll too, in the middle while the car moves, unless its motor has failed."""
+    OFF = 2
+    """The motors are switched off."""
+
+
+LAW, HELD, OFF = Posture
+
+
+def posture_after(cause: StopCause, moves: bool) -> Posture:
+    """Returns the posture that a cause of a stop asks for; `moves`: the car may move."""
+    if cause in ("radio", "speed", "mode", "log"):
+        return LAW if moves else HELD
+    if cause in ("roll motor", "controller", "late loop", "current"):
+        return HELD if moves else OFF
+    return HELD if cause == "imu" else OFF
+
+
+def fault_causes(faults: FloatArray, has_tail: bool) -> list[StopCause]:
+    """Returns the causes to stop that the faults (6,) of a status are; empty for a healthy car."""
+    pitch, roll, sail, imu, speed, operator = faults
+    present: dict[StopCause, bool] = {
+        "emergency stop": operator == SourceFault.STOPPED,
+        "pitch motor": has_tail and pitch,
+        "roll motor": has_tail and roll,
+        "teensy": sail > SourceFault.NOT_FITTED,
+        "radio": operator,
+        "imu": imu,
+        "speed": speed in _GONE,
+    }
+    return [cause for cause, holds in present.items() if holds]
