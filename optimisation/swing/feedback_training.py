@@ -187,7 +187,7 @@ def find_places(
     with the best steering of the car without tail, by `ANGLE_SHARES`.
     """
     runs.stage = "steerings"
-    driven = []
+    driven: list[Settings] = []
     for case in cases:
         for speed in speeds:
             condition = condition_settings(case, len(driven))
