@@ -1,5 +1,8 @@
 """What `aerodima.optimisation` promises; the modules behind it may move."""
 
+from .calibrate.calibration_plan import load_plan as load_plan
+from .calibrate.validation_page import calibrate as calibrate
+from .identify.car_fit import fit_car_log as fit_car_log
 from .identify.fit_figures import plot_curves as plot_curves
 from .identify.fit_options import FitOptions as FitOptions
 from .identify.fit_pipeline import fit as fit
