@@ -45,12 +45,10 @@ def decode_answer(frame: CanFrame) -> tuple[TeensyStatus, int]:
     Raises `FrameError` for any other frame.
     """
     data = frame.data
-    if frame.extended or frame.arbitration_id != ANSWER_ID or len(data) != 4 or data[0] != _MAGIC:
+    named = not frame.extended and frame.arbitration_id == ANSWER_ID
+    sound = len(data) == 4 and data[0] == _MAGIC and data[3] == ~(data[1] ^ data[2]) & 0xFF
+    if not named or not sound or data[1] not in tuple(TeensyStatus):
         raise FrameError(f"{frame}: is no answer of id {ANSWER_ID:#x}")
-    if data[3] != ~(data[1] ^ data[2]) & 0xFF or data[1] not in tuple(TeensyStatus):
-        raise FrameError(
-            f"{frame}: the check of the answer is wrong, or its status is above {max(TeensyStatus)}"
-        )
     return TeensyStatus(data[1]), data[2]
 
 
@@ -61,9 +59,6 @@ class BusWatch:
     Args:
         port: the open bus.
         answer_timeout: s that an answer may take.
-
-    Attributes:
-        answers: counted since the start.
     """
 
     def __init__(self, port: FramePort, answer_timeout: float) -> None:
@@ -74,7 +69,6 @@ class BusWatch:
         self._unanswered_since: float | None = None
         self._polled = -math.inf
         self._status: TeensyStatus | None = None
-        self.answers = 0
 
     # -- as a port
 
@@ -161,4 +155,3 @@ class BusWatch:
         if (self._counter - counter) % 256 < 128:
             self._status = status
             self._unanswered_since = None
-            self.answers += 1

@@ -183,7 +183,7 @@ def ports_from_dict(data: Any, where: str = "ports") -> CarPorts:
         if path in names:
             raise HardwareError(f"{where}: {name}.path: {path} is that of {names[path]} too")
         names[path] = name
-    firmware_profile(ports.firmware_profile)
+    ports.profile  # noqa: B018 - raises if it is unknown
     return ports
 
 

@@ -303,12 +303,6 @@ class CarReporter:
             return
         self._due = now + REPORT_PERIOD
         self._sequence += 1
-        report = self._report(reading, radio.stopped, prompt, posture)
-        radio.report(make_report(report, self._sequence))
-
-    def _report(
-        self, reading: CarReading, stopped: bool, prompt: OperatorPrompt, posture: str
-    ) -> CarReport:
         status = reading.named_status
         tail = TAIL_STATE.read(reading.tail_state)
         imu = IMU.read(reading.imu)
@@ -317,9 +311,9 @@ class CarReporter:
         text = "; ".join(filter(None, (reading.fault_text, posture)))
         if not text and prompt is OperatorPrompt.RETURN_TO_IDLE:
             text = _REST_FIRST
-        return CarReport(
+        report = CarReport(
             armed=status.armed == 1.0,
-            stopped=stopped,
+            stopped=radio.stopped,
             mode=reading.operator.mode,
             faults=tuple(codes.astype(int).tolist()),
             yaw_rate=imu.gyro_z,
@@ -335,3 +329,4 @@ class CarReporter:
             has_tail=self._has_tail,
             car=self._car,
         )
+        radio.report(make_report(report, self._sequence))

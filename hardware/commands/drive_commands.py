@@ -340,11 +340,12 @@ def _confirmation_prompt(ports: CarPorts, wiring: WiringName) -> tuple[Callable[
     """Returns who confirms what is seen of the tail, and its name: the operator, or nobody on an
     emulated car.
     """
+    from aerodima.hardware.driving.arming import typed
     from aerodima.hardware.driving.watchdog_record import is_emulated
 
     if is_emulated(wiring, ports):
         return (lambda _: True), "emulator"
-    return _confirm, "operator"
+    return (lambda question: typed(f"{question} [y/N]").lower() in ("y", "yes")), "operator"
 
 
 def _ask_to_arm(arm: bool) -> None:
@@ -352,9 +353,3 @@ def _ask_to_arm(arm: bool) -> None:
 
     if not arm and not may_arm():
         raise HardwareError("not armed: nobody said that the motors may be switched on")
-
-
-def _confirm(question: str) -> bool:
-    from aerodima.hardware.driving.arming import typed
-
-    return typed(f"{question} [y/N]").lower() in ("y", "yes")

@@ -45,7 +45,6 @@ class OperatorRadio:
         confirmed: the car has reported that stop.
         mode: of the last command that was passed on.
         report: the car's last one; None before the first.
-        rejected: frames that are no report.
         foreign: reports of other modules or cars.
     """
 
@@ -64,7 +63,6 @@ class OperatorRadio:
         self.mode = RadioMode.IDLE
         self._was_idle = False
         self.report: CarReport | None = None
-        self.rejected = 0
         self.foreign = 0
 
     @property
@@ -167,7 +165,6 @@ class OperatorRadio:
         try:
             report = decode_report(packet.data)
         except FrameError:
-            self.rejected += 1
             return
         if report.car != self._car:
             self.foreign += 1

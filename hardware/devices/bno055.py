@@ -194,13 +194,7 @@ def encode_sample(sample: Bno055Sample) -> bytes:
     """Encodes a sample as the registers that hold it; for emulators.
 
     Values beyond their 16 bits are cut off as the chip does.
-
-    Raises:
-        FrameError: NaN or infinity.
     """
-    values = (*sample.quaternion, *sample.gyro, *sample.acceleration)
-    if not all(math.isfinite(value) for value in values):
-        raise FrameError(f"BNO055 sample {sample}: must be finite")
     gyro = _words(sample.gyro, _GYRO)
     quaternion = _words(sample.quaternion, _QUATERNION)
     acceleration = _words(sample.acceleration, _ACCELERATION)
@@ -217,14 +211,10 @@ def _words(values: Iterable[float], counts: float) -> list[int]:
 
 
 class AnswerStream:
-    """Answers out of a byte stream that may carry noise; what is no answer is dropped and counted.
-
-    Attributes: rejected: bytes that were dropped.
-    """
+    """Answers out of a byte stream that may carry noise; what is no answer is dropped."""
 
     def __init__(self) -> None:
         self._open = b""
-        self.rejected = 0
 
     def feed(self, data: bytes) -> list[Answer]:
         """Adds bytes; returns the answers that became complete, oldest first."""
@@ -242,19 +232,14 @@ class AnswerStream:
                 answers.append(Answer(data=self._open[2 : 2 + second]))
                 self._open = self._open[2 + second :]
             else:
-                self.rejected += 1
                 self._open = self._open[1:]
         return answers
-
-    def forget(self) -> None:
-        """Drops what is incomplete: the answer to the last request did not come."""
-        self._open = b""
 
 
 class Bno055Chip:
     """The chip's side of its UART, for emulators: registers, and an answer to every request.
 
-    Attributes: mode: as written last; samples read as zeros in CONFIG, as on the chip.
+    Samples read as zeros in the mode CONFIG, as on the chip.
     """
 
     def __init__(self) -> None:
@@ -263,13 +248,8 @@ class Bno055Chip:
         self._registers[Register.SYSTEM_STATUS] = 5  # fusion runs
         self._open = b""
 
-    @property
-    def mode(self) -> int:
-        """Operation mode."""
-        return self._registers[Register.MODE]
-
     def set_sample(self, sample: Bno055Sample) -> None:
-        """Sets what is read from now on. Raises `FrameError` as `encode_sample` does."""
+        """Sets what is read from now on."""
         self._registers[Register.GYRO : Register.GYRO + SAMPLE_BYTES] = encode_sample(sample)
 
     def feed(self, data: bytes) -> bytes:
@@ -300,6 +280,6 @@ class Bno055Chip:
             self._registers[register : register + length] = data
             return bytes([_STATUS, WRITE_DONE])
         content = bytes(self._registers[register : register + length])
-        if self.mode == Mode.CONFIG and register == Register.GYRO:
+        if self._registers[Register.MODE] == Mode.CONFIG and register == Register.GYRO:
             content = bytes(length)
         return bytes([_DATA, length]) + content

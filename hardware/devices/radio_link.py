@@ -31,13 +31,13 @@ class RadioLink:
     Args:
         link: open serial link; the caller closes it.
         silent: age of command and heartbeat at which the operator counts as silent, s.
-        operator: 64-bit serial number of the operator's module; others are counted and ignored.
+        operator: 64-bit serial number of the operator's module; others are ignored.
             None: whoever sends.
 
     Attributes:
         command: the last one; idle before the first.
         stopped: an emergency stop came; nothing forgets it.
-        foreign, rejected: frames of other modules; frames that are no message, with `last_error`.
+        rejected: frames that are no message, with `last_error`.
     """
 
     def __init__(self, link: SerialLink, silent: float, operator: int | None = None) -> None:
@@ -52,7 +52,6 @@ class RadioLink:
         self._heartbeat_time = -math.inf
         self.command = IDLE
         self.stopped = False
-        self.foreign = 0
         self.rejected = 0
         self.last_error = ""
 
@@ -60,9 +59,7 @@ class RadioLink:
         """Reads what came in. A damaged or foreign frame makes nothing younger."""
         for arrival, data in self._link.poll():
             for packet in self._stream.feed(data):
-                if self._operator is not None and packet.address != self._operator:
-                    self.foreign += 1
-                else:
+                if self._operator in (None, packet.address):
                     self._receive(packet.data, arrival, packet.address)
 
     def age(self, now: float) -> float:

@@ -109,10 +109,8 @@ class FrozenSensorMonitor:
         self.fault_text = ""
 
     def update(self, sample: object, moves: bool = True) -> None:
-        """Takes a sample; None is never a repetition, and one of a signal that may stand now
-        (`moves` false) does not count.
-        """
-        if sample is None or sample != self._last:
+        """Takes a sample; one of a signal that may stand now (`moves` false) does not count."""
+        if sample != self._last:
             self._alike = 1
         elif moves:
             self._alike += 1
@@ -134,7 +132,6 @@ class SensorThread(Generic[T]):
 
     Attributes:
         newest: time of the newest sample (s, monotonic), and the sample; None before the first.
-        count: samples so far.
         error: of the last loss.
     """
 
@@ -147,7 +144,6 @@ class SensorThread(Generic[T]):
         self._silent = silent
         self._port: Serial | None = open_port()
         self.newest: tuple[float, T] | None = None
-        self.count = 0
         self.error = ""
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -207,7 +203,6 @@ class SensorThread(Generic[T]):
                     ready = True
                 elif (sample := self._session.read(port)) is not None:
                     self.newest = sample
-                    self.count += 1
             # pyserial raises OSError, TypeError and others on a lost device.
             except Exception as error:
                 self._lose(str(error))
@@ -224,7 +219,6 @@ class Bno055Session(Session[Bno055Sample]):
         )
         self._attitude = AttitudeMonitor()
         self._reported = ""
-        self._stream = AnswerStream()
         self._next = 0.0
         self._due = 0.0
         self._requests = 0
@@ -296,15 +290,12 @@ class Bno055Session(Session[Bno055Sample]):
                 ) from None
             return None
         self._missed_in_a_row = 0
-        self._judge(request_time, sample)
-        return request_time, sample
-
-    def _judge(self, time: float, sample: Bno055Sample) -> None:
         gyro, acceleration, attitude = self._frozen
         gyro.update(sample.gyro)
         acceleration.update(sample.acceleration)
         attitude.update(sample.quaternion, max(map(abs, sample.gyro)) > _TURNS)
-        self._attitude.update(time, sample)
+        self._attitude.update(request_time, sample)
+        return request_time, sample
 
     def _after(self, request_time: float) -> float:
         """Returns when the next sample is asked for: about a period later, in step with who wants
@@ -335,11 +326,11 @@ class Bno055Session(Session[Bno055Sample]):
         """
         if stale := port.in_waiting:
             port.read(stale)
-        self._stream.forget()
+        stream = AnswerStream()
         port.write(request)
         end = time.monotonic() + _ANSWER_TIME
         while time.monotonic() < end:
-            for answer in self._stream.feed(port.read(max(1, port.in_waiting))):
+            for answer in stream.feed(port.read(max(1, port.in_waiting))):
                 if len(answer.data) == length or answer.status is not None:
                     return answer
         return Answer()

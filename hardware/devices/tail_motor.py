@@ -126,15 +126,14 @@ class Motor:
         for frame in (self._neutral_frame, enter, self._neutral_frame):
             self._send(frame, urgent=True)
 
-    def set_command(self, command: MitCommand, now: float) -> bool:
-        """Limits a command of the joint and sends it, if the motor is holding or running; whether
-        it was sent.
+    def set_command(self, command: MitCommand, now: float) -> None:
+        """Limits a command of the joint and sends it, if the motor is holding or running.
 
         A command with NaN, infinity or a negative gain is a fault: what sends such things is
         broken.
         """
         if self.state not in (MotorState.HOLDING, MotorState.RUNNING):
-            return False
+            return
         if self.state is MotorState.HOLDING:
             self._go(MotorState.RUNNING, now)
             self._ramp = self.position
@@ -147,9 +146,8 @@ class Motor:
             self._send_command(self._limited(command, now))
         except HardwareError as error:
             self.set_fault(MotorFault.BAD_COMMAND, str(error), now)
-            return False
+            return
         self._command_time = now
-        return True
 
     def set_hold(self, now: float, position: float | None = None) -> None:
         """Leaves the commands and holds the present position, if running; from now on `position`

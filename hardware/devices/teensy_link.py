@@ -11,6 +11,7 @@ while, then it is exit; a motor that was never asked anything is ordered to exit
 import math
 import time
 from collections import deque
+from contextlib import suppress
 from dataclasses import replace
 
 from aerodima.hardware.devices.device_states import SourceFault
@@ -24,7 +25,7 @@ from aerodima.hardware.protocol.ak70 import (
     make_reply,
 )
 from aerodima.hardware.protocol.ak70 import decode_command as decode_mit_command
-from aerodima.hardware.protocol.can_frame import CanFrame, FrameError, TimedFrames, check_field
+from aerodima.hardware.protocol.can_frame import CanFrame, FrameError, TimedFrames
 from aerodima.hardware.protocol.teensy import (
     END,
     SERVO_PULSES,
@@ -37,7 +38,6 @@ from aerodima.hardware.protocol.teensy import (
     TeensyCommand,
     TeensyReply,
     TeensyStatus,
-    check_pulse,
     decode_reply,
     make_command,
 )
@@ -61,19 +61,15 @@ _REQUESTS = {ENTER: MotorRequest.ENTER, EXIT: MotorRequest.EXIT}
 
 class ReplyStream:
     """Collects bytes and returns the replies in them; anything that is not a valid text frame is
-    dropped and counted.
+    dropped.
 
     What stands before the first `|` is never used: a text frame that was joined in its middle can
     look like a shorter one.
-
-    Attributes:
-        rejected: text frames dropped since the start.
     """
 
     def __init__(self) -> None:
         self._open = b""
         self._synchronised = False
-        self.rejected = 0
 
     def feed(self, data: bytes) -> list[TeensyReply]:
         """Adds bytes; returns the replies that became complete, oldest first."""
@@ -81,10 +77,8 @@ class ReplyStream:
         self._open = rest[: _MAX_REPLY + 1]
         replies: list[TeensyReply] = []
         for text in complete[0 if self._synchronised else 1 :]:
-            try:
+            with suppress(FrameError):
                 replies.append(decode_reply(text + END))
-            except FrameError:
-                self.rejected += 1
         self._synchronised = self._synchronised or bool(complete)
         return replies
 
@@ -160,12 +154,7 @@ class TeensyLink:
         return now - self._reply_time
 
     def set_pulses(self, servo: int, throttle: int) -> None:
-        """Sets the pulses (us) of the next text frames.
-
-        Raises `FrameError` out of range, and keeps the old ones.
-        """
-        check_pulse("servo", servo, SERVO_PULSES)
-        check_pulse("throttle", throttle, THROTTLE_PULSES)
+        """Sets the pulses (us) of the next text frames."""
         self._servo = servo
         self._throttle = throttle
 
@@ -278,11 +267,7 @@ class TeensyLink:
 def pulse(share: float, pulses: tuple[int, int, int]) -> int:
     """Pulse (us) of a share from -1 to 1 of the way from idle to the least or most pulse; 0 is
     idle.
-
-    Raises:
-        FrameError: NaN or beyond -1 to 1.
     """
-    check_field("share of a pulse", share, -1.0, 1.0)
     lowest, idle, highest = pulses
     return round(idle + share * ((highest - idle) if share >= 0 else (idle - lowest)))
 

@@ -42,31 +42,26 @@ class GpsSample:
 
 
 class GpsStream:
-    """Samples out of the receiver's bytes.
-
-    Attributes:
-        rejected: frames with a wrong checksum or fields that cannot be.
-    """
+    """Samples out of the receiver's bytes."""
 
     def __init__(self) -> None:
         self._open = b""
-        self.rejected = 0
 
     def feed(self, data: bytes) -> list[GpsSample]:
         """Adds bytes; returns the samples that became complete, oldest first."""
-        samples, self._open = cut_frames(self._open + data, _START, self._cut)
+        samples, self._open = cut_frames(self._open + data, _START, _cut)
         return samples
 
-    def _cut(self, data: bytes) -> tuple[int, GpsSample | None]:
-        if not _HEAD.startswith(data[: len(_HEAD)]):  # of another message, or noise
-            return 1, None
-        if len(data) < _FRAME_BYTES:
-            return 0, None
-        try:
-            return _FRAME_BYTES, decode_nav_pvt(data[:_FRAME_BYTES])
-        except FrameError:
-            self.rejected += 1
-            return 1, None
+
+def _cut(data: bytes) -> tuple[int, GpsSample | None]:
+    if not _HEAD.startswith(data[: len(_HEAD)]):  # of another message, or noise
+        return 1, None
+    if len(data) < _FRAME_BYTES:
+        return 0, None
+    try:
+        return _FRAME_BYTES, decode_nav_pvt(data[:_FRAME_BYTES])
+    except FrameError:
+        return 1, None
 
 
 def decode_nav_pvt(frame: bytes) -> GpsSample:
@@ -91,14 +86,9 @@ def decode_nav_pvt(frame: bytes) -> GpsSample:
 
 
 def make_nav_pvt(sample: GpsSample) -> bytes:
-    """Makes the UBX frame of a sample; for emulators.
-
-    Raises `FrameError` for a speed that is none.
-    """
+    """Makes the UBX frame of a sample; for emulators."""
     import pyubx2
 
-    if sample.fix:
-        check_field("GPS speed", sample.speed, 0.0, _MAX_SPEED, "m/s")
     clock = 0.0 if sample.time_of_day is None else sample.time_of_day
     minutes, seconds = divmod(clock, 60.0)
     hours, minutes = divmod(minutes, 60.0)

@@ -23,7 +23,7 @@ from collections import deque
 from dataclasses import replace
 from enum import IntEnum
 
-from aerodima.hardware.car.safety_settings import DriveSafety, load_drive_safety
+from aerodima.hardware.car.safety_settings import DriveSafety
 from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import PERIOD, CarCommand, CarReading
 from aerodima.hardware.devices.device_states import SourceFault
@@ -31,6 +31,7 @@ from aerodima.hardware.devices.motor_monitors import Debounce
 from aerodima.hardware.driving.drive_limits import DriveLimits
 from aerodima.hardware.driving.loop_delay import least_delay, with_delay
 from aerodima.hardware.driving.stop_posture import (
+    GONE,
     Posture,
     StopCause,
     fault_causes,
@@ -41,7 +42,6 @@ from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.scenario.signal_table import TAIL_STATE
 
 _RATES = [TAIL_STATE.index("pitch_rate"), TAIL_STATE.index("roll_rate")]
-_GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
 _AFTERMATH = 30
 """Cycles after a delay of the loop in which its devices seem silent for that."""
 
@@ -65,7 +65,7 @@ class CarGuard:
 
     Args:
         wiring: started.
-        safety: limits; those of `models/parameters` by default.
+        safety: limits.
         has_tail: the car has tail motors, so it drives only while they are armed.
 
     Attributes:
@@ -87,12 +87,10 @@ class CarGuard:
         slow_ticks: of those whose controller was slow.
     """
 
-    def __init__(
-        self, wiring: WiredCar, safety: DriveSafety | None = None, has_tail: bool = True
-    ) -> None:
+    def __init__(self, wiring: WiredCar, safety: DriveSafety, has_tail: bool = True) -> None:
         self.wiring = wiring
-        self._safety = safety or load_drive_safety()
-        self._limits = DriveLimits(self._safety)
+        self._safety = safety
+        self._limits = DriveLimits(safety)
         self._has_tail = has_tail
         self.stage = Stage.READY
         self.reason = ""
@@ -293,7 +291,7 @@ class CarGuard:
         least = least_delay(reading, self._has_tail)
         fallen = self._limits.tilt(reading, now)
         fallen = fallen or self._limits.straight(reading, self._steering, now)
-        speed = self._limits.too_fast(reading, now) or self._limits.blind(reading, now)
+        speed = self._limits.speed(reading, now)
         armed = status.armed == 1.0
         if fallen:
             reasons["fallen"] = fallen
@@ -306,7 +304,7 @@ class CarGuard:
             mode = reading.operator.mode.name
             reasons["mode"] = f"the operator left {self._mode.name} for {mode}"
             self.left = True
-        elif self.left and status.operator_fault in _GONE:
+        elif self.left and status.operator_fault in GONE:
             self.left = False
             self.reason += " and was not heard any more"
         # The stop latches before the car is armed too.

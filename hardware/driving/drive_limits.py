@@ -68,23 +68,20 @@ class DriveLimits:
             return ""
         return "the car does not turn at full steering: it has fallen, or is held"
 
-    def blind(self, reading: CarReading, now: float) -> str:
-        """Reason to stop because the GPS has lost its fix: nothing limits the speed; empty while it
-        has one, or is not fitted.
+    def speed(self, reading: CarReading, now: float) -> str:
+        """Reason to stop because the car is too fast, or its GPS has lost the fix, so that nothing
+        limits the speed; empty otherwise, or where none is fitted.
         """
-        lost = reading.named_status.speed_fault == SourceFault.NO_FIX
-        if not self._lasts("blind", lost, self._safety.gps_silence, now):
-            return ""
-        return "the GPS has lost its fix: nothing limits the speed"
-
-    def too_fast(self, reading: CarReading, now: float) -> str:
-        """Reason to stop if the car is too fast; empty otherwise, or while the speed is unknown."""
         speed = float(reading.speed[0])
         limit = self._safety.speed_limit
-        fast = reading.named_status.speed_fault == SourceFault.NONE and speed > limit
-        if not self._lasts("fast", fast, self._safety.speed_time, now):
-            return ""
-        return f"the car drives {speed:.1f} m/s; allowed is {limit:g}"
+        fault = reading.named_status.speed_fault
+        fast = fault == SourceFault.NONE and speed > limit
+        if self._lasts("fast", fast, self._safety.speed_time, now):
+            return f"the car drives {speed:.1f} m/s; allowed is {limit:g}"
+        lost = fault == SourceFault.NO_FIX
+        if self._lasts("blind", lost, self._safety.gps_silence, now):
+            return "the GPS has lost its fix: nothing limits the speed"
+        return ""
 
     def moves(self, reading: CarReading, now: float) -> bool:
         """Returns whether the car may move: it is not slow, or its throttle was opened and its

@@ -53,6 +53,7 @@ from aerodima.hardware.driving.plain_loop import (
 )
 from aerodima.hardware.driving.run_journal import RunJournal, log_facts, open_run_journal
 from aerodima.hardware.driving.speaker import Say, Speaker
+from aerodima.hardware.driving.stop_posture import GONE
 from aerodima.hardware.protocol.radio import RadioMode
 from aerodima.workbench.control.driver_law import refuse_simulated_only
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
@@ -82,13 +83,7 @@ _LATE_BEFORE = 1.0
 """s before a stop in which an emulator that fell behind may be its cause."""
 _WARM_UP_TIME = 10.0
 """s; a first tick may import what it needs."""
-_LATE_ANSWERS = (
-    SourceFault.NO_SAMPLE_YET,
-    SourceFault.SILENT,
-    SourceFault.REPORTED,
-    SourceFault.LOST,
-    SourceFault.NO_FIX,
-)
+_LATE_ANSWERS = (*GONE, SourceFault.NO_SAMPLE_YET, SourceFault.NO_FIX)
 """Faults of a device that may still answer, or find its fix. A Teensy that received nothing yet
 reports that its watchdog has acted; an IMU that is being set up counts as lost."""
 

@@ -32,7 +32,8 @@ StopCause = Literal[
 ]
 """Motors that are off without a fault have the cause `motors off`; `speed`: that of the GPS is too
 high, or lost; the operator has left the `mode`; the `log` takes no rows."""
-_GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
+GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
+"""Faults of a device that is not heard any more, or cannot be relied on."""
 
 
 class Posture(IntEnum):
@@ -68,6 +69,6 @@ def fault_causes(faults: FloatArray, has_tail: bool) -> list[StopCause]:
         "teensy": sail > SourceFault.NOT_FITTED,
         "radio": operator,
         "imu": imu,
-        "speed": speed in _GONE,
+        "speed": speed in GONE,
     }
     return [cause for cause, holds in present.items() if holds]

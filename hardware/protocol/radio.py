@@ -246,21 +246,15 @@ def decode_report(data: bytes) -> CarReport:
     """
     check_field("car report length", len(data), _HEAD.size, _MAX_BYTES, "bytes")
     report_class, _, flags, car, mode, *rest = _HEAD.unpack_from(data)
-    if report_class != REPORT_CLASS:
-        raise FrameError(f"car report of class {report_class}; allowed is {REPORT_CLASS}")
-    if mode not in tuple(RadioMode):
-        raise FrameError(f"car report: mode {mode}; allowed: {_names(RadioMode)}")
     prompt = (flags & ~_NO_TAIL) >> _PROMPT_SHIFT
-    if prompt not in tuple(OperatorPrompt):
-        limit = (max(OperatorPrompt) + 1) << _PROMPT_SHIFT
-        raise FrameError(
-            f"car report: flags {flags}; allowed is less than {limit}, and {_NO_TAIL} more without "
-            "a tail"
-        )
     faults = rest[:FAULT_CODES]
     numbers = rest[FAULT_CODES:]
-    if any(math.isnan(number) for number in numbers):
-        raise FrameError(f"car report with NaN: {numbers}")
+    known = mode in tuple(RadioMode) and prompt in tuple(OperatorPrompt)
+    if report_class != REPORT_CLASS or not known or any(map(math.isnan, numbers)):
+        raise FrameError(
+            f"car report of class {report_class} with mode {mode}, flags {flags}, {numbers}; "
+            f"allowed: class {REPORT_CLASS}, modes and flags that are known, no NaN"
+        )
     return CarReport(
         bool(flags & _ARMED),
         bool(flags & _STOPPED),

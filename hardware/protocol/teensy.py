@@ -166,8 +166,8 @@ def make_command(command: TeensyCommand) -> bytes:
             or a pulse out of range.
     """
     _check_ids(*(order.motor_id for order in command.motors))
-    check_pulse("servo", command.servo, SERVO_PULSES)
-    check_pulse("throttle", command.throttle, THROTTLE_PULSES)
+    _check_pulse("servo", command.servo, SERVO_PULSES)
+    _check_pulse("throttle", command.throttle, THROTTLE_PULSES)
     orders = "|;".join(_write_order(order) for order in command.motors)
     attitude = _write_attitude(command.attitude)
     data = f"{orders}|;{command.servo};{command.throttle}{attitude}".encode("ascii")
@@ -236,15 +236,11 @@ def _write_attitude(attitude: Attitude | None) -> str:
 
 def _open(text: bytes) -> list[str]:
     """Returns the fields of a text frame without its end and its checksum, which must be right."""
-    if not text.endswith(END):
-        raise FrameError(f"Teensy text frame {text!r}: does not end with '|'")
     content, separator, check = text[:-1].strip(b" \r\n").rpartition(b";*")
-    if not separator or len(check) != 2 or f"{crc8(content):02X}".encode() != check:
-        raise FrameError(f"Teensy text frame {text!r}: checksum is wrong or missing")
-    try:
-        return [field.strip(" ") for field in content.decode("ascii").split(";")]
-    except UnicodeDecodeError:
-        raise FrameError(f"Teensy text frame {text!r}: holds bytes that are not ASCII") from None
+    if not text.endswith(END) or not separator or f"{crc8(content):02X}".encode() != check:
+        raise FrameError(f"Teensy text frame {text!r}: its end or its checksum is wrong or missing")
+    # A byte that is not ASCII is no part of a number.
+    return [field.strip(" ") for field in content.decode("ascii", "replace").split(";")]
 
 
 def _read_report(fields: list[str], extra: list[str]) -> MotorReport:
@@ -287,7 +283,7 @@ def _check_ids(first: int, second: int) -> None:
         raise FrameError(f"both motors have the id {first}: each needs its own")
 
 
-def check_pulse(name: str, pulse: int, pulses: tuple[int, int, int]) -> None:
+def _check_pulse(name: str, pulse: int, pulses: tuple[int, int, int]) -> None:
     """Raises `FrameError` for a pulse (us) that is not within `pulses`."""
     if type(pulse) is not int or not pulses[0] <= pulse <= pulses[2]:
         raise FrameError(f"{name} pulse {pulse!r} us: allowed is {pulses[0]} to {pulses[2]}")

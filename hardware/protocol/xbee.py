@@ -48,9 +48,8 @@ def make_transmit(data: bytes, receiver: int) -> bytes:
     answer.
 
     Raises:
-        FrameError: more data than a frame carries, or no 64-bit number.
+        FrameError: more data than a frame carries.
     """
-    check_field("XBee address", receiver, 0, 2**64 - 1)
     head = _TRANSMIT_HEAD.pack(_TRANSMIT, 0, receiver, _UNKNOWN_NETWORK_ADDRESS, 0, 0)
     return _frame(head + data)
 
@@ -67,14 +66,10 @@ class ApiStream:
     A frame whose checksum is wrong is dropped, and the search goes on behind its first byte: a
     start byte within noise costs no good frame. Frames of other kinds (modem status, ...) are
     skipped.
-
-    Attributes:
-        rejected: frames with a wrong checksum or a length that cannot be.
     """
 
     def __init__(self) -> None:
         self._open = b""
-        self.rejected = 0
 
     def feed(self, data: bytes) -> list[Packet]:
         """Adds bytes; returns the packets that arrived and became complete, oldest first."""
@@ -86,25 +81,25 @@ class ApiStream:
 
     def _packets(self, data: bytes, kind: int, place: int, head: int) -> list[Packet]:
         """Returns the packets of one kind, whose address is at a place of the content."""
-        contents, self._open = cut_frames(self._open + data, bytes([START]), self._cut)
+        contents, self._open = cut_frames(self._open + data, bytes([START]), _cut)
         return [
             Packet(int.from_bytes(content[place : place + 8], "big"), content[head:])
             for content in contents
             if content[0] == kind and len(content) >= head
         ]
 
-    def _cut(self, data: bytes) -> tuple[int, bytes | None]:
-        if len(data) < 3:
-            return 0, None
-        length = int.from_bytes(data[1:3], "big")
-        possible = 0 < length <= _MAX_CONTENT
-        if possible and len(data) < length + 4:
-            return 0, None
-        content = data[3 : 3 + length]
-        if not possible or sum(content) + data[3 + length] & 0xFF != 0xFF:
-            self.rejected += 1
-            return 1, None
-        return length + 4, content
+
+def _cut(data: bytes) -> tuple[int, bytes | None]:
+    if len(data) < 3:
+        return 0, None
+    length = int.from_bytes(data[1:3], "big")
+    possible = 0 < length <= _MAX_CONTENT
+    if possible and len(data) < length + 4:
+        return 0, None
+    content = data[3 : 3 + length]
+    if not possible or sum(content) + data[3 + length] & 0xFF != 0xFF:
+        return 1, None
+    return length + 4, content
 
 
 def _frame(content: bytes) -> bytes:

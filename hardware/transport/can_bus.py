@@ -95,9 +95,12 @@ class Outbox:
             self._condition.notify_all()
 
     def next(self) -> CanFrame | None:
-        """Waits for the next frame to send; None once the box is closed without urgent ones."""
+        """Waits for the next frame to send, the one in hand being sent; None once the box is closed
+        without urgent ones.
+        """
         with self._condition:
             while True:
+                self._in_hand = None
                 self._taken = time.monotonic()
                 if self._urgent:
                     self._in_hand = (self._taken, self._urgent.popleft(), True)
@@ -109,16 +112,8 @@ class Outbox:
                     if self._taken - since <= _STALE_AFTER:
                         self._in_hand = (since, frame, False)
                         return frame
-                self._in_hand = None
                 self._condition.notify_all()
                 self._condition.wait()
-
-    def done(self) -> None:
-        """Notes that the frame in hand was sent."""
-        with self._condition:
-            self._in_hand = None
-            if not self._urgent and not self._waiting:
-                self._condition.notify_all()
 
     def put_back(self, may_have_left: bool) -> None:
         """Puts back the frame in hand, which could not be sent: it goes first again, unless a newer
@@ -177,7 +172,7 @@ class CanBus:
     Attributes:
         fault: first reason not to trust the bus; stays.
         fault_text: the same in words, with what the driver said.
-        echoes, foreign, garbage: counters since the start.
+        garbage: messages since the start that are no frame.
     """
 
     def __init__(
@@ -192,8 +187,6 @@ class CanBus:
         self._listen = None if listen is None else frozenset(listen)
         self.fault = BusFault.NONE
         self.fault_text = ""
-        self.echoes = 0
-        self.foreign = 0
         self.garbage = 0
         self._outbox = Outbox()
         self._inbox: deque[tuple[float, CanFrame]] = deque(maxlen=4096)
@@ -354,19 +347,12 @@ class CanBus:
         self._garbage_in_a_row += 1
 
     def _take(self, now: float, message: can.Message) -> None:
+        number = message.arbitration_id
         data = bytes(message.data)
-        if not message.is_rx or self._is_echo(now, message.arbitration_id, data):
-            self.echoes += 1
-        elif (
-            self._listen is not None
-            and not message.is_extended_id
-            and message.arbitration_id not in self._listen
-        ):
-            self.foreign += 1
-        else:
-            self._inbox.append(
-                (now, CanFrame(message.arbitration_id, data, message.is_extended_id))
-            )
+        if not message.is_rx or self._is_echo(now, number, data):
+            return
+        if self._listen is None or message.is_extended_id or number in self._listen:
+            self._inbox.append((now, CanFrame(number, data, message.is_extended_id)))
 
     def _is_echo(self, now: float, arbitration_id: int, data: bytes) -> bool:
         with self._recent_lock:
@@ -390,10 +376,11 @@ class CanBus:
                 if fault is not BusFault.SEND_BLOCKED or now - blocked_since > _SEND_BLOCKED:
                     self._set_failure(fault, "sending", error)
                 self._closing.wait(_SEND_RETRY)
-                self._outbox.put_back(_may_have_left(error))
+                # pyserial times out after a whole write too: the frame may be on the bus.
+                kinds = (type(cause).__name__ for cause in causes(error))
+                self._outbox.put_back("SerialTimeoutException" in kinds)
             else:
                 blocked_since = None
-                self._outbox.done()
 
     def _send_one(self, frame: CanFrame) -> None:
         message = can.Message(
@@ -409,13 +396,6 @@ class CanBus:
 def _key(frame: CanFrame) -> tuple[int, bool]:
     """Returns what tells the frames of one id from others."""
     return frame.arbitration_id, frame.extended
-
-
-def _may_have_left(error: BaseException) -> bool:
-    """Returns whether a frame may be on the bus although sending it failed: pyserial times out
-    after a whole write too.
-    """
-    return any(type(cause).__name__ == "SerialTimeoutException" for cause in causes(error))
 
 
 def _fault_of(error: BaseException, otherwise: BusFault) -> BusFault:

@@ -77,15 +77,13 @@ class SerialLink:
             wrong path is an error at once.
 
     Attributes:
-        connected: whether the device is open.
-        error: why it is not, or was not last time; empty before the first loss.
+        error: why the device is not open, or was not last time; empty before the first loss.
         losses: how often it was lost or closed.
     """
 
     def __init__(self, open_port: Callable[[], Serial]) -> None:
         self._open_port = open_port
         self._port: Serial | None = open_port()
-        self.connected = True
         self.error = ""
         self.losses = 0
         self._inbox: deque[tuple[float, bytes]] = deque(maxlen=_MAX_CHUNKS)
@@ -113,7 +111,7 @@ class SerialLink:
         dead = next((thread.name for thread in self._threads if not thread.is_alive()), "")
         if dead and not self._closing.is_set():
             return f"its thread {dead} has died; start the program again"
-        if not self.connected:
+        if self._port is None:
             return self.error
         return (
             "" if time.monotonic() - self._alive < _THREAD_SILENT else "its driver does not answer"
@@ -156,9 +154,8 @@ class SerialLink:
         with self._condition:
             if self._port is not port:
                 return
-            self._port = None
-            self.connected = False
             self.error = reason
+            self._port = None
             self.losses += 1
         try:
             port.close()
@@ -193,7 +190,6 @@ class SerialLink:
         with self._condition:
             self._waiting = None  # made before the device was lost: too old
             self._port = port
-            self.connected = True
 
     # -- sending thread
 

@@ -76,10 +76,10 @@ def imu(tmp_path):
 
 def test_a_plug_that_was_pulled_is_told_and_the_chip_is_set_up_again(imu):
     terminal, thread = imu
-    assert wait_until(lambda: thread.count > 5)
+    assert wait_until(lambda: fault(thread) is SourceFault.NONE)
     terminal.unplug()
     assert wait_until(lambda: fault(thread) is SourceFault.LOST)
-    count = thread.count
+    newest = thread.newest
     terminal.chip.__init__()  # it lost its power
     terminal.plug()
-    assert wait_until(lambda: thread.count > count and fault(thread) is SourceFault.NONE)
+    assert wait_until(lambda: thread.newest != newest and fault(thread) is SourceFault.NONE)

@@ -59,16 +59,6 @@ def car():
     return Car()
 
 
-def test_nothing_passes_before_drive(car):
-    car.turn(count=2)
-    car.guard.arm(car.now)
-    car.turn(count=2)
-    assert all(same(command, STOP) for command in car.wiring.commands)
-    car.guard.drive(RadioMode.AUTO, car.now)
-    car.turn()
-    assert same(car.last, FORWARD)
-
-
 @pytest.mark.parametrize("mode", [RadioMode.AUTO, RadioMode.MANUAL, RadioMode.CONTROL])
 def test_a_switch_that_stands_on_a_mode_from_before_is_not_obeyed_until_it_was_in_idle(car, mode):
     car.wiring.operator = OperatorCommand(mode, 1.0)

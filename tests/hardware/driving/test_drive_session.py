@@ -182,17 +182,6 @@ def test_a_signal_before_arming_switches_nothing_on(drive, number):
     assert not drive.log.exists()
 
 
-def test_the_operator_stops_and_nothing_is_armed_again(drive):
-    def stop(result):
-        drive.bench.radio.stopped = True
-        return result
-
-    result = drive.run(stop)
-    assert not result.orderly
-    assert "emergency stop" in result.reason
-    drive.assert_safe()
-
-
 def test_a_car_that_cannot_drive_is_off_before_its_log_is_discarded(drive, monkeypatch):
     monkeypatch.setattr(drive_session, "await_operator", lambda *_: 1 / 0)
     monkeypatch.setattr(RunJournal, "discard", lambda _: drive.assert_safe())

@@ -114,12 +114,6 @@ def test_reply_is_unwrapped_at_the_profile_range(previous, reading, expected):
     assert unwrap(previous, reading, PROFILE) == pytest.approx(expected, abs=1e-12)
 
 
-def test_the_wrong_profile_reads_another_angle():
-    frame = CanFrame(0, bytes.fromhex("01C000800800"))
-    assert decode_reply(frame, PROFILE).position == pytest.approx(6.25, abs=1e-3)
-    assert decode_reply(frame, MANUAL_SAMPLE_CODE).position == pytest.approx(47.75, abs=1e-2)
-
-
 def test_unknown_fault_byte_is_a_fault():
     assert PROFILE.fault_name(0) == "none"
     assert PROFILE.fault_name(1) == "over-temperature"

@@ -97,12 +97,6 @@ def test_stream_joined_in_the_middle_waits_for_the_next_string(cut):
     assert ReplyStream().feed(TEXT[cut:] + TEXT) == [REPLY]
 
 
-def test_damaged_string_is_dropped_and_the_next_one_read():
-    stream = ReplyStream()
-    assert stream.feed(b"|" + TEXT[:20] + TEXT[25:].replace(b";", b":") + TEXT) == [REPLY]
-    assert stream.rejected == 1
-
-
 def test_every_changed_byte_is_noticed():
     for place in range(len(TEXT)):
         for byte in range(256):

@@ -67,13 +67,12 @@ def test_echo_is_dropped_once_only(bus, adapter):
     for _ in range(2):  # the second one is somebody else's, who commands this motor too
         adapter.deliver(1, COMMAND.data)
     assert received(bus) == [COMMAND]
-    assert bus.echoes == 1
 
 
 def test_frames_marked_as_sent_by_this_computer_are_dropped(bus, adapter):
     adapter.deliver(1, REPLY.data, is_rx=False)
-    assert wait_until(lambda: bus.echoes == 1)
-    assert bus.poll() == []
+    adapter.deliver(1, COMMAND.data)
+    assert received(bus) == [COMMAND]
 
 
 def test_listen_filter_keeps_its_ids_and_every_extended_frame(adapter):
@@ -82,7 +81,6 @@ def test_listen_filter_keeps_its_ids_and_every_extended_frame(adapter):
     adapter.deliver(0x2901, bytes(8), extended=True)
     adapter.deliver(1, REPLY.data)
     assert received(bus, 2) == [CanFrame(0x2901, bytes(8), extended=True), CanFrame(1, REPLY.data)]
-    assert bus.foreign == 1
     bus.close()
 
 
