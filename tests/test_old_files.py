@@ -125,6 +125,7 @@ def test_ensemble_has_its_members():
         was["members"],
         was["best"],
     )
+    assert ensemble.effective_size == pytest.approx(was["effective_size"])
     assert ensemble.members[0].weight == pytest.approx(was["first"]["weight"])
     assert ensemble.members[0].values == was["first"]["values"]
     car = ensemble.scenario(ensemble.members[0], "turn_none").car

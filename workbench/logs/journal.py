@@ -205,10 +205,7 @@ class JournalWriter:
             self.flush()
             with self._file:
                 self._end()
-                table = self._table()
-                if self.notes:
-                    self.add_facts({"journal_notes": self.notes})
-                write_table(table, self._metadata, self.path, self._force)
+                self._write_table(self._table(), self.path, self._force)
                 self._remove()
         return self.path
 
@@ -227,6 +224,11 @@ class JournalWriter:
     def _table(self) -> pa.Table:
         """Returns the rows that were written."""
         return read_content(self._copy, str(self.journal))[0]
+
+    def _write_table(self, table: pa.Table, path: Path, force: bool) -> None:
+        if self.notes:
+            self.add_facts({"journal_notes": self.notes})
+        write_table(table, self._metadata, path, force)
 
     def run_log(self) -> RunLog:
         """Reads the log that was written."""

@@ -16,6 +16,7 @@ import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass as pydantic_dataclass
 
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import EnsembleError, ScenarioError
 from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.key_errors import nearest
@@ -98,6 +99,16 @@ class Ensemble:
     provenance: Json
     path: Path
 
+    @property
+    def weights(self) -> FloatArray:
+        """Collect the weights of the members (n); they sum to 1."""
+        return np.array([member.weight for member in self.members])
+
+    @property
+    def effective_size(self) -> float:
+        """Compute the effective sample size 1 / sum(w^2)."""
+        return float(1.0 / np.sum(self.weights**2))
+
     def resample(self, number: int) -> tuple[Member, ...]:
         """Draw `number` members by weight that stand for all: systematic resampling in the order of
         the file.
@@ -112,8 +123,7 @@ class Ensemble:
         if number >= len(self.members):
             return self.members
         middles = (np.arange(number) + 0.5) / number
-        shares = np.cumsum([member.weight for member in self.members])
-        indices = np.searchsorted(shares, middles)
+        indices = np.searchsorted(np.cumsum(self.weights), middles)
         indices = np.minimum(indices, len(self.members) - 1)
         draws = Counter(indices.tolist())
         return tuple(

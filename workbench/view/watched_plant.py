@@ -129,7 +129,12 @@ class WatchedPlant:
                 for tail in tails
             ]
             scene_graph = None
-        base_index = _base_of(plant, base)
+        base_index = None
+        floating = list(plant.GetFloatingBaseBodies())
+        if base is not None:
+            base_index = resolve_body(plant, base, "observe").index()
+        elif len(floating) == 1:
+            base_index = floating[0]
         bodies = scene_bodies(plant, scene)
         return cls(plant, station, state, base_index, tails, wind, scene, scene_graph, bodies)
 
@@ -231,14 +236,6 @@ def _plant_in(station: Diagram) -> MultibodyPlant:
             "or a simulated station, which has a subsystem 'plant' and a port 'plant_state_truth'"
         )
     return plant
-
-
-def _base_of(plant: MultibodyPlant, base: RigidBody | str | None) -> BodyIndex | None:
-    """Returns the body that was named, or the floating base if there is one only."""
-    if base is not None:
-        return resolve_body(plant, base, "observe").index()
-    floating = list(plant.GetFloatingBaseBodies())
-    return floating[0] if len(floating) == 1 else None
 
 
 class LiveScene(LeafSystem):

@@ -30,6 +30,7 @@ def test_weights_are_scaled_to_one_and_the_best_is_found(tmp_path):
     ensemble = load_ensemble(written(tmp_path, TEXT))
     assert [member.weight for member in ensemble.members] == [0.75, 0.25]
     assert ensemble.best.settings_on("turn_swing") == ("car.mass=6.5",)
+    assert ensemble.effective_size == pytest.approx(1 / (0.75**2 + 0.25**2))
 
 
 def test_a_member_overrides_the_parameters_and_a_setting_overrides_the_member(
