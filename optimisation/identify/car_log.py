@@ -21,7 +21,13 @@ from aerodima.workbench.core.errors import FitError, LogError, UserError
 from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.logs.log_findings import refuse_inconsistent_rates
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.logs.signals import Interval, check_signals, median_step, naming
+from aerodima.workbench.logs.signals import (
+    Interval,
+    check_signals,
+    checked_signals,
+    median_step,
+    naming,
+)
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import IMU
 
@@ -259,8 +265,7 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
     names = [*DRIVER, "imu_roll_rad", "imu_pitch_rad"]
     if tailed:
         names += [*TAIL["pitch"], *TAIL["roll"], "tail_roll_angle_rad"]
-    signals = {name: log.signal(name) for name in names}
-    check_signals(time, signals)
+    signals = checked_signals(log, names)
     steered = np.flatnonzero(np.abs(signals[DRIVER[0]]) > STEERED)
     if not steered.size:
         raise FitError(f"column {DRIVER[0]!r} stays within {STEERED:g} rad; a fit needs a turn")

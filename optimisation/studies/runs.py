@@ -186,11 +186,12 @@ def measured_row(task: RunTask, scenario: Scenario | RigScenario, run: RunLog) -
     from aerodima.workbench.metrics.run_summary import summarise
 
     summary = summarise(run, scenario.name)
+    windows = steered_windows(run.time, run.signal("steering_command_rad"))
     row = {
         "run": task.name,
         **summary.as_row(),
         **asdict(turn_course(run)),
-        **asdict(tip_up(run, steered_windows(run))),
+        **asdict(tip_up(run, windows)),
         **path_row(run, scenario),
         "stopped_at_flip_s": run.extra.get(STOPPED),
     }

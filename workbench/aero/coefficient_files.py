@@ -99,7 +99,7 @@ class CoefficientSet(StrictModel, ABC):
 
     model_config = ConfigDict(coerce_numbers_to_str=True)
 
-    schema_: Literal["aerodima/coefficients/1"] = Field(alias="schema")
+    schema_: str = Field(alias="schema")
     name: str
     law_kind: str = Field(alias="law")
     kind: str

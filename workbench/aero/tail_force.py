@@ -228,6 +228,11 @@ TailForce = TailForce_[float]
 `add_tail_force`."""
 
 
+def bodies_of(plant: MultibodyPlant) -> list[RigidBody]:
+    """All bodies of a plant, the world first."""
+    return [plant.get_body(BodyIndex(index)) for index in range(plant.num_bodies())]
+
+
 def resolve_body(plant: Any, body: Any, place: str = "tail force") -> Any:
     """The body that a body or a name means; ModelError when the plant has no such body, or is not
     finalised.
@@ -238,7 +243,7 @@ def resolve_body(plant: Any, body: Any, place: str = "tail force") -> Any:
     if not plant.is_finalized():
         raise ModelError(f"{place}: the plant is not finalised; call plant.Finalize() first")
     if isinstance(body, str):
-        bodies = [plant.get_body(BodyIndex(index)) for index in range(plant.num_bodies())]
+        bodies = bodies_of(plant)
         named = [other for other in bodies if other.name() == body]
         if len(named) != 1:
             names = ", ".join(other.scoped_name().get_full() for other in bodies)

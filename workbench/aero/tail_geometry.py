@@ -54,7 +54,7 @@ from aerodima.workbench.core.key_errors import lines_of
 from aerodima.workbench.core.quantity import QuantityModel, quantity
 from aerodima.workbench.core.sdf_model import Inertial
 
-SCHEMA: Literal["aerodima/tail/1"] = "aerodima/tail/1"
+SCHEMA = "aerodima/tail/1"
 
 SAME_PLANE = 1e-3
 """m; plates nearer than this, measured along their normal, count as lying in one plane."""
@@ -289,7 +289,7 @@ class TailGeometry(TailPart):
     Plates may cross or touch, but not lie on one another.
     """
 
-    schema_: Literal["aerodima/tail/1"] = Field(default=SCHEMA, alias="schema", repr=False)
+    schema_: str = Field(default=SCHEMA, alias="schema", repr=False)
     name: str = quantity("1", "of the tail", min_length=1, max_length=40)
     arm: TailArm
     plates: Annotated[tuple[Plate, ...], Field(strict=False, min_length=1)]
@@ -356,32 +356,22 @@ class TailGeometry(TailPart):
         """Planform of all plates, m2."""
         return sum(plate.area for plate in self.plates)
 
-    def facing_area(self, direction: Sequence[float]) -> float:
-        """Planform seen along a direction, m2: each piece with the cosine of its normal."""
-        return float(sum(area for area, _ in self._facing(direction)))
-
     def centre_of_pressure(self, direction: Sequence[float] | None = None) -> FloatArray:
         """Centroid in T (3), m, of the planform seen along a direction, by default the first
-        plate's normal.
+        plate's normal; each piece counts with the cosine of its own.
 
         Raises:
             ModelError: no plate faces that direction.
         """
         if direction is None:
             direction = self.plates[0].normal
-        area = self.facing_area(direction)
-        if area < 1e-12:
-            raise ModelError(f"tail {self.name!r}: no plate faces the direction {tuple(direction)}")
-        moment = sum(area * piece.centre for area, piece in self._facing(direction))
-        return np.asarray(moment / area)
-
-    def _facing(self, direction: Sequence[float]) -> list[tuple[float, Piece]]:
         along = unit_vector(direction)
-        return [
-            (abs(float(piece.normal @ along)) * piece.area, piece)
-            for plate in self.plates
-            for piece in plate.pieces
-        ]
+        pieces = [piece for plate in self.plates for piece in plate.pieces]
+        areas = [abs(float(piece.normal @ along)) * piece.area for piece in pieces]
+        if sum(areas) < 1e-12:
+            raise ModelError(f"tail {self.name!r}: no plate faces the direction {tuple(direction)}")
+        moment = sum(area * piece.centre for area, piece in zip(areas, pieces, strict=True))
+        return np.asarray(moment / sum(areas))
 
     @property
     def points(self) -> FloatArray:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
@@ -32,7 +32,7 @@ AddBodies = Callable[[DiagramBuilder, MultibodyPlant, OutputPort | None], object
 """Adds bodies and forces to the plant of a simulated car: called with the builder of the station,
 the plant before it is finalised, and a port of the wind's velocity (3), m/s, None in still air. It
 may call `plant.Finalize()`, which `add_tail_force` needs."""
-SCHEMA: Literal["aerodima/bodies/1"] = "aerodima/bodies/1"
+SCHEMA = "aerodima/bodies/1"
 _THICKNESS = 0.002
 """Thickness with which bodies are drawn, as the hull of their pieces, m."""
 _COLOUR = np.array([0.93, 0.74, 0.18, 1.0])
@@ -48,7 +48,7 @@ class CarBody(Plate):
 class CarBodies(TailPart):
     """Content of a file of bodies."""
 
-    schema_: Literal["aerodima/bodies/1"] = Field(default=SCHEMA, alias="schema", repr=False)
+    schema_: str = Field(default=SCHEMA, alias="schema", repr=False)
     bodies: Annotated[tuple[CarBody, ...], Field(strict=False, min_length=1)]
 
 

@@ -16,7 +16,7 @@ from aerodima.workbench.car.tail_plant import ground_partner_friction
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.sdf_model import Inertial, SdfModel
-from aerodima.workbench.scenario.car_parameters import CarParameters, DriveParameters
+from aerodima.workbench.scenario.car_parameters import CarParameters
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import AXLES, SIDES
 from aerodima.workbench.scenario.tail_parameters import TailParameters
@@ -170,7 +170,10 @@ def car_sdf(scenario: Scenario) -> SdfModel:
         model.set_contact(link, None, CAGE_STIFFNESS, 1.0, friction)
     _set_gearbox(model, car, tail)
     _set_board(model, car)
-    _set_drive_shaft(model, drive, axle_statics(car, gravity, "rear").wheel_height)
+    shaft = Inertial.solid(SHAFT_MASS, UnitInertia.SolidSphere(SHAFT_RADIUS))
+    model.place_link("drive_shaft", shaft, (0, 0, axle_statics(car, gravity, "rear").wheel_height))
+    model.set_rotor("drive_shaft_spin", drive.rotor_inertia, 1.0)
+    model.set_joint("drive_shaft_spin", effort=drive.torque_limit)
     for axle in AXLES:
         _set_axle(model, car, axle, axle_statics(car, gravity, axle))
     for side in SIDES:
@@ -209,13 +212,6 @@ def _set_board(model: SdfModel, car: CarParameters) -> None:
     for side, sign in (("left", 1), ("right", -1)):
         corner = (radius - length / 2, sign * (width / 2 - radius), 0.0)
         model.set_shape("board", f"board_{side}", corner, radius=radius)
-
-
-def _set_drive_shaft(model: SdfModel, drive: DriveParameters, height: float) -> None:
-    inertial = Inertial.solid(SHAFT_MASS, UnitInertia.SolidSphere(SHAFT_RADIUS))
-    model.place_link("drive_shaft", inertial, (0, 0, height))
-    model.set_rotor("drive_shaft_spin", drive.rotor_inertia, 1.0)
-    model.set_joint("drive_shaft_spin", effort=drive.torque_limit)
 
 
 def _set_axle(model: SdfModel, car: CarParameters, axle: str, statics: AxleStatics) -> None:

@@ -115,7 +115,7 @@ def add_car_plant(
     _add_ground(plant, scenario.car.tyre_friction)
     car = parse_model(plant, car_sdf(scenario), drawn)
     tail = None
-    added = None
+    added: AddedMass | None = None
     if scenario.tail.mode != "none":
         arm = tail_sdf(scenario.tail, scenario.tail_motor, scenario.car)
         if scenario.tail.sail != "free":
@@ -126,7 +126,11 @@ def add_car_plant(
         plant.WeldFrames(plant.GetFrameByName("gearbox"), plant.GetFrameByName("tail_anchor"), X_GT)
         for joint, angle in zip(("roll", "pitch"), resting_tail(scenario), strict=True):
             plant.GetJointByName(f"tail_{joint}").set_default_angle(angle)
-        added = _added_mass(plant, scenario)
+        if scenario.tail.added_mass != 0.0:
+            # On the rod, whole: it does not turn with a free sail.
+            rod = plant.GetBodyByName("tail_rod")
+            layout = added_mass_layout(scenario.tail)
+            added = add_added_mass(plant, rod, layout, scenario.tail.added_mass)
     plant.set_stiction_tolerance(stiction_tolerance(scenario.car, scenario.manoeuvre.speed))
     plant.set_contact_model(ContactModel.kPoint)
     plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
@@ -159,16 +163,6 @@ def add_plant(builder: DiagramBuilder, step: float) -> tuple[Any, SceneGraph]:
     builder.Connect(plant.get_geometry_pose_output_port(), scene_graph.get_source_pose_port(source))
     builder.Connect(scene_graph.get_query_output_port(), plant.get_geometry_query_input_port())
     return plant, scene_graph
-
-
-def _added_mass(plant: MultibodyPlant, scenario: Scenario) -> AddedMass | None:
-    """Added mass of the whole tail, on the rod: it does not turn with a free sail."""
-    tail = scenario.tail
-    if tail.added_mass == 0.0:
-        return None
-    return add_added_mass(
-        plant, plant.GetBodyByName("tail_rod"), added_mass_layout(tail), tail.added_mass
-    )
 
 
 def strict_parser(plant: MultibodyPlant) -> Parser:

@@ -34,6 +34,8 @@ POSITION_BITS = 16
 """Word of a position in the AK70-10's reply in MIT mode (design section 14)."""
 SPEED_BITS = 12
 """Word of a speed in that reply."""
+RATE_WINDOW = 0.02
+"""Time over which the sail's encoder takes its rate, s."""
 STEPS = np.repeat([1.0 / 900.0, 1.0 / 900.0, 0.01], 3)
 """Resolution of the BNO055: rad of the attitude, rad/s and m/s2 per count."""
 
@@ -224,7 +226,6 @@ class SailEncoder(AngleEncoder):
             before quantisation).
         seed: of the noise.
         discrete: whether the plant is discrete, see `SampledSensor`.
-        window: of the rate, s.
     """
 
     def __init__(
@@ -233,9 +234,8 @@ class SailEncoder(AngleEncoder):
         *,
         seed: int = 0,
         discrete: bool = False,
-        window: float = 0.02,
     ) -> None:
-        super().__init__("sail_encoder", settings.rate, settings.delay, window, discrete)
+        super().__init__("sail_encoder", settings.rate, settings.delay, RATE_WINDOW, discrete)
         self._steps = 2**settings.bits
         self._noise = CounterNoise(seed, "sail_encoder", 1)
         self._deviation = settings.noise

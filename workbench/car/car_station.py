@@ -264,11 +264,18 @@ def _add_sensors(
     else:
         tail_state, encoders = _add_encoders(builder, scenario, ports, tail.air)
         ages |= encoders
+    fault = 0.0 if "sail_age" in ages else NOT_FITTED
+    status = add_status(
+        builder,
+        STATUS,
+        {name: sensor.GetOutputPort("sample_time") for name, sensor in ages.items()},
+        {f"{part}_fault": fault for part in TAIL_PARTS},
+    )
     return {
         "tail_state": tail_state,
         "imu": imu.GetOutputPort("imu"),
         "speed": gps.GetOutputPort("speed"),
-        "status": _add_status(builder, ages),
+        "status": status,
     }
 
 
@@ -292,17 +299,6 @@ def _add_encoders(
         rate = sail.GetOutputPort("rate")
     parts = [encoders.GetOutputPort("angles"), angle, encoders.GetOutputPort("rates"), rate]
     return concatenate(builder, "tail_state", parts), ages
-
-
-def _add_status(builder: DiagramBuilder, sensors: dict[str, System]) -> OutputPort:
-    """Adds the status of sensors by the field of their age; a tail that is not there has none."""
-    fault = 0.0 if "sail_age" in sensors else NOT_FITTED
-    return add_status(
-        builder,
-        STATUS,
-        {name: sensor.GetOutputPort("sample_time") for name, sensor in sensors.items()},
-        {f"{part}_fault": fault for part in TAIL_PARTS},
-    )
 
 
 def _add_truth(

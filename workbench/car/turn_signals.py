@@ -21,7 +21,7 @@ from aerodima.workbench.control.manoeuvre import turn_length
 from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import DRIVEN_BY, PLANT_RUN, RunLog
-from aerodima.workbench.logs.signals import check_signals, check_time
+from aerodima.workbench.logs.signals import check_signals, check_time, checked_signals
 from aerodima.workbench.scenario.signal_table import GROUND_CONTACTS, TIME, WHEELS
 
 STEERED = 0.01
@@ -242,22 +242,15 @@ class SteeredWindow(NamedTuple):
     side: float
 
 
-def steered_windows(run_log: RunLog) -> list[SteeredWindow]:
-    """Returns when a run was steered to which side, from the logged steering command, in the order
-    of time; none if never.
+def steered_windows(time: FloatArray, angle: FloatArray) -> list[SteeredWindow]:
+    """Returns when a car was steered to which side, in the order of time; none if never.
 
     The pulses of a turn, both halves of a fishhook, the half waves of a slalom, what the driver of
     a path did.
 
-    Raises:
-        LogError: the log has no steering command.
-    """
-    return windows_of_steering(run_log.time, run_log.signal("steering_command_rad"))
-
-
-def windows_of_steering(time: FloatArray, angle: FloatArray) -> list[SteeredWindow]:
-    """Returns windows (see `steered_windows`) of angles (n), rad, at times (n), s; an angle below
-    `STEERED` opens none.
+    Args:
+        time: (n,), s.
+        angle: commanded at these times (n,), rad; one below `STEERED` opens no window.
     """
     side = np.sign(np.where(np.abs(angle) > _STRAIGHT, angle, 0.0))
     edges = [0, *(np.flatnonzero(np.diff(side)) + 1), side.size]
@@ -289,8 +282,7 @@ def _without_bias(run_log: RunLog, column: str, turn_start: float) -> FloatArray
     car goes straight.
     """
     time = run_log.time
-    rate = run_log.signal(column)
-    check_signals(time, {column: rate})
+    rate = checked_signals(run_log, [column])[column]
     straight = (time >= 0.5 * (time[0] + turn_start)) & (time < turn_start)
     if np.any(straight):
         return rate - float(np.mean(rate[straight]))
@@ -300,9 +292,7 @@ def _without_bias(run_log: RunLog, column: str, turn_start: float) -> FloatArray
 def _columns(run_log: RunLog, names: Sequence[str]) -> FloatArray | None:
     if not all(name in run_log.table.columns for name in names):
         return None
-    signals = {name: run_log.signal(name) for name in names}
-    check_signals(run_log.time, signals)
-    return np.column_stack(list(signals.values()))
+    return np.column_stack([*checked_signals(run_log, names).values()])
 
 
 def settled_row(table: pd.DataFrame | Mapping[str, FloatArray], turn_end: float) -> int | None:

@@ -109,8 +109,19 @@ def replay(
         refuse_existing(path, force, UserError)
     if video is not None:
         _write_video(runs, video, start, rate, force)
-    if others or video is None:
-        _replay_one(runs[0], html, strip, port, rate, force)
+        if not others:
+            return
+    run_log = workbench.read_run_log(runs[0])
+    if html is not None:
+        from aerodima.workbench.view.replay_page import write_replay_html
+
+        typer.echo(f"replay: {write_replay_html(run_log, html, force=force, rate=rate)}")
+    if strip is not None:
+        from aerodima.workbench.view.filmstrip import write_strip
+
+        typer.echo(f"strip: {write_strip(run_log, strip, force=force)}")
+    if port is not None or (html is None and strip is None):
+        _show(run_log, port, rate)
 
 
 def _write_video(runs: list[Path], video: Path, start: float, rate: float, force: bool) -> None:
@@ -122,22 +133,6 @@ def _write_video(runs: list[Path], video: Path, start: float, rate: float, force
     progress = show_progress("frame", "")
     path = write_video(filmed, video, force=force, rate=rate, progress=progress, start=start)
     typer.echo(f"video: {path}")
-
-
-def _replay_one(
-    run: Path, html: Path | None, strip: Path | None, port: int | None, rate: float, force: bool
-) -> None:  # fmt: skip
-    run_log = workbench.read_run_log(run)
-    if html is not None:
-        from aerodima.workbench.view.replay_page import write_replay_html
-
-        typer.echo(f"replay: {write_replay_html(run_log, html, force=force, rate=rate)}")
-    if strip is not None:
-        from aerodima.workbench.view.filmstrip import write_strip
-
-        typer.echo(f"strip: {write_strip(run_log, strip, force=force)}")
-    if port is not None or (html is None and strip is None):
-        _show(run_log, port, rate)
 
 
 def _show(run_log: RunLog, port: int | None, rate: float) -> None:

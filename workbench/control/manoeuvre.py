@@ -266,9 +266,9 @@ class LevelSchedule:
 
     Args:
         ramp: of the speed.
-        side: +1 left, -1 right; announced from the first tick.
+        side: +1 left, -1 right; announced from the first tick. 0 for no turn.
         start: of the first level, s.
-        levels: angles to that side, rad.
+        levels: angles to that side, rad; none for straight driving.
         ends: of the levels, s after the start.
 
     Raises:
@@ -317,17 +317,6 @@ class RisingSchedule:
         """Returns inputs at `time` s since the start."""
         angle = min(self.steer_angle, self.rate * max(0.0, time - self.start))
         return DriverInput(self.side * angle, self.ramp.throttle(time), self.side)
-
-
-@dataclass(frozen=True)
-class StraightSchedule:
-    """Straight driving at a speed, for the throttle tests (thesis 6.2). No turn is announced."""
-
-    ramp: SpeedRamp
-
-    def at(self, time: float) -> DriverInput:
-        """Returns inputs at `time` s since the start."""
-        return DriverInput(0.0, self.ramp.throttle(time), 0.0)
 
 
 @dataclass(frozen=True)
@@ -402,8 +391,8 @@ def make_schedule(scenario: Any) -> Schedule:
         levels = (manoeuvre.level_1, manoeuvre.level_2, manoeuvre.level_3)
         ends = (manoeuvre.level_1_end, manoeuvre.level_2_end, manoeuvre.turn_hold)
         return LevelSchedule(ramp, side, manoeuvre.turn_start, levels, ends)
-    if manoeuvre.kind == "straight":
-        return StraightSchedule(ramp)
+    if manoeuvre.kind == "straight":  # for the throttle tests (thesis 6.2)
+        return LevelSchedule(ramp, 0.0, 0.0, (), ())
     if manoeuvre.kind == "rising":
         return RisingSchedule(ramp, side, angle, manoeuvre.turn_start, manoeuvre.steer_rate)
     return SlalomSchedule(ramp, side, angle, manoeuvre.turn_start, manoeuvre.slalom_period)

@@ -124,22 +124,16 @@ class SdfModel:
             corners.append(p_VC @ X_LV.rotation().matrix().T + X_LV.translation())
         return np.concatenate(corners)
 
-    def set_link_position(
-        self, link: str, position: Sequence[float], roll: float | None = None
+    def place_link(
+        self, link: str, inertial: Inertial, position: Sequence[float], roll: float | None = None
     ) -> None:
-        """Set the position (m) of a link in the model frame, and its roll (rad); without one its
-        orientation stays.
+        """Set mass and inertia of a link, its position (m) in the model frame and its roll (rad);
+        without one its orientation stays.
         """
         element = self._named("link", link)
         if roll is not None:
             self._child(element, "pose").text = f"0 0 0 {self._text(roll)} 0 0"
         self._set_position(element, position)
-
-    def place_link(
-        self, link: str, inertial: Inertial, position: Sequence[float], roll: float | None = None
-    ) -> None:
-        """Set mass and inertia of a link, and where it is; see `set_link_position`."""
-        self.set_link_position(link, position, roll)
         self.set_inertial(link, inertial)
 
     def set_shape(

@@ -100,7 +100,15 @@ def import_log(paths: Sequence[Path | str] | Path | str, mapping: Mapping) -> Im
     if mapping.check_rates:
         refuse_inconsistent_rates(table, foreign.path)
     findings = [*findings, *table_findings(table, mapping.kind)]
-    metadata = _metadata(mapping, [file.name for file in files], findings)
+    facts = mapping.facts
+    if "tail" in facts:
+        facts["tail"] = str(facts["tail"])
+    facts["imported"] = {
+        "files": [file.name for file in files],
+        "mapping": mapping.model_dump(mode="json", by_alias=True, exclude_defaults=True),
+        "findings": [str(finding) for finding in findings],
+    }
+    metadata = run_metadata(_scenario(mapping), seed=0, kind=mapping.kind, extra=facts)
     return Imported(run_log_from_metadata(table, metadata, source=foreign.path), tuple(findings))
 
 
@@ -272,21 +280,6 @@ def _unused(foreign: ForeignLog, mapping: Mapping) -> Findings:
         text = f"columns of the file that are not in the mapping: {unused}"
         findings.append(LogFinding("", None, text))
     return findings
-
-
-def _metadata(mapping: Mapping, files: list[str], findings: Findings) -> Json:
-    """Makes the metadata of the log: what was driven, its facts, and where it came from."""
-    facts = mapping.facts
-    if "tail" in facts:
-        facts["tail"] = str(facts["tail"])
-    imported = {
-        "files": files,
-        "mapping": mapping.model_dump(mode="json", by_alias=True, exclude_defaults=True),
-        "findings": [str(finding) for finding in findings],
-    }
-    return run_metadata(
-        _scenario(mapping), seed=0, kind=mapping.kind, extra={**facts, "imported": imported}
-    )
 
 
 def _scenario(mapping: Mapping) -> Json:

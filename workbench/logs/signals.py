@@ -11,7 +11,7 @@ drift of a sensor goes, a low pass takes noise away; other columns than those na
 are.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -136,6 +136,13 @@ def check_signals(
                 f"column {name!r}: {bad.size} sample(s) not finite, first {signal[bad[0]]} at "
                 f"{time[bad[0]]:g} s"
             )
+
+
+def checked_signals(run_log: RunLog, columns: Iterable[str]) -> dict[str, FloatArray]:
+    """Reads columns of a run log, (n,) each; LogError as `check_signals`."""
+    signals = {column: run_log.signal(column) for column in columns}
+    check_signals(run_log.time, signals)
+    return signals
 
 
 def low_pass(

@@ -21,7 +21,7 @@ from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.core.file_reading import Facts, Json
 from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
-from aerodima.workbench.logs.signals import check_signals, check_time, in_parts
+from aerodima.workbench.logs.signals import checked_signals, in_parts
 from aerodima.workbench.metrics.published_values import Platform, PublishedValues, published_values
 from aerodima.workbench.metrics.turn_metrics import Outcome, RunMetrics, metrics_of, outcome_from
 from aerodima.workbench.scenario.ensemble import BUILT
@@ -125,9 +125,8 @@ def plant_metrics(run_log: RunLog) -> dict[str, float | str | None]:
         )
     time = run_log.time
     table = run_log.table
-    check_time(time)
     used = [name for name in table.columns if name.startswith("com_") or name == "tilt_truth_rad"]
-    check_signals(time, {name: run_log.signal(name) for name in used})
+    checked_signals(run_log, used)
     com = run_log.vector("com", "truth_m")
     outcome = plant_outcome(run_log)
     row: Json = {

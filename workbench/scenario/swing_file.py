@@ -181,7 +181,7 @@ class SwingFile(_Strict):
     `car` holds the parameters it was made for, as `section.key` of a scenario in SI units.
     """
 
-    schema_: Literal["aerodima/swing/1"] = Field("aerodima/swing/1", alias="schema")
+    schema_: str = Field(SCHEMA, alias="schema")
     name: str = Field(min_length=1, max_length=80)
     direction: Direction
     """Turn that the knots are written for."""

@@ -21,7 +21,7 @@ from aerodima.workbench.car.tail_plant import tail_geometry
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError, ScenarioError
 from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
-from aerodima.workbench.logs.signals import check_signals
+from aerodima.workbench.logs.signals import checked_signals
 from aerodima.workbench.scenario.scenario import Scenario, scenario_from_dict
 from aerodima.workbench.scenario.signal_table import PLANT_POSITION_PREFIX
 from aerodima.workbench.view.scene_shapes import point_paths
@@ -76,7 +76,6 @@ def with_turning_sail(scenario: Scenario) -> Scenario:
 
 def _signals(run_log: RunLog) -> dict[str, FloatArray]:
     """Reads speed, heading, roll, pitch and joint angles, (n,) each; leaves out what is missing."""
-    time = run_log.time
     present = set(run_log.table.columns)
     headings = [name for name in ("imu_yaw_rad", "imu_gyro_z_rad_per_s") if name in present]
     if "speed_m_per_s" not in present or not headings:
@@ -86,11 +85,10 @@ def _signals(run_log: RunLog) -> dict[str, FloatArray]:
         )
     optional = {"imu_roll_rad", "imu_pitch_rad", *_JOINTS.values()} & present
     names = ("speed_m_per_s", headings[0], *sorted(optional))
-    signals = {name: run_log.signal(name) for name in names}
-    check_signals(time, signals)
+    signals = checked_signals(run_log, names)
     heading = signals[headings[0]]
     if headings[0] != "imu_yaw_rad":
-        heading = cumulative_trapezoid(heading, time, initial=0.0)
+        heading = cumulative_trapezoid(heading, run_log.time, initial=0.0)
     signals["imu_yaw_rad"] = np.unwrap(heading)
     return signals
 

@@ -253,9 +253,12 @@ def thesis_turn_chapter(summaries: Sequence[RunSummary]) -> Section:
         "air. Clean: it survived, and neither cage nor tail touched the ground, nor the anti-ramp "
         "board from the start of the turn on."
     )
-    brackets = _bracket_table(summaries)
-    outcomes = _outcome_table(summaries)
-    parts: list[Part] = [brackets, outcomes, definitions, _metric_table(summaries)]
+    parts: list[Part] = [
+        _bracket_table(summaries),
+        _outcome_table(summaries),
+        definitions,
+        _metric_table(summaries),
+    ]
     return Section("The thesis' own turn, at full steering lock", parts)
 
 

@@ -19,7 +19,13 @@ from aerodima.workbench.car.ground_truth import air_columns, pose_columns
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError, ScenarioError
 from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
-from aerodima.workbench.logs.signals import check_signals, check_time, median_step, naming
+from aerodima.workbench.logs.signals import (
+    check_signals,
+    check_time,
+    checked_signals,
+    median_step,
+    naming,
+)
 from aerodima.workbench.scenario.scenario import scenario_from_dict
 from aerodima.workbench.scenario.signal_table import PLANT_POSITION_PREFIX
 from aerodima.workbench.view.dead_reckoning import (
@@ -232,6 +238,4 @@ def _logged_air(run_log: RunLog) -> dict[str, list[FloatArray]]:
 
 def _numbers(run_log: RunLog, columns: list[str]) -> FloatArray:
     """Reads columns, shape (n, number of columns); LogError for gaps and what is not finite."""
-    signals = {column: run_log.signal(column) for column in columns}
-    check_signals(run_log.time, signals)
-    return np.column_stack([*signals.values()])
+    return np.column_stack([*checked_signals(run_log, columns).values()])

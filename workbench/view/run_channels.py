@@ -10,6 +10,7 @@ import base64
 import math
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -90,13 +91,16 @@ def channels_of(run_logs: Sequence[RunLog], names: Sequence[str]) -> Json:
     ]
     end = max(time[-1] for time in times)
     chosen = _first_chosen(run_logs, present)
+    turn: list[float] | None = None
+    with suppress(LogError):  # a run without one
+        turn = [float(time) - start for time in turn_window(run_logs[0])]
     return {
         "runs": runs,
         "channels": channels,
         "chosen": [name for name in chosen if name in present],
         "looks": line_looks(),
         "span": [float(times[0][0]), float(end)],
-        "turn": _turn(run_logs[0], start),
+        "turn": turn,
         "shade": TURN_SHADE,
     }
 
@@ -209,12 +213,3 @@ def _stretch_length(samples: int, count: int) -> int:
 
 def _packed(values: FloatArray) -> str:
     return base64.b64encode(values.astype("<f4").tobytes()).decode()
-
-
-def _turn(run_log: RunLog, start: float) -> list[float] | None:
-    """Finds beginning and end of the turn, s; None for a run without one."""
-    try:
-        window = turn_window(run_log)
-    except LogError:
-        return None
-    return [float(time) - start for time in window]

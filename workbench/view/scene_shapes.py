@@ -9,7 +9,7 @@ neither Drake nor `_stl_points` reads, such as DAE, with a warning.
 import re
 import warnings
 from collections.abc import Iterator
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia, world_index
 
+from aerodima.workbench.aero.tail_force import bodies_of
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.core.file_reading import Facts, Json
@@ -49,10 +50,9 @@ _GREY = Rgba(0.7, 0.7, 0.7)
 _KINDS = {"box": Box, "cylinder": Cylinder, "sphere": Sphere, "ellipsoid": Ellipsoid}
 
 
-def body_label(plant: MultibodyPlant, index: BodyIndex) -> str:
+def body_label(plant: MultibodyPlant, body: RigidBody) -> str:
     """Names a body in a log, after its model instance where another body has the same name."""
-    body = plant.get_body(index)
-    if index == world_index():
+    if body.index() == world_index():
         return WORLD_BODY
     if plant.NumBodiesWithName(body.name()) == 1:
         return body.name()
@@ -62,8 +62,7 @@ def body_label(plant: MultibodyPlant, index: BodyIndex) -> str:
 def scene_bodies(plant: MultibodyPlant, scene: list[Json]) -> dict[str, BodyIndex]:
     """Finds label and index of each body of a plant, but the world, that has a shape in a scene."""
     labels = {entry["body"] for entry in scene} - {WORLD_BODY}
-    indices = [BodyIndex(index) for index in range(plant.num_bodies())]
-    bodies = {body_label(plant, index): index for index in indices}
+    bodies = {body_label(plant, body): body.index() for body in bodies_of(plant)}
     return {label: index for label, index in bodies.items() if label in labels}
 
 
@@ -72,8 +71,8 @@ def plant_shapes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Json]:
     size, pose, colour.
     """
     inspector = scene_graph.model_inspector()
-    bodies = [plant.get_body(BodyIndex(index)) for index in range(plant.num_bodies())]
-    own = {geometry for body in bodies for geometry in plant.GetVisualGeometriesForBody(body)}
+    visuals = map(plant.GetVisualGeometriesForBody, bodies_of(plant))
+    own = set(chain.from_iterable(visuals))
     scene = []
     for geometry in inspector.GetAllGeometryIds(Role.kIllustration):
         if geometry not in own:
@@ -82,7 +81,7 @@ def plant_shapes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Json]:
         properties: Any = inspector.GetIllustrationProperties(geometry)
         diffuse = properties.GetPropertyOrDefault("phong", "diffuse", _GREY)
         look = {
-            "body": body_label(plant, body.index()),
+            "body": body_label(plant, body),
             "colour": np.round(diffuse.rgba[:3], 4).tolist(),
         }
         shape = inspector.GetShape(geometry)
@@ -223,17 +222,15 @@ def add_shapes(plant: MultibodyPlant, scene: Any, name: str) -> list[str]:
                 inertia = SpatialInertia.SolidSphereWithMass(1.0, 0.1)
                 bodies[body] = plant.AddRigidBody(body, inertia)
             colour = Rgba(*map(float, entry["colour"])).rgba
-            shape = _shape(entry, f"shape_{number}")
+            shape: Shape
+            if entry["kind"] == "hull":
+                points = np.array(entry["size"], dtype=float)
+                shape = Convex(points=points.T, label=f"shape_{number}")
+            else:
+                shape = _KINDS[entry["kind"]](*map(float, entry["size"]))
             plant.RegisterVisualGeometry(
                 bodies[body], shape_pose(entry), shape, f"{number}", colour
             )
     except (KeyError, TypeError, ValueError, RuntimeError) as cause:
         raise LogError(f"{name}: the shapes in its metadata cannot be read ({cause!r})") from None
     return [body for body in bodies if body != WORLD_BODY]
-
-
-def _shape(entry: Facts, label: str) -> Shape:
-    """Makes Drake's shape of a shape of a log."""
-    if entry["kind"] == "hull":
-        return Convex(points=np.array(entry["size"], dtype=float).T, label=label)
-    return _KINDS[entry["kind"]](*map(float, entry["size"]))

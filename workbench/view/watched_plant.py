@@ -19,10 +19,9 @@ from pydrake.systems.framework import (
     EventStatus,
     LeafSystem,
     OutputPort,
-    System,
 )
 
-from aerodima.workbench.aero.tail_force import TailForce, resolve_body
+from aerodima.workbench.aero.tail_force import TailForce, bodies_of, resolve_body
 from aerodima.workbench.car.car_plant import own_instances
 from aerodima.workbench.car.ground_truth import (
     BASE_COLUMNS,
@@ -116,13 +115,26 @@ class WatchedPlant:
             scene = plant_shapes(plant, scene_graph)
         if station is None:
             state = plant.get_state_output_port()
-            wind = _wind(builder, tails)
+            winds = [port_sources(builder, tail).get("wind_velocity") for tail in tails]
+            wind = next(filter(None, winds), None)
         else:
             state = station.GetOutputPort("plant_state_truth")
             wind = output_ports(station).get("wind_truth")
-            tails = [_copy_tail(builder, tail, state, wind) for tail in tails]
+            inputs = {"plant_state": state}
+            if wind is not None:
+                inputs["wind_velocity"] = wind
+            # Once more, where their ports can be read.
+            tails = [
+                add_and_connect(builder, tail.reporter(), tail.get_name(), **inputs)
+                for tail in tails
+            ]
             scene_graph = None
-        base_index = _base_of(plant, base)
+        base_index = None
+        floating = list(plant.GetFloatingBaseBodies())
+        if base is not None:
+            base_index = resolve_body(plant, base, "observe").index()
+        elif len(floating) == 1:
+            base_index = floating[0]
         bodies = scene_bodies(plant, scene)
         return cls(plant, station, state, base_index, tails, wind, scene, scene_graph, bodies)
 
@@ -147,8 +159,7 @@ class WatchedPlant:
         Raises:
             ModelError: the plant has no visible shapes.
         """
-        bodies = [self.plant.get_body(BodyIndex(index)) for index in range(self.plant.num_bodies())]
-        if not any(map(self.plant.GetVisualGeometriesForBody, bodies)):
+        if not any(map(self.plant.GetVisualGeometriesForBody, bodies_of(self.plant))):
             raise ModelError(
                 f"observe: plant '{self.plant.get_name()}' has no visible shapes for Meshcat; make "
                 "it with AddMultibodyPlantSceneGraph and parse the model after that"
@@ -225,31 +236,6 @@ def _plant_in(station: Diagram) -> MultibodyPlant:
             "or a simulated station, which has a subsystem 'plant' and a port 'plant_state_truth'"
         )
     return plant
-
-
-def _base_of(plant: MultibodyPlant, base: RigidBody | str | None) -> BodyIndex | None:
-    """Returns the body that was named, or the floating base if there is one only."""
-    if base is not None:
-        return resolve_body(plant, base, "observe").index()
-    floating = list(plant.GetFloatingBaseBodies())
-    return floating[0] if len(floating) == 1 else None
-
-
-def _wind(builder: DiagramBuilder, tails: list[Any]) -> OutputPort | None:
-    """Finds the port that the first tail force feels wind from."""
-    winds = [port_sources(builder, tail).get("wind_velocity") for tail in tails]
-    return next(filter(None, winds), None)
-
-
-def _copy_tail(
-    builder: DiagramBuilder, tail: Any, state: OutputPort, wind: OutputPort | None
-) -> System:
-    """Adds a tail force of a station once more, in this builder, where its ports can be read."""
-    inputs = {"plant_state": state}
-    if wind is not None:
-        inputs["wind_velocity"] = wind
-    copy: System = add_and_connect(builder, tail.reporter(), tail.get_name(), **inputs)
-    return copy
 
 
 class LiveScene(LeafSystem):

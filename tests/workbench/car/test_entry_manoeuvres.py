@@ -28,7 +28,7 @@ def test_full_car_without_tail_keeps_the_path_at_2_m_per_s(name):
     assert row["path_end_reached"]
     assert -0.04 < row["off_path_m"] < 0.0
     assert turn_window(run) == pytest.approx((0.3, scenario.manoeuvre.duration))
-    assert steered_windows(run)[0].side == 1.0
+    assert steered_windows(run.time, run.signal("steering_command_rad"))[0].side == 1.0
 
 
 @pytest.mark.parametrize("record", ["all", "outcome"])

@@ -60,24 +60,6 @@ def test_hanging_still_shows_no_linear_acceleration_in_any_attitude():
         assert_allclose([shown.roll, shown.pitch, shown.yaw], roll_pitch_yaw, atol=0.51 / 900)
 
 
-def test_constant_turn_to_the_left_gives_centripetal_acceleration_to_the_left():
-    """Car on a circle of 2 m to the left at 4 m/s: r = +2 rad/s, a_y = v r = +8 m/s2, at any
-    heading.
-    """
-    for heading in (0.0, 1.0, 2.5):
-        forward = np.array([math.cos(heading), math.sin(heading), 0.0])
-        left = np.array([-math.sin(heading), math.cos(heading), 0.0])
-        motion = (
-            RigidTransform(RotationMatrix.MakeZRotation(heading), 2.0 * forward),
-            SpatialVelocity([0.0, 0.0, 2.0], 4.0 * forward),
-            SpatialAcceleration(np.zeros(3), 8.0 * left),
-        )
-        shown = sample(motion)
-        assert shown.gyro_z == pytest.approx(2.0, abs=1e-3)
-        assert_allclose(shown[6:], [0.0, 8.0, 0.0], atol=0.006)
-        assert shown.yaw == pytest.approx(heading, abs=1e-3)
-
-
 def test_motion_at_the_imu_is_the_second_derivative_of_its_path():
     """A body that stands askew, turns faster and faster about another axis, and is pushed: against
     differences of the path (error about 1e-5).

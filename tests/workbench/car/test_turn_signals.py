@@ -10,7 +10,6 @@ from aerodima.workbench.car.turn_signals import (
     turn_sign,
     turn_signals,
     turn_window,
-    windows_of_steering,
 )
 from aerodima.workbench.car.verdict import CALM
 from aerodima.workbench.control.manoeuvre import make_schedule
@@ -49,16 +48,16 @@ def test_windows_are_the_steered_times_with_their_sides(steering, expected, erro
     """Half waves of a slalom last 1 s from 0.3 s on; a row of 2 ms may belong to either side of a
     zero, and the log ends at 4 s.
     """
-    windows = steered_windows(made_up_run({"steering_command_rad": steering}))
+    windows = steered_windows(times(), steering)
     assert_allclose(windows, expected, atol=error)
 
 
 def test_a_trembling_hand_is_no_steering_and_a_straight_run_has_no_window():
     time = np.arange(100) * 0.01
-    assert windows_of_steering(time, 0.009 * np.sin(20.0 * time)) == []
-    assert windows_of_steering(time, np.zeros(100)) == []
-    assert windows_of_steering(np.zeros(0), np.zeros(0)) == []
-    assert windows_of_steering(time, np.full(100, -0.2)) == [(0.0, 0.99, -1.0)], "all the time"
+    assert steered_windows(time, 0.009 * np.sin(20.0 * time)) == []
+    assert steered_windows(time, np.zeros(100)) == []
+    assert steered_windows(np.zeros(0), np.zeros(0)) == []
+    assert steered_windows(time, np.full(100, -0.2)) == [(0.0, 0.99, -1.0)], "all the time"
 
 
 def test_window_of_two_turns_reaches_until_the_wheels_are_straight_after_the_second():

@@ -114,9 +114,10 @@ def test_numbers_that_are_set_are_the_numbers_of_the_document(rod):
 
 
 def test_position_moves_a_link_and_leaves_its_orientation(rod):
-    rod.set_link_position("rod", (4, 5, 6))
+    inertial = rod.inertial("rod")
+    rod.place_link("rod", inertial, (4, 5, 6))
     assert numbers(rod, "link/pose") == [4, 5, 6, 0, 0, 1.5]
-    rod.set_link_position("rod", (4, 5, 6), roll=0.5)
+    rod.place_link("rod", inertial, (4, 5, 6), roll=0.5)
     assert numbers(rod, "link/pose") == [4, 5, 6, 0.5, 0, 0]
 
 
