@@ -381,9 +381,9 @@ def measure_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
     seed = prior.plan.seed
     rows = []
     for one in measurements(prior):
-        row = {"quantity": one.name, "procedure": one.how, "deviation": one.deviation}
-        rows.append(row | {"gain_nats": information(one, cars, seed)})
-    return pd.DataFrame(rows).sort_values("gain_nats", ascending=False, ignore_index=True)
+        rows.append((one.name, one.how, one.deviation, information(one, cars, seed)))
+    table = pd.DataFrame(rows, columns=["quantity", "procedure", "deviation", "gain_nats"])
+    return table.sort_values("gain_nats", ascending=False, ignore_index=True)
 
 
 def parameter_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
@@ -413,19 +413,19 @@ def parameter_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
     )
 
 
+@styled()
 def _forest(figures: pd.DataFrame) -> Drawing:
-    with styled():
-        drawing, axes = new_figure(9.0, 5.2)
-        axis = axes[0, 0]
-        places = np.arange(len(figures))[::-1]
-        scale = figures.published.to_numpy()
-        axis.hlines(
-            places, figures.prior_low / scale, figures.prior_high / scale, color=GREY, linewidth=1
-        )
-        axis.hlines(places, figures.low / scale, figures.high / scale, color=BLUE, linewidth=5)
-        axis.plot(figures["median"] / scale, places, "|", color="white", markersize=8)
-        axis.axvline(1.0, color=VERMILION)
-        axis.set_yticks(places, [name.replace("_", " ") for name in figures.figure], fontsize=8)
-        axis.set_xlim(0.0, 3.0)
-        axis.set_xlabel("predicted over published")
+    drawing, axes = new_figure(9.0, 5.2)
+    axis = axes[0, 0]
+    places = np.arange(len(figures))[::-1]
+    scale = figures.published.to_numpy()
+    axis.hlines(
+        places, figures.prior_low / scale, figures.prior_high / scale, color=GREY, linewidth=1
+    )
+    axis.hlines(places, figures.low / scale, figures.high / scale, color=BLUE, linewidth=5)
+    axis.plot(figures["median"] / scale, places, "|", color="white", markersize=8)
+    axis.axvline(1.0, color=VERMILION)
+    axis.set_yticks(places, [name.replace("_", " ") for name in figures.figure], fontsize=8)
+    axis.set_xlim(0.0, 3.0)
+    axis.set_xlabel("predicted over published")
     return drawing

@@ -146,7 +146,7 @@ def search(
     path = out / "swing.yaml"
     effort = optimisation.BoundEffort(**vars(motion), seed=options.seed)
     with _new_file(path, work) as runs:
-        result = search_motion(
+        table, is_best = search_motion(
             path,
             aim,
             limit or [],
@@ -154,13 +154,12 @@ def search(
             runs,
             effort,
             step=step,
-            force=work.force,
             **options.arguments(),
         )
-    typer.echo(result.table.to_string(index=False))
+    typer.echo(table.to_string(index=False))
     typer.echo(f"found: {path}")
     typer.echo(f"verify it: aerodima swing verify {path} --out {out / 'verify'}")
-    if not result.is_best:
+    if not is_best:
         typer.echo("the motion is not better than every other candidate", err=True)
         raise typer.Exit(cli.Status.NO)
 
@@ -245,12 +244,11 @@ def _standard(
     from aerodima.optimisation.swerve.suite import ensemble_cases
     from aerodima.optimisation.swing.swerve_study import tuned_candidates
 
-    ensemble = options.ensemble
-    tail = options.tail
-    floors = options.arguments()["floors"]
-    cases = ensemble_cases(ensemble, "test", cars, tail, floors, options.seed, conditions)
+    where = options.arguments() | {"seed": options.seed}
+    where.pop("speeds", None)
+    cases = ensemble_cases(part="test", number=cars, conditions=conditions, **where)
     without_bound = [name for name in names if name != "bound"]
-    chosen = tuned_candidates(without_bound, laws, ensemble, tail, floors, SPEEDS, options.seed)
+    chosen = tuned_candidates(without_bound, laws, speeds=SPEEDS, **where)
     return compare_standard(chosen, cases, runs)
 
 
@@ -327,7 +325,7 @@ def verify(
     for name in (VERDICT, PAGE):
         refuse_existing(out / name, force, SwingError)
     result = verify_swing(swing, scenario, settings or (), step=step, other_car=other_car)
-    for file in write_verification(out, result, force=force):
+    for file in write_verification(out, result):
         typer.echo(f"written: {file}")
     subject = f"{result.swing.name} at {result.where}"
     if result.complaints:

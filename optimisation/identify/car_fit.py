@@ -184,22 +184,12 @@ class CarModel:
         )
 
     def run(self, values: dict[str, float], latency: float, step: float) -> Signals:
-        """Simulate the car with these values: its signals, cached.
-
-        Another driven speed is another line of the throttle.
-        """
+        """Simulate the car with these values: its signals, cached."""
         car = {name: values[name] for name in CAR if name in values}
-        key = (*car.values(), values[SPEED], values[DRIVEN], latency, step)
+        speeds = values[SPEED], values[DRIVEN]
+        key = (*car.values(), *speeds, latency, step)
         if key not in self._runs:
-            scenario = self.drive.scenario
-            faster = values[DRIVEN] - self.drive.line_speed
-            changes = {
-                "car": car,
-                "manoeuvre": {"speed": values[DRIVEN]},
-                "drive": {"throttle_offset": scenario.drive.throttle_offset + faster},
-                "simulation": {"step": step},
-            }
-            self._runs[key] = self.drive.run(changes, latency, values[SPEED])
+            self._runs[key] = self.drive.run(car, *speeds, latency, step)
         return self._runs[key]
 
     def rows(self, x: FloatArray, step: float | None = None) -> FloatArray:

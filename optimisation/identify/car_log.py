@@ -18,7 +18,6 @@ from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE, DriverInput, th
 from aerodima.workbench.control.tail_law import Observation
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import FitError, LogError, UserError
-from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.logs.log_findings import refuse_inconsistent_rates
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import (
@@ -169,14 +168,18 @@ class CarDrive:
         return self.scenario.tail.mode != "none"
 
     def run(
-        self, changes: Mapping[str, Mapping[str, float]], latency: float, speed: float
+        self, car: Mapping[str, float], begin: float, driven: float, latency: float, step: float
     ) -> Signals:
         """Simulate the drive: channels without noise and bias, and `time`, s of the log.
 
+        Another driven speed is another line of the throttle.
+
         Args:
-            changes: to the scenario, by section and key.
+            car: changes to the car of the scenario, by key.
+            begin: speed with which it rolls straight ahead where the commands begin, m/s.
+            driven: speed that the throttle of the log drives to, m/s.
             latency: of the steering, whole steps, s.
-            speed: with which the car rolls straight ahead where the commands begin, m/s.
+            step: of the plant, s.
 
         Raises:
             FitError: there is no such car.
@@ -184,20 +187,21 @@ class CarDrive:
         from aerodima.workbench.car.car_run import run_outcome
         from aerodima.workbench.car.run_view import LiveView
 
-        scenario = self.scenario
         played = replace(self.commands, latency=latency)
-        step = changes["simulation"]["step"]
         last = max(float(channel.time[-1]) for channel in self.channels.values())
-        sections: dict[str, Json] = {
-            **{section: dict(values) for section, values in changes.items()},
-            "servo": {"frame_rate": 1.0 / step},
-            "controller": {"rate": 1.0 / step},
-        }
-        sections["manoeuvre"] |= {"kind": "straight", "duration": last + 2.0 * step - played.begin}
-        tail = played if self.tailed else None
+        duration = last + 2.0 * step - played.begin
+        offset = self.scenario.drive.throttle_offset + (driven - self.line_speed)
         try:
-            changed = scenario.varied(**sections)
-            table = run_outcome(changed, False, tail, LiveView(), played, speed).table
+            changed = self.scenario.varied(
+                car=dict(car),
+                manoeuvre={"kind": "straight", "speed": driven, "duration": duration},
+                drive={"throttle_offset": offset},
+                simulation={"step": step},
+                servo={"frame_rate": 1.0 / step},
+                controller={"rate": 1.0 / step},
+            )
+            law = played if self.tailed else None
+            table = run_outcome(changed, False, law, LiveView(), played, begin).table
         except (UserError, RuntimeError) as error:
             raise FitError(str(error)) from error
         columns = {}
@@ -278,8 +282,7 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
             end = float(over[0])
             warnings.append(f"{reason} at {end:g} s; samples until then are used")
     rate = scenario.controller.rate
-    first = float(time[0])
-    last = float(time[-1])
+    first, last = float(time[0]), float(time[-1])
     begin = max(math.floor((turn - LEAD) * rate) / rate, first)
     if min(turn - begin, last - turn) < MIN_SPAN:
         span = f"{first:g} to {last:g} s, steered from {turn:g} s on"

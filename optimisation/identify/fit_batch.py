@@ -79,7 +79,10 @@ def fit_logs(
     names = _unique(logs)
     keys = {name: _key(name) for name in names}
     identity = {"settings": settings}
-    force = force or _holds_only_failures(out / JOURNAL, identity)
+    lines = read_rows(out / JOURNAL)
+    if lines and lines[0] != json.loads(json.dumps(identity)):
+        # A journal of other settings without a result has nothing that could be lost.
+        force = force or not any(line.get("result") for line in lines)
     with RowStore(out / JOURNAL, identity, force=force, error=FitError) as store:
         done = {name: store.rows[key] for name, key in keys.items() if key in store.rows}
         missing = [name for name in names if name not in done]
@@ -107,14 +110,6 @@ def fit_logs(
         {line["log"]: line["error"] for line in outcomes if line["error"]},
         reused,
     )
-
-
-def _holds_only_failures(journal: Path, identity: Json) -> bool:
-    """Tell whether a journal of other settings has no result that could be lost."""
-    lines = read_rows(journal)
-    if not lines or lines[0] == json.loads(json.dumps(identity)):
-        return False
-    return not any(line.get("result") for line in lines)
 
 
 def _unique(logs: Sequence[Path | str]) -> list[str]:

@@ -121,7 +121,9 @@ class FitResult:
         """
         row: Json = {"fit": self.name, **self.facts}
         for e in self.estimates:
-            suffix = "" if e.unit in ("1", "") else "_" + unit_suffix(e.unit)
+            # The end of a column name: `N m s/rad` becomes `n_m_s_per_rad`.
+            unit = e.unit.lower().replace("/", "_per_").replace(" ", "_").replace("^", "")
+            suffix = "" if e.unit in ("1", "") else f"_{unit}"
             name = e.name
             row[f"{name}{suffix}"] = e.value
             if e.frozen:
@@ -161,11 +163,6 @@ def short_name(fit: str) -> str:
     """Shorten the name of a fit for a table or a figure, without folder and suffix of its log."""
     path = Path(fit)
     return path.stem if path.suffix in (".parquet", ".csv") else path.name
-
-
-def unit_suffix(unit: str) -> str:
-    """Write a unit as the end of a column name: `N m s/rad` becomes `n_m_s_per_rad`."""
-    return unit.lower().replace("/", "_per_").replace(" ", "_").replace("^", "")
 
 
 def make_result(

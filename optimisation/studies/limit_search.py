@@ -122,15 +122,6 @@ class LimitSearch:
             where = f"threshold of {self.factor}: {name}"
             check_range(where, getattr(self, name), low, high, NO_UNIT, error=SweepError)
 
-    def index(self, value: float) -> int:
-        """Returns the index of a value on the grid, within its ends; the lower one of two."""
-        index = math.floor((value - self.low) / self.tolerance + 1e-9)
-        return min(max(index, 0), round((self.high - self.low) / self.tolerance))
-
-    def value(self, index: int) -> float:
-        """Returns the value at an index of the grid."""
-        return rounded(self.low + index * self.tolerance)
-
     def next_values(self, start: Start, verdicts: Mapping[float, bool | None]) -> list[float]:
         """Returns the values that are needed next; none at the end.
 
@@ -143,7 +134,10 @@ class LimitSearch:
             values = self._scan(bracket, not verdicts)
         else:
             stride = self.tolerance * max(1, round(self.scan / self.tolerance))
-            values = [self.value(self.index(bracket.next_value(start, stride)))]
+            value = bracket.next_value(start, stride)
+            index = math.floor((value - self.low) / self.tolerance + 1e-9)
+            last = round((self.high - self.low) / self.tolerance)
+            values = [rounded(self.low + min(max(index, 0), last) * self.tolerance)]
         # A value that is known already ends a climb.
         return [value for value in values if value not in verdicts]
 

@@ -26,6 +26,8 @@ FRICTION = "car.tyre_friction"
 TIPPED = "tipped over before its turn"
 """Outcome of a run that says nothing about the turn: neither survival nor flip, passed over like
 one that failed."""
+SURVIVAL = {"survived": True, "flipped": False}
+"""Outcome -> whether the car stayed upright; no other one says."""
 FRICTION_SEARCH = LimitSearch(FRICTION, 0.4, 1.1, 0.05, 0.01)
 """Scan of the friction coefficient; the last two numbers are its steps, coarse and fine."""
 SEARCHES = {"speed": LimitSearch(SPEED, 2.5, 6.5, 0.25, 0.05), "friction": FRICTION_SEARCH}
@@ -135,7 +137,7 @@ def find_threshold(
         ]
         for value, row in zip(values, runs.rows(tasks), strict=True):
             rows[value] = row
-            verdicts[value] = _survival(row)
+            verdicts[value] = SURVIVAL.get(_outcome(row))
     bracket = Bracket.from_verdicts(verdicts)
     beyond = sorted(value for value in rows if value > bracket.lost)
     islands = []
@@ -155,7 +157,3 @@ def _outcome(row: Facts) -> str:
     if tipped_before_turn(row):
         return TIPPED
     return row["outcome"] or f"failed: {row['error']}"
-
-
-def _survival(row: Facts) -> bool | None:
-    return {"survived": True, "flipped": False}.get(_outcome(row))

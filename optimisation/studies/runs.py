@@ -46,6 +46,8 @@ WORKER_LOST = (
     "a crash in the solver)"
 )
 """Error of a run whose worker died under it."""
+RUN_ERRORS = (UserError, ArithmeticError, RuntimeError, ValueError)
+"""What a run may raise that cannot be made; a law of the user's may raise anything."""
 Item = TypeVar("Item")
 TEXT_COLUMNS = frozenset(
     [
@@ -125,14 +127,11 @@ def evaluate(task: RunTask) -> Row:
     try:
         return _measured(task, scenario)
     except Exception as error:
-        if not task.law and not isinstance(
-            error, (UserError, ArithmeticError, RuntimeError, ValueError)
-        ):
-            raise
         if task.law:
-            words = in_words(error)
-        else:
-            words = " ".join(str(error).split()) or type(error).__name__
+            return failed_row(task, in_words(error), scenario)
+        if not isinstance(error, RUN_ERRORS):
+            raise
+        words = " ".join(str(error).split()) or type(error).__name__
         return failed_row(task, words, scenario)
 
 

@@ -152,7 +152,7 @@ def read_candidates(names: Iterable[str], known: Mapping[str, Candidate]) -> lis
 
     Raises:
         UserError: no such file or name; malformed; a setting that a candidate may not bring, or
-            that `swerve` refuses; two candidates of one name.
+            that `swerve` refuses.
     """
     candidates = [NO_TAIL]
     for name in names:
@@ -164,7 +164,6 @@ def read_candidates(names: Iterable[str], known: Mapping[str, Candidate]) -> lis
                 raise SweepError(f"{name}: candidate {candidate.name!r}: {error}") from None
             if candidate is not NO_TAIL:
                 candidates.append(candidate)
-    require_unique([candidate.name for candidate in candidates], "candidate")
     return candidates
 
 

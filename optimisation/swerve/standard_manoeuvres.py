@@ -80,14 +80,14 @@ def compare_standard(
         and `tips_at_m_per_s`, the first that is not.
     """
     tasks = []
-    places = []
+    rows: list[Row] = []
     for name, manoeuvre in MANOEUVRES.items():
         for case in cases:
             base = (*case.settings(manoeuvre.scenario), *manoeuvre.settings)
             car = load_scenario(manoeuvre.scenario, base)
             angle = standard_angle(car, manoeuvre.factor)
             for candidate in candidates:
-                places.append((name, candidate, case))
+                rows.append({"manoeuvre": name, "candidate": candidate.name, **case.names})
                 ballast = candidate.ballasts[0](car) if candidate.ballasts else ()
                 for speed in SPEEDS:
                     settings = (*base, *candidate.at(speed), *ballast, f"manoeuvre.speed={speed!r}")
@@ -98,11 +98,8 @@ def compare_standard(
                     tasks.append(RunTask(words, manoeuvre.scenario, settings, law=candidate.law))
     runs.stage = "standard manoeuvres"
     results = [stays_down(row) for row in runs.rows(tasks)]
-    rows: list[Row] = []
-    for index, (name, candidate, case) in enumerate(places):
-        own = results[len(SPEEDS) * index : len(SPEEDS) * (index + 1)]
-        passed = passed_from_below(own)
+    for index, row in enumerate(rows):
+        passed = passed_from_below(results[len(SPEEDS) * index :][: len(SPEEDS)])
         tips = SPEEDS[passed] if passed < len(SPEEDS) else None
-        row: Row = {"manoeuvre": name, "candidate": candidate.name, **case.names}
-        rows.append(row | {"passed": passed, "tips_at_m_per_s": tips})
+        row |= {"passed": passed, "tips_at_m_per_s": tips}
     return make_frame(rows)

@@ -111,21 +111,6 @@ def select_candidates(names: Sequence[str], laws: Sequence[str] = ()) -> list[Ca
     return chosen
 
 
-def make_cases(
-    cars: Sequence[Member], tail: str, floors: Sequence[float], conditions: Settings = ()
-) -> list[Case]:
-    """Pairs cars with floors.
-
-    Raises:
-        SweepError: a friction scale out of range, or one that is named twice; no such tail.
-    """
-    require_unique([f"{scale:g}" for scale in floors], "floor")
-    tail_settings(tail)
-    for scale in floors:
-        check_range("floor", scale, *FRICTION_SCALES, "of the car's friction", error=SweepError)
-    return [Case(car, tail, scale, conditions) for scale in floors for car in cars]
-
-
 def ensemble_cases(
     ensemble: str,
     part: Literal["training", "test"],
@@ -135,10 +120,17 @@ def ensemble_cases(
     seed: int = 1,
     conditions: Settings = (),
 ) -> list[Case]:
-    """Returns the first cars of a part of an ensemble on floors; SweepError for more than there
-    are.
+    """Pairs the first cars of a part of an ensemble with floors.
+
+    Raises:
+        SweepError: more cars than there are; a friction scale out of range, or one that is named
+            twice; no such tail.
     """
-    cars = getattr(load_ensemble(ensemble).split(seed), part)
+    members = getattr(load_ensemble(ensemble).split(seed), part)
     unit = f"of the {part} cars of {ensemble}"
-    check_range("cars", number, 1, len(cars), unit, error=SweepError)
-    return make_cases(cars[:number], tail, floors, conditions)
+    check_range("cars", number, 1, len(members), unit, error=SweepError)
+    require_unique([f"{scale:g}" for scale in floors], "floor")
+    tail_settings(tail)
+    for scale in floors:
+        check_range("floor", scale, *FRICTION_SCALES, "of the car's friction", error=SweepError)
+    return [Case(car, tail, scale, conditions) for scale in floors for car in members[:number]]

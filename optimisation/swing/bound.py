@@ -21,15 +21,12 @@ from aerodima.optimisation.swerve.steering import (
     STEERING_KEYS,
     draw_steering,
     possible_steering,
-    steering_ranges,
 )
 from aerodima.optimisation.swing.swerve_nlp import (
     FEASIBILITY_TOL,
     Solver,
     SwerveNlp,
     SwerveSolution,
-    best_of,
-    steering_of,
 )
 from aerodima.optimisation.swing.swerve_shooting import (
     KNOTS,
@@ -86,12 +83,23 @@ class Bound:
     program: SwerveNlp
     solution: SwerveSolution
 
+    def steering(self, member: int = 0) -> FloatArray:
+        """Returns the steering (`STEERING`,) of one car, rad and s."""
+        variables = self.program.shooting.variables
+        own = variables.own(member)[variables.tail :]
+        return (self.solution.x * variables.units)[own]
+
+    @property
+    def result(self) -> dict[str, Any]:
+        """Aim and steering of the first car, as `best_steering` returns them."""
+        aim = float(self.solution.aims[0])
+        return {"score": aim, "steering": self.steering().tolist(), "variant": 0}
+
     @property
     def table(self) -> pd.DataFrame:
         """A row per car: aim, steering (rad and s), and what the search took."""
         solution = self.solution
-        members = range(len(self.scenarios))
-        steerings = [steering_of(self.program, solution.x, member) for member in members]
+        steerings = [self.steering(member) for member in range(len(self.scenarios))]
         columns: dict[str, Any] = {
             "car": [scenario.name for scenario in self.scenarios],
             "speed_m_per_s": [scenario.manoeuvre.speed for scenario in self.scenarios],
@@ -140,10 +148,13 @@ def find_bound(
     points += _first_search(shooting, effort)
     starts = _with_one_steering(shooting.variables, np.array(points))
     solutions = [program.solve(start, effort.iterations, effort.solver) for start in starts]
-    best = best_of(solutions)
-    if best.violation > FEASIBILITY_TOL:
-        raise SwingError(f"no start reached a swerve that keeps its limits; nearest: {best.worst}")
-    return Bound(tuple(scenarios), program, best)
+    kept = [one for one in solutions if one.violation <= FEASIBILITY_TOL]
+    if not kept:
+        nearest = min(solutions, key=lambda one: one.violation)
+        raise SwingError(
+            f"no start reached a swerve that keeps its limits; nearest: {nearest.worst}"
+        )
+    return Bound(tuple(scenarios), program, min(kept, key=lambda one: one.cost))
 
 
 def _with_one_steering(variables: SwerveVariables, points: FloatArray) -> FloatArray:
@@ -183,20 +194,16 @@ def _first_search(shooting: SwerveShooting, effort: BoundEffort) -> list[FloatAr
             total += score(swerve, shooting.aim) - np.where(behind > 0.0, 1e2 + behind, 0.0)
         return total / variables.members
 
-    values = evaluate(possible(first))
-    best_first = possible(first)[np.argsort(-values, kind="stable")[: effort.starts - 1]]
-    low, high = steering_ranges(variables.max_angle)
-    reach = np.full(len(KNOTS) - 1, variables.max_roll)
-    low = np.concatenate([low, [variables.pitches[0]], -reach])
-    high = np.concatenate([high, [variables.pitches[1]], reach])
+    first = possible(first)
+    best_first = first[np.argsort(-evaluate(first), kind="stable")[: effort.starts - 1]]
+    low, high = (np.roll(ends[variables.own(0)], STEERING) for ends in variables.ranges)
 
     def cost(shares: FloatArray) -> FloatArray:
         return -evaluate(possible(low + shares.T * (high - low)))
 
-    spread = np.clip((possible(first) - low) / (high - low), 0.0, 1.0)
+    spread = np.clip((first - low) / (high - low), 0.0, 1.0)
     _, shares = evolve(cost, spread, effort.generations, effort.seed)
-    best = possible((low + shares * (high - low))[None])
-    return [*best, *best_first]
+    return [*possible((low + shares * (high - low))[None]), *best_first]
 
 
 def _draw_tails(generator: np.random.Generator, members: int) -> FloatArray:

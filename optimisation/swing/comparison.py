@@ -18,7 +18,7 @@ from aerodima.optimisation.studies.runs import (
     make_frame,
     scenario_content,
 )
-from aerodima.optimisation.swerve.aims import FAILED, find_aim
+from aerodima.optimisation.swerve.aims import FAILED
 from aerodima.optimisation.swerve.candidate import NO_TAIL, SWERVE, Candidate, Settings
 from aerodima.optimisation.swerve.reduced_swerves import (
     ReducedSwerve,
@@ -32,7 +32,6 @@ from aerodima.optimisation.swing.bound import BoundEffort, find_bound
 from aerodima.optimisation.swing.full_runs import Descent, confirm_best, drive_shares
 from aerodima.optimisation.swing.full_search import search_full
 from aerodima.optimisation.swing.solution import solution_swing
-from aerodima.optimisation.swing.swerve_nlp import steering_of
 from aerodima.optimisation.swing.swerve_shooting import tail_at_knots
 from aerodima.workbench.batch.row_store import content_key
 from aerodima.workbench.scenario.scenario import load_scenario
@@ -67,14 +66,10 @@ def best_motion(item: BoundItem) -> dict[str, Any]:
         steering = np.array(numbers)
         swerve = ReducedSwerve(load_scenario(SWERVE, settings)).drive(steering[:, None])
         starts.append((tail_at_knots(swerve), steering))
-    bound = find_bound([scenario], find_aim(item.aim), effort=item.effort, candidates=starts)
+    bound = find_bound([scenario], item.aim, effort=item.effort, candidates=starts)
     swing = solution_swing(item.name, item.settings, bound, item.aim)
-    return {
-        "score": float(bound.solution.aims[0]),
-        "steering": steering_of(bound.program, bound.solution.x).tolist(),
-        "variant": 0,
-        "swing": swing.model_dump(mode="json", by_alias=True, exclude_none=True),
-    }
+    content = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
+    return bound.result | {"swing": content}
 
 
 def compare_swerves(
@@ -139,6 +134,7 @@ def _search_steerings(
     """Searches the steering of each candidate in each case; a law that reduced cars cannot follow
     has that of the folded tail.
     """
+    descents = []
     items = []
     variants = []
     for case, speed, aim in places:
@@ -148,16 +144,11 @@ def _search_steerings(
             searched = options if known else candidate_settings(FOLDED, case, speed)
             variants.append(options)
             items.append(SteeringItem(searched, aim, effort, candidate.limit))
+            descents.append(Descent(candidate, case, speed, aim, (), {}))
     results = runs.map(best_steering, items, [_key("steering", item) for item in items])
-    descents = []
-    index = 0
-    for case, speed, aim in places:
-        for candidate in candidates:
-            result = results[index]
-            options = variants[index]
-            settings = options[min(result["variant"], len(options) - 1)]
-            descents.append(Descent(candidate, case, speed, aim, settings, result))
-            index += 1
+    for descent, options, result in zip(descents, variants, results, strict=True):
+        descent.settings = options[min(result["variant"], len(options) - 1)]
+        descent.result = result
     return descents
 
 
@@ -181,13 +172,13 @@ def _search_bounds(
         items.append(BoundItem(settings, own[0].aim, effort, tuple(starts), stem))
     results = runs.map(best_motion, items, [_key("bound", item) for item in items])
     bounds = []
-    for own, item, result in zip(places.values(), items, results, strict=True):
+    for (first, *_), item, result in zip(places.values(), items, results, strict=True):
         path = folder.resolve() / f"{item.name}.yaml"
         write_swing(swing_from_dict(result["swing"]), path, force=True)
         settings = (*item.settings, f"controller.swing_file={path}")
-        first = own[0]
-        bound = Descent(BOUND, first.case, first.speed, first.aim, settings, result, motion=path)
-        bounds.append(bound)
+        bounds.append(
+            Descent(BOUND, first.case, first.speed, first.aim, settings, result, motion=path)
+        )
     return bounds
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,6 +13,7 @@ import numpy as np
 from aerodima.optimisation.studies.limit_search import LimitSearch, rounded, run_rounds
 from aerodima.optimisation.studies.runs import (
     FINE_STEP,
+    RUN_ERRORS,
     CachedRunner,
     scenario_content,
     step_settings,
@@ -30,7 +31,6 @@ from aerodima.workbench.batch.row_store import Row, content_key
 from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.car.swerve import swerve_of, swerve_row
 from aerodima.workbench.control.user_law import in_words, load_law
-from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.scenario import load_scenario
 
 SHARE_SEARCH = LimitSearch("share of the angles", 0.4, 1.6, 0.1, 0.025)
@@ -68,8 +68,7 @@ def drive_full(run: FullRun) -> Row:
         law = load_law(run.law, scenario) if run.law else None
         log = simulate(scenario, record="outcome", stop_when_certain=True, law=law)
     except Exception as error:
-        known = isinstance(error, (UserError, ArithmeticError, RuntimeError, ValueError))
-        if not (known or run.law):
+        if not (run.law or isinstance(error, RUN_ERRORS)):
             raise
         return {"counts": False, "error": in_words(error)}
     swerve = swerve_of(log)
@@ -114,7 +113,7 @@ class Descent:
     motion: Path | None = None
     rows: dict[float, Row] = field(default_factory=dict)
     further: int = 0
-    found: tuple[FullRun, Row] | None = None
+    found: tuple[FullRun, Row, None] | None = None
     confirmed: dict[float, Row] = field(default_factory=dict)
 
     @property
@@ -143,33 +142,38 @@ class Descent:
     def run(self, share: float) -> FullRun:
         """Returns the full run at a share of the angles, which keep the limit of the wheels."""
         steering = scaled_steering(np.array(self.result["steering"]), share, self.max_angle)
-        return self.run_with(self.settings, steering_settings(steering))
+        return self.run_with((*self.settings, *steering_settings(steering)))
 
-    def run_with(self, settings: Settings, steering: Settings) -> FullRun:
+    def run_with(self, settings: Settings) -> FullRun:
         """Returns the full run with settings of the car and of the steering."""
         step = step_settings(max(self.step or FINE_STEP, CLIMB_STEP))
-        return FullRun((*settings, *steering, *step), self.aim, self.candidate.law)
+        return FullRun((*settings, *step), self.aim, self.candidate.law)
 
     @property
     def best_run(self) -> tuple[FullRun, Row, float | None] | None:
         """The best run of all, its row, and its share of the angles; None for one of a search."""
-        if self.found is not None:
-            return *self.found, None
-        if self.best is None:
-            return None
+        if self.found is not None or self.best is None:
+            return self.found
         share, row = self.best
         return self.run(share), row, share
+
+    @property
+    def has_finer_step(self) -> bool:
+        """Whether the table has a step finer than `CLIMB_STEP`."""
+        return self.step is not None and self.step < CLIMB_STEP
 
     def next_confirmations(self) -> list[float]:
         """Returns the next share of the best run's angles at the finer step; none at the end."""
         known = any(row["counts"] for row in self.confirmed.values())
-        if known or self.best_run is None or self.step is None or self.step >= CLIMB_STEP:
+        if known or self.best_run is None or not self.has_finer_step:
             return []
         share = rounded(1.0 - SHARE_SEARCH.tolerance * (2 ** len(self.confirmed) - 1))
         return [share] if share >= MIN_CONFIRMED_SHARE else []
 
-    def confirming_run(self, run: FullRun, share: float) -> FullRun:
-        """Returns a run at the finer step, with a share of its angles."""
+    def confirming_run(self, share: float) -> FullRun:
+        """Returns the best run at the finer step, with a share of its angles."""
+        assert self.best_run is not None
+        run = self.best_run[0]
         manoeuvre = load_scenario(SWERVE, run.settings).manoeuvre
         steering = np.array([getattr(manoeuvre, key) for key in STEERING_KEYS])
         angles = steering_settings(scaled_steering(steering, share))
@@ -179,12 +183,12 @@ class Descent:
 
     def final_run(self) -> tuple[FullRun, Row, float | None] | None:
         """Returns what the table has, as `best_run` does; None where nothing counts."""
-        if self.best_run is None or self.step is None or self.step >= CLIMB_STEP:
+        if self.best_run is None or not self.has_finer_step:
             return self.best_run
-        run, _, share = self.best_run
+        share = self.best_run[2]
         for factor, row in self.confirmed.items():
             if row["counts"]:
-                return self.confirming_run(run, factor), row, share and share * factor
+                return self.confirming_run(factor), row, share and share * factor
         return None
 
     def improve(self, runs: Sequence[FullRun], rows: Sequence[Row]) -> int | None:
@@ -192,12 +196,12 @@ class Descent:
         its index.
         """
         self.further += len(runs)
-        _, best = self.found or self.best or (None, {"value": -np.inf})
-        counting = [index for index, row in enumerate(rows) if row["counts"]]
-        index = max(counting, key=lambda one: rows[one]["value"], default=None)
-        if index is None or rows[index]["value"] <= best["value"]:
+        least = self.best_run[1]["value"] if self.best_run else -np.inf
+        values = [row["value"] if row["counts"] else -np.inf for row in rows]
+        index = max(range(len(values)), key=values.__getitem__)
+        if values[index] <= least:
             return None
-        self.found = runs[index], rows[index]
+        self.found = runs[index], rows[index], None
         return index
 
     def as_row(self) -> Row:
@@ -228,35 +232,37 @@ class Descent:
 def drive_shares(descents: Sequence[Descent], runs: CachedRunner) -> None:
     """Drives full cars with smaller and larger angles, see `SHARE_SEARCH`."""
     runs.stage = "full cars"
-
-    def drive(wanted: Sequence[tuple[Descent, float]]) -> list[Row]:
-        return drive_items([descent.run(share) for descent, share in wanted], runs)
-
-    run_rounds(
-        descents,
-        Descent.next_shares,
-        drive,
-        lambda descent, share, row: descent.rows.__setitem__(share, row),
-    )
+    _drive_rounds(descents, Descent.next_shares, Descent.run, lambda one: one.rows, runs)
 
 
 def confirm_best(descents: Sequence[Descent], runs: CachedRunner) -> None:
     """Drives the best run of each at the step that the table has."""
     runs.stage = "full cars at the finer step"
-
-    def drive(wanted: Sequence[tuple[Descent, float]]) -> list[Row]:
-        items = []
-        for descent, share in wanted:
-            assert descent.best_run is not None
-            items.append(descent.confirming_run(descent.best_run[0], share))
-        return drive_items(items, runs)
-
-    run_rounds(
+    _drive_rounds(
         descents,
         Descent.next_confirmations,
-        drive,
-        lambda descent, share, row: descent.confirmed.__setitem__(share, row),
+        Descent.confirming_run,
+        lambda one: one.confirmed,
+        runs,
     )
+
+
+def _drive_rounds(
+    descents: Sequence[Descent],
+    next_shares: Callable[[Descent], list[float]],
+    make_run: Callable[[Descent, float], FullRun],
+    rows: Callable[[Descent], dict[float, Row]],
+    runs: CachedRunner,
+) -> None:
+    """Drives the runs of shares until no descent needs another; `rows` of each receive them."""
+
+    def drive(wanted: Sequence[tuple[Descent, float]]) -> list[Row]:
+        return drive_items([make_run(descent, share) for descent, share in wanted], runs)
+
+    def record(descent: Descent, share: float, row: Row) -> None:
+        rows(descent)[share] = row
+
+    run_rounds(descents, next_shares, drive, record)
 
 
 def drive_items(items: Sequence[FullRun], runs: CachedRunner) -> list[Row]:

@@ -93,7 +93,7 @@ class FullSearch:
         if self.swing is not None:
             write_swing(varied_swing(self.swing, point[STEERING:]), path, force=True)
             settings = (*settings, f"controller.swing_file={path}")
-        return self.descent.run_with(settings, steering_settings(point[:STEERING]))
+        return self.descent.run_with((*settings, *steering_settings(point[:STEERING])))
 
 
 def varied_swing(swing: SwingFile, change: FloatArray) -> SwingFile:
@@ -135,15 +135,16 @@ def search_full(
     searches = []
     for descent in descents:
         if descent.result["score"] > FAILED:
-            share, _ = descent.best or (1.0, None)
+            share = descent.best[0] if descent.best else 1.0
             searches.append(FullSearch.from_descent(descent, share))
     for index in range(number // ROUND):
         items = []
         points = []
         for place, search in enumerate(searches):
             generator = np.random.default_rng([seed, index, place])
-            points.append(search.mutations(generator, search.descent.max_angle))
-            for member, point in enumerate(points[-1]):
+            drawn = search.mutations(generator, search.descent.max_angle)
+            points += [*drawn]
+            for member, point in enumerate(drawn):
                 path = folder.resolve() / f"{search.descent.stem}_{index}_{member}.yaml"
                 items.append(search.run(point, path))
         rows = drive_items(items, runs)
@@ -153,4 +154,4 @@ def search_full(
             if better is None:
                 search.spread = SHRINK * search.spread
             else:
-                search.point = points[place][better]
+                search.point = points[of_round][better]

@@ -6,18 +6,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import pandas as pd
 
 from aerodima.optimisation.studies.runs import FINE_STEP, CachedRunner
-from aerodima.optimisation.swerve.aims import find_aim
 from aerodima.optimisation.swerve.suite import BOUND, SUITE, ensemble_cases, select_candidates
 from aerodima.optimisation.swing.bound import BoundEffort, find_bound
 from aerodima.optimisation.swing.comparison import compare_swerves
 from aerodima.optimisation.swing.full_runs import Descent, confirm_best, drive_shares
-from aerodima.optimisation.swing.solution import AIM_VALUE, solution_swing
-from aerodima.optimisation.swing.swerve_nlp import steering_of
+from aerodima.optimisation.swing.solution import solution_swing
 from aerodima.optimisation.swing.swerve_shooting import LIMITS, Limit
 from aerodima.workbench.core.errors import SwingError
 from aerodima.workbench.core.key_errors import nearest
@@ -34,18 +31,6 @@ training cars.
 """
 
 
-class MotionResult(NamedTuple):
-    """A motion beside the other candidates on the full car.
-
-    Attributes:
-        table: a row per candidate, car and speed, see `compare_swerves`.
-        is_best: whether it is above every other candidate on the first car.
-    """
-
-    table: pd.DataFrame
-    is_best: bool
-
-
 def search_motion(
     path: Path,
     aim: str,
@@ -59,8 +44,7 @@ def search_motion(
     floors: Sequence[float],
     speeds: Sequence[float] = (DEFAULT_SPEED,),
     step: float = FINE_STEP,
-    force: bool = False,
-) -> MotionResult:
+) -> tuple[pd.DataFrame, bool]:
     """Searches one motion for the first training cars of an ensemble, and writes it.
 
     Args:
@@ -72,7 +56,10 @@ def search_motion(
         effort: of the search.
         ensemble, tail, floors, speeds: as of `judge`; the cars on all of them have one motion.
         step: of the plant of the full car, s.
-        force: replaces the file.
+
+    Returns:
+        A row per candidate, car and speed, see `compare_swerves`; whether the motion is above every
+        other candidate on the first car.
 
     Raises:
         UserError: a limit that there is not; no motion that keeps all limits.
@@ -83,26 +70,24 @@ def search_motion(
         (*case.settings(), *BOUND.settings, f"manoeuvre.speed={speed!r}") for case, speed in places
     ]
     scenarios = [load_scenario("swerve", one) for one in settings]
-    bound = find_bound(scenarios, find_aim(aim), read_limits(limits), effort)
-    write_swing(solution_swing(path.stem, settings[0], bound, aim), path, force=force)
+    bound = find_bound(scenarios, aim, read_limits(limits), effort)
+    write_swing(solution_swing(path.stem, settings[0], bound, aim), path, force=True)
     player = (*settings[0], f"controller.swing_file={path.resolve()}")
-    steering = steering_of(bound.program, bound.solution.x).tolist()
-    result = {"score": float(bound.solution.aims[0]), "steering": steering, "variant": 0}
-    descent = Descent(BOUND, *places[0], aim, player, result, step)
+    descent = Descent(BOUND, *places[0], aim, player, bound.result, step)
     drive_shares([descent], runs)
     confirm_best([descent], runs)
     row = descent.as_row()
     value = row["value"]
     if value is None:
         raise SwingError(f"{path}: the full car stays upright with no share of the steering")
-    swing = solution_swing(path.stem, settings[0], bound, aim, {AIM_VALUE: value}, row["share"])
+    swing = solution_swing(path.stem, settings[0], bound, aim, value, row["share"])
     write_swing(swing, path, force=True)
     others = select_candidates([name for name in SUITE.default if name not in NOT_COMPARED])
     (case, speed) = places[0]
     table = compare_swerves(others, [case], [speed], [aim], runs, path.parent, step=step)
     best_other = table["value"].max()
     table = pd.concat([pd.DataFrame([row]), table], ignore_index=True)
-    return MotionResult(table, not best_other >= value)
+    return table, not best_other >= value
 
 
 def read_limits(texts: Sequence[str]) -> list[Limit]:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from aerodima.optimisation.swerve.steering import scaled_steering, steering_settings
 from aerodima.optimisation.swing.bound import Bound
-from aerodima.optimisation.swing.swerve_nlp import steering_of
 from aerodima.optimisation.swing.swerve_shooting import FOLLOW_GAINS, KNOTS, knot_rates
 from aerodima.workbench.car.laws import torque_speed_limits
 from aerodima.workbench.core.array_types import FloatArray
@@ -51,18 +50,18 @@ def solution_swing(
     settings: Sequence[str],
     bound: Bound,
     aim: str,
-    facts: Mapping[str, float] | None = None,
+    value: float | None = None,
     share: float = 1.0,
 ) -> SwingFile:
-    """Returns a solution as a swing file: steering of the first car among its settings, what it
-    claims under `found`.
+    """Returns a solution as a swing file to the left that the steering releases: steering of the
+    first car among its settings, what it claims under `found`, no torques fed forward.
 
     Args:
         name: of the swing.
         settings: of the first car on `swerve`, on its floor, at its speed, without its steering.
         bound: the solution.
         aim: its name.
-        facts: more of what it claims.
+        value: of the aim on the full car, where that is known.
         share: of the angles of the steering that the full car is driven with.
     """
     solution = bound.solution
@@ -73,48 +72,17 @@ def solution_swing(
         "aim_reduced": float(np.mean(solution.aims)),
         "cars": variables.members,
         "evaluations": solution.evaluations,
-        **(facts or {}),
     }
-    steering = scaled_steering(steering_of(bound.program, solution.x), share)
-    provenance = {
-        "source": "aerodima swing search",
-        "scenario": "swerve",
-        "settings": (*settings, *steering_settings(steering)),
-        "found": found,
-    }
+    if value is not None:
+        found[AIM_VALUE] = value
     roll = np.array([0.0, *rolls])
     rate = knot_rates() @ roll
-    return steered_swing(name, bound.scenarios[0], KNOTS, roll, rate, pitch, provenance)
-
-
-def steered_swing(
-    name: str,
-    scenario: Scenario,
-    time: Sequence[float],
-    roll: FloatArray,
-    rate: FloatArray,
-    pitch: float,
-    provenance: Json,
-) -> SwingFile:
-    """Makes a swing to the left that the steering releases; no torques are fed forward.
-
-    Args:
-        name: of the swing.
-        scenario: its car.
-        time, roll, rate: of the tail at the knots, s since the release, rad and rad/s.
-        pitch: at which the tail stays, rad.
-        provenance: fields of `Provenance`.
-    """
-    stall, no_load = torque_speed_limits(scenario.tail_motor)
-    torque = scenario.tail_motor.torque_limit
-    angle = scenario.tail.roll_limit
     still = np.zeros(len(roll))
+    scenario = bound.scenarios[0]
     resolved = scenario.resolved()
-    fastest = max(no_load * (1.0 - torque / stall), float(np.max(np.abs(rate))))
-
-    def row(values: FloatArray) -> tuple[float, ...]:
-        return tuple(float(value) for value in np.round(values, 9) + 0.0)
-
+    keys = [key.split(".") for key in CAR_KEYS]
+    angle = scenario.tail.roll_limit
+    steering = scaled_steering(bound.steering(), share)
     return swing_from_dict(
         {
             "schema": SCHEMA,
@@ -122,24 +90,41 @@ def steered_swing(
             "direction": "left",
             "trigger": {"kind": "steering", "threshold_rad": RELEASE_STEERING},
             "knots": {
-                "time_s": tuple(map(float, time)),
-                "roll_position_rad": row(np.clip(roll, -angle, angle)),
-                "roll_velocity_rad_per_s": row(rate),
-                "pitch_position_rad": row(still + pitch),
-                "pitch_velocity_rad_per_s": row(still),
+                "time_s": KNOTS,
+                "roll_position_rad": _rounded(np.clip(roll, -angle, angle)),
+                "roll_velocity_rad_per_s": _rounded(rate),
+                "pitch_position_rad": _rounded(still + pitch),
+                "pitch_velocity_rad_per_s": _rounded(still),
             },
             "gains": {
                 "hold": FOLLOW_GAINS,
                 "phases": [{"start_s": 0.0, "roll": FOLLOW_GAINS, "pitch": FOLLOW_GAINS}],
             },
-            "limits": {
-                "roll_position_rad": angle + KNOT_ROUNDING,
-                "pitch_position_rad": scenario.tail.pitch_limit + KNOT_ROUNDING,
-                "velocity_rad_per_s": fastest,
-                "torque_n_m": torque,
+            "limits": _limits(scenario, rate),
+            "provenance": {
+                "source": "aerodima swing search",
+                "scenario": "swerve",
+                "settings": (*settings, *steering_settings(steering)),
+                "found": found,
+                "versions": software_versions(),
             },
-            "provenance": {**provenance, "versions": software_versions()},
-            "car": {key: float(resolved[key.split(".")[0]][key.split(".")[1]]) for key in CAR_KEYS},
+            "car": {f"{section}.{key}": float(resolved[section][key]) for section, key in keys},
         },
         name,
     )
+
+
+def _rounded(values: FloatArray) -> tuple[float, ...]:
+    return tuple(float(value) for value in np.round(values, 9) + 0.0)
+
+
+def _limits(scenario: Scenario, rate: FloatArray) -> Json:
+    """Returns the limits of a swing of a car, whose rates at the knots are given, rad/s."""
+    stall, no_load = torque_speed_limits(scenario.tail_motor)
+    torque = scenario.tail_motor.torque_limit
+    return {
+        "roll_position_rad": scenario.tail.roll_limit + KNOT_ROUNDING,
+        "pitch_position_rad": scenario.tail.pitch_limit + KNOT_ROUNDING,
+        "velocity_rad_per_s": max(no_load * (1.0 - torque / stall), float(np.max(np.abs(rate)))),
+        "torque_n_m": torque,
+    }

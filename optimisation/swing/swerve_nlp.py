@@ -135,13 +135,14 @@ class SwerveNlp:
         aims = self.at(x).aims
         return SwerveSolution(x, aims, self._cost(x), violation, worst, spent, wall_time)
 
-    def at(self, x: FloatArray) -> Evaluation:
-        """Evaluates aims, limits and slopes at scaled variables (size,); the last point is
-        remembered.
+    def at(self, x: np.ndarray) -> Evaluation:
+        """Evaluates aims, limits and slopes at scaled variables (size,), numbers or AutoDiff
+        scalars; the last point is remembered.
         """
-        key = np.ascontiguousarray(x, dtype=np.float64).tobytes()
+        point = ExtractValue(x).ravel() if x.dtype == object else x
+        key = point.tobytes()
         if self._last is None or self._last[0] != key:
-            self._last = (key, self.shooting.at(np.asarray(x, dtype=np.float64)))
+            self._last = (key, self.shooting.at(point))
             self.evaluations += 1
         return self._last[1]
 
@@ -196,17 +197,15 @@ class SwerveNlp:
         return float(sum(costs))
 
     def _aim_cost(self, x: np.ndarray) -> Any:
-        value, gradient = _split(x)
-        evaluation = self.at(value)
+        evaluation = self.at(x)
         cost = np.array([-np.mean(evaluation.aims) / self._size])
         slopes = -np.mean(evaluation.aim_slopes, axis=0)[None] / self._size
-        return _joined(cost, slopes, gradient)[0]
+        return _joined(x, cost, slopes)[0]
 
     def _rows(self, x: np.ndarray) -> np.ndarray:
-        value, gradient = _split(x)
-        evaluation = self.at(value)
-        slopes = evaluation.row_slopes.reshape(-1, len(value))
-        return _joined(evaluation.rows.ravel(), slopes, gradient)
+        evaluation = self.at(x)
+        slopes = evaluation.row_slopes.reshape(-1, len(x))
+        return _joined(x, evaluation.rows.ravel(), slopes)
 
     def _violation(self, x: FloatArray) -> tuple[float, str]:
         """Returns the largest violation of any constraint at scaled variables, those that were
@@ -233,35 +232,10 @@ class SwerveNlp:
         return largest, name
 
 
-def steering_of(program: SwerveNlp, x: FloatArray, member: int = 0) -> FloatArray:
-    """Returns the steering (`STEERING`,) of one car of a solution, rad and s."""
-    variables = program.shooting.variables
-    return (x * variables.units)[variables.own(member)][variables.tail :]
-
-
-def best_of(solutions: list[SwerveSolution]) -> SwerveSolution:
-    """Returns the solution of the least cost among those that keep all constraints; without one,
-    that of the smallest violation.
+def _joined(x: np.ndarray, values: FloatArray, slopes: FloatArray) -> FloatArray:
+    """Returns values (n,) as AutoDiff scalars by the chain rule; plain where the solver asks for no
+    slopes with the variables (size,).
     """
-    kept = [one for one in solutions if one.violation <= FEASIBILITY_TOL]
-    if kept:
-        return min(kept, key=lambda one: one.cost)
-    return min(solutions, key=lambda one: one.violation)
-
-
-def _split(x: np.ndarray) -> tuple[FloatArray, FloatArray | None]:
-    """Returns values (size,) and, of AutoDiff scalars, slopes (size, n) of what the solver
-    evaluates.
-    """
-    if x.dtype != object:
-        return x, None
-    return ExtractValue(x).ravel(), ExtractGradient(x)
-
-
-def _joined(values: FloatArray, slopes: FloatArray, gradient: FloatArray | None) -> FloatArray:
-    """Returns values (n,) as AutoDiff scalars by the chain rule; plain if no slopes are
-    asked for.
-    """
-    if gradient is None or not gradient.size:
+    if x.dtype != object or not ExtractGradient(x).size:
         return values
-    return np.ravel(InitializeAutoDiff(values, slopes @ gradient))
+    return np.ravel(InitializeAutoDiff(values, slopes @ ExtractGradient(x)))

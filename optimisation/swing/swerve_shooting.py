@@ -96,17 +96,19 @@ def peaks(swerve: Swerve, values: FloatArray) -> FloatArray:
     return np.stack([np.max(inside[first : first + size], axis=0) for first in starts])
 
 
-def _side_lift(swerve: Swerve) -> FloatArray:
-    return peaks(swerve, side_lift(np.moveaxis(swerve.lifts, 1, 0)))
-
-
 def _board(swerve: Swerve) -> FloatArray:
     steered = swerve.steered & (np.abs(swerve.steering) > STEERED).any(axis=1)
     return np.min(swerve.heights[steered, 1], axis=0)[None]
 
 
 STANDARD_LIMITS = (
-    Limit("side lift", _side_lift, "m", 0.01, upper=TWO_WHEELS - LIFT_MARGIN),
+    Limit(
+        "side lift",
+        lambda s: peaks(s, side_lift(np.moveaxis(s.lifts, 1, 0))),
+        "m",
+        0.01,
+        upper=TWO_WHEELS - LIFT_MARGIN,
+    ),
     Limit("tail", lambda s: peaks(s, -s.heights[:, 0]), "m", 0.1, upper=-CLEARANCE),
     Limit("board", _board, "m", 0.1, lower=BOARD_CLEARANCE),
     Limit("lag", lambda s: peaks(s, np.abs(s.lag)), "rad", 1.0, upper=MAX_LAG),
@@ -169,13 +171,19 @@ class SwerveVariables(NamedTuple):
         return np.array([1.0] * self.tail + steering * self.members)
 
     @property
-    def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Least and largest scaled values (size,)."""
+    def ranges(self) -> tuple[FloatArray, FloatArray]:
+        """Least and largest values (size,), rad and s."""
         rolls = np.full(self.tail - 1, self.max_roll)
         steering = steering_ranges(self.max_angle)
         low = [self.pitches[0], *-rolls, *np.tile(steering[0], self.members)]
         high = [self.pitches[1], *rolls, *np.tile(steering[1], self.members)]
-        return np.array(low) / self.units, np.array(high) / self.units
+        return np.array(low), np.array(high)
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Least and largest scaled values (size,)."""
+        low, high = self.ranges
+        return low / self.units, high / self.units
 
 
 def knot_rates() -> FloatArray:
@@ -282,7 +290,7 @@ class SwerveShooting:
         pitch, rolls, steering = np.split(values, [1, variables.tail])
         rolls = np.concatenate([np.zeros((1, count)), rolls])
         one = np.ones(count)
-        gains = [gain * one for gain in (*FOLLOW_GAINS.values(), *FOLLOW_GAINS.values())]
+        gains = [gain * one for gain in FOLLOW_GAINS.values()] * 2
         knots = RollTrajectory(np.outer(KNOTS, one), rolls, knot_rates() @ rolls, *gains)
         cars = self.cars.take(members)
         rollout = PlayedSwerve(cars, self.scenario, steering, pitch[0], knots)

@@ -195,8 +195,8 @@ def _tail_checks(swing: SwingFile, scenario: Scenario, log: RunLog) -> Iterator[
     yield Check("height of the tail over the ground", float(np.min(ground)), "m", low=0.0)
 
 
-def write_verification(folder: Path, result: Verification, *, force: bool = False) -> list[Path]:
-    """Writes verdict (YAML) and page; SwingError when one exists and `force` is not set."""
+def write_verification(folder: Path, result: Verification) -> list[Path]:
+    """Writes verdict (YAML) and page over those that exist; SwingError when that fails."""
     scenario = result.log.scenario
     name = result.swing.name
     keys = ("name", "seed", "manoeuvre", "controller", "simulation")
@@ -211,9 +211,8 @@ def write_verification(folder: Path, result: Verification, *, force: bool = Fals
         "versions": software_versions(),
     }
     verdict = yaml.safe_dump(content, sort_keys=False, width=110)
-    checks = result.checks
-    rows = [[one.name, f"{one.value:.4g}", one.unit, one.allowed] for one in checks]
-    broken = [index for index, one in enumerate(checks) if not one.is_kept]
+    rows = [[one.name, f"{one.value:.4g}", one.unit, one.allowed] for one in result.checks]
+    broken = [index for index, one in enumerate(result.checks) if not one.is_kept]
     table = Table(["check", "value", "unit", "allowed"], rows, broken)
     picture = plot_overlay([result.log], [name])
     motion = zoomable(picture, "Six signals of the run over time")
@@ -222,4 +221,4 @@ def write_verification(folder: Path, result: Verification, *, force: bool = Fals
         Section("Provenance", [Preformatted(verdict)]),
     ]
     page = Page(f"Verification of {name}", result.where, sections)
-    return write_files(folder, {VERDICT: verdict, PAGE: page}, force=force, error=SwingError)
+    return write_files(folder, {VERDICT: verdict, PAGE: page}, error=SwingError)

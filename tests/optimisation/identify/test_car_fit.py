@@ -150,11 +150,10 @@ class Formula(CarDrive):
 
     per_step = 0.0
 
-    def run(self, changes, latency, speed):
+    def run(self, car, begin, driven, latency, step):
         time = np.arange(1.4, 3.2, 0.002)
-        slip = changes["car"]["tyre_slip_angle"]
-        friction = changes["car"]["tyre_friction"]
-        friction += self.per_step * changes["simulation"]["step"] / 0.002
+        slip = car["tyre_slip_angle"]
+        friction = car["tyre_friction"] + self.per_step * step / 0.002
         late = time - self.turn - latency
         turning = np.clip(late / 0.2, 0.0, 1.0)
         begins = np.exp(-np.square((late - 0.2) / 0.1))
@@ -165,7 +164,7 @@ class Formula(CarDrive):
             "yaw_rate": 3.0 * friction * turning - 2.0 * slip * begins + rough,
             "roll_rate": 5.0 * slip * begins + rough,
             "lateral_acceleration": 7.0 * friction * turning + rough,
-            "speed": speed + gain * (changes["manoeuvre"]["speed"] - speed) * (time > self.turn),
+            "speed": begin + gain * (driven - begin) * (time > self.turn),
         }
 
 
@@ -180,8 +179,7 @@ def fit_of_formula(kind, noise):
     """Of a log of a formula without steps, with noise in units of what its sensors have."""
     base = car_drive(still_log())
     drive = kind(**vars(base))
-    changes = {"car": TRUTH, "manoeuvre": {"speed": 3.2}, "simulation": {"step": 0.0}}
-    sampled = drive.sampled(drive.run(changes, 0.0, 3.0), 0.03)
+    sampled = drive.sampled(drive.run(TRUTH, 3.0, 3.2, 0.0, 0.0), 0.03)
     rng = np.random.default_rng(5)
     channels = {}
     for name, channel in drive.channels.items():

@@ -46,7 +46,7 @@ def test_a_list_of_candidates_brings_tail_and_controller_alone(tmp_path, was, be
 
 
 def test_candidates_that_ship_take_part_by_name():
-    bare, folded = select_candidates(["none", "folded"])
+    bare, folded = select_candidates(["folded", "none"])
     assert bare == NO_TAIL
     assert "feedback.roll_gain=0" in folded.settings
     _, thesis = select_candidates(["thesis_8_rad_per_s"])

@@ -13,7 +13,7 @@ CARS = load_ensemble("physical").split(1).test[:2]
 
 @pytest.mark.parametrize("tail", suite.SUITE.tails)
 def test_a_case_is_a_swerve_with_either_tail_and_the_mount_of_the_car(tail):
-    (case,) = suite.make_cases(CARS[:1], tail, [1.0])
+    (case,) = suite.ensemble_cases("physical", "test", 1, tail, [1.0])
     scenario = load_scenario("swerve", case.settings())
     assert scenario.manoeuvre.rolling_start
     assert scenario.controller.delay == 0.0
@@ -24,7 +24,8 @@ def test_a_case_is_a_swerve_with_either_tail_and_the_mount_of_the_car(tail):
 
 
 def test_floors_are_shares_of_the_friction_of_each_car():
-    cases = suite.make_cases(CARS, "built", [0.8, 1.2])
+    cases = suite.ensemble_cases("physical", "test", 2, "built", [0.8, 1.2])
+    assert [case.car for case in cases] == [*CARS, *CARS]
     assert [case.names["floor"] for case in cases] == ["x 0.8", "x 0.8", "x 1.2", "x 1.2"]
     for case in cases:
         own = load_scenario("swerve", case.car.settings_on("swerve")).car.tyre_friction
@@ -32,29 +33,23 @@ def test_floors_are_shares_of_the_friction_of_each_car():
         assert there / own == pytest.approx(case.floor, rel=1e-5)
 
 
-def test_the_car_without_tail_comes_first_and_once():
-    names = [one.name for one in suite.select_candidates(["feedback", "none", "folded"])]
-    assert names == ["no tail", "feedback", "tail folded back, locked"]
-
-
-def test_cars_are_those_of_a_part_of_the_ensemble():
-    cases = suite.ensemble_cases("physical", "test", 2, "built", [1.0])
-    assert [case.car for case in cases] == list(CARS)
+@pytest.mark.parametrize(
+    ("number", "tail", "floors", "named"),
+    [
+        (1, "longer", [1.0], ("longer",)),
+        (1, "built", [3.0], ("floor", "3", "0.2", "2")),
+        (1, "built", [1.0, 1.0], ("floor", "1")),
+        (999, "built", [1.0], ("cars", "999")),
+    ],
+)
+def test_cases_that_there_are_not_are_refused(number, tail, floors, named):
+    assert_refused(
+        lambda: suite.ensemble_cases("physical", "test", number, tail, floors), SweepError, *named
+    )
 
 
 @pytest.mark.parametrize(
-    ("make", "named"),
-    [
-        (lambda: suite.make_cases(CARS, "longer", [1.0]), ("longer",)),
-        (lambda: suite.make_cases(CARS, "built", [3.0]), ("floor", "3", "0.2", "2")),
-        (lambda: suite.make_cases(CARS, "built", [1.0, 1.0]), ("floor", "1")),
-        (lambda: suite.select_candidates(["feedbak"]), ("feedbak", "feedback")),
-        (lambda: suite.select_candidates(["folded", "folded"]), ("folded",)),
-        (
-            lambda: suite.ensemble_cases("physical", "test", 999, "built", [1.0]),
-            ("cars", "999"),
-        ),
-    ],
+    ("names", "named"), [(["feedbak"], ("feedbak", "feedback")), (["folded"] * 2, ("folded",))]
 )
-def test_what_is_not_there_is_refused(make, named):
-    assert_refused(make, SweepError, *named)
+def test_candidates_are_named_rightly_and_once(names, named):
+    assert_refused(lambda: suite.select_candidates(names), SweepError, *named)

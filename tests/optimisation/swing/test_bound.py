@@ -8,7 +8,7 @@ from aerodima.optimisation.swerve.aims import score
 from aerodima.optimisation.swerve.reduced_swerves import ReducedSwerve
 from aerodima.optimisation.swerve.suite import BOUND, ensemble_cases
 from aerodima.optimisation.swing.solution import solution_swing
-from aerodima.optimisation.swing.swerve_nlp import FEASIBILITY_TOL, SwerveNlp, steering_of
+from aerodima.optimisation.swing.swerve_nlp import FEASIBILITY_TOL, SwerveNlp
 from aerodima.optimisation.swing.swerve_shooting import (
     KNOTS,
     SwerveShooting,
@@ -78,7 +78,7 @@ def test_the_bound_is_not_below_a_candidate_and_plays_what_it_claims(settings, s
     path = tmp_path / "found.yaml"
     write_swing(solution_swing("found", settings, bound, aim.name), path)
     played = load_scenario("swerve", (*settings, f"controller.swing_file={path}"))
-    steering = steering_of(bound.program, solution.x)[:, None]
+    steering = bound.steering()[:, None]
     values = score(ReducedSwerve(played).drive(steering), aim)
     assert values == pytest.approx(solution.aims, abs=1e-6)
     shooting = bound.program.shooting

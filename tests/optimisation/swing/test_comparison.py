@@ -69,17 +69,10 @@ def test_no_share_turns_wheels_beyond_a_limit_of_the_steering():
     assert scenario.manoeuvre.level_3 == pytest.approx(0.02 * 1.6)
 
 
-def test_the_best_share_is_that_of_the_largest_value_and_not_the_largest_share():
-    one = descent()
-    for share, value in ((1.0, 0.5), (1.1, 0.4)):
-        one.rows[share] = {"counts": True, "value": value}
-    assert one.as_row()["share"] == 1.0
-
-
 def test_the_best_run_is_driven_at_the_finer_step_with_angles_that_count_there():
     one = descent()
     one.step = 0.0005
-    one.rows |= {0.9: {"counts": True, "value": 0.4}, 1.0: {"counts": True, "value": 0.5}}
+    one.rows |= {1.1: {"counts": True, "value": 0.4}, 1.0: {"counts": True, "value": 0.5}}
     while shares := one.next_confirmations():
         (share,) = shares
         one.confirmed[share] = {"counts": share < 0.96, "value": 0.3}

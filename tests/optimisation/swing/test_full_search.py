@@ -56,12 +56,3 @@ def test_a_search_starts_at_the_best_run_and_its_mutations_are_possible(motion):
     assert (points[:, 4] >= points[:, 3]).all()
     low, high = np.array(TAIL_RANGES)[:, : len(expected) - 5]
     assert ((points[:, 5:] >= low) & (points[:, 5:] <= high)).all()
-
-
-def test_a_varied_motion_is_played_by_its_run(tmp_path):
-    one = search(INSIDE)
-    path = tmp_path / "varied.yaml"
-    run = one.run(np.array([*STEERING, 0.5, 1.0, 0.0]), path)
-    assert f"controller.swing_file={path}" in run.settings
-    assert "manoeuvre.level_1=0.1" in run.settings
-    assert min(read_swing(path).knots.roll_position_rad) == pytest.approx(-np.pi / 4)
