@@ -35,6 +35,15 @@ def _candidate_names() -> list[str]:
     return list(NAMED_CANDIDATES)
 
 
+Reduced = Annotated[
+    bool, typer.Option("--reduced", help="Reduced cars alone: minutes instead of hours.")
+]
+Further = Annotated[
+    int, typer.Option(help="Full runs with which each candidate is searched on.", min=0)
+]
+Standard = Annotated[
+    bool, typer.Option("--standard", help="Also drive NHTSA's fishhook and J-turn.")
+]
 Candidates = Annotated[
     list[str] | None,
     typer.Option(
@@ -174,15 +183,9 @@ def judge(
     aim: Aims = None,
     cars: TestCars = 4,
     step: Step = 0.0005,
-    reduced: Annotated[
-        bool, typer.Option("--reduced", help="Reduced cars alone: minutes instead of hours.")
-    ] = False,
-    further: Annotated[
-        int, typer.Option(help="Full runs with which each candidate is searched on.", min=0)
-    ] = 0,
-    standard: Annotated[
-        bool, typer.Option("--standard", help="Also drive NHTSA's fishhook and J-turn.")
-    ] = False,
+    reduced: Reduced = False,
+    further: Further = 0,
+    standard: Standard = False,
     settings: cli.Settings = None,
     *,
     options: CaseOptions,

@@ -77,7 +77,6 @@ def solution_swing(
         found[AIM_VALUE] = value
     roll = np.array([0.0, *rolls])
     rate = knot_rates() @ roll
-    still = np.zeros(len(roll))
     scenario = bound.scenarios[0]
     resolved = scenario.resolved()
     keys = [key.split(".") for key in CAR_KEYS]
@@ -89,13 +88,7 @@ def solution_swing(
             "name": name,
             "direction": "left",
             "trigger": {"kind": "steering", "threshold_rad": RELEASE_STEERING},
-            "knots": {
-                "time_s": KNOTS,
-                "roll_position_rad": _rounded(np.clip(roll, -angle, angle)),
-                "roll_velocity_rad_per_s": _rounded(rate),
-                "pitch_position_rad": _rounded(still + pitch),
-                "pitch_velocity_rad_per_s": _rounded(still),
-            },
+            "knots": _knots(np.clip(roll, -angle, angle), rate, pitch),
             "gains": {
                 "hold": FOLLOW_GAINS,
                 "phases": [{"start_s": 0.0, "roll": FOLLOW_GAINS, "pitch": FOLLOW_GAINS}],
@@ -112,6 +105,18 @@ def solution_swing(
         },
         name,
     )
+
+
+def _knots(roll: FloatArray, rate: FloatArray, pitch: float) -> Json:
+    """Returns the knots of a roll, rad, with its rate, rad/s, at a pitch, rad."""
+    still = np.zeros(len(roll))
+    return {
+        "time_s": KNOTS,
+        "roll_position_rad": _rounded(roll),
+        "roll_velocity_rad_per_s": _rounded(rate),
+        "pitch_position_rad": _rounded(still + pitch),
+        "pitch_velocity_rad_per_s": _rounded(still),
+    }
 
 
 def _rounded(values: FloatArray) -> tuple[float, ...]:

@@ -117,15 +117,7 @@ def add_car_plant(
     tail = None
     added: AddedMass | None = None
     if scenario.tail.mode != "none":
-        arm = tail_sdf(scenario.tail, scenario.tail_motor, scenario.car)
-        if scenario.tail.sail != "free":
-            arm.fix_joint("tail_sail_turn")
-        tail = parse_model(plant, arm, drawn)
-        reach = scenario.tail.mount_x - scenario.car.gearbox_x
-        X_GT = RigidTransform(np.array([reach, 0.0, scenario.car.gearbox_height / 2]))
-        plant.WeldFrames(plant.GetFrameByName("gearbox"), plant.GetFrameByName("tail_anchor"), X_GT)
-        for joint, angle in zip(("roll", "pitch"), resting_tail(scenario), strict=True):
-            plant.GetJointByName(f"tail_{joint}").set_default_angle(angle)
+        tail = _add_tail_arm(plant, scenario, drawn)
         if scenario.tail.added_mass != 0.0:
             # On the rod, whole: it does not turn with a free sail.
             rod = plant.GetBodyByName("tail_rod")
@@ -148,6 +140,20 @@ def add_car_plant(
         except ModelError as error:
             raise ModelError(f"tail.added_mass: {error}") from None
     return result
+
+
+def _add_tail_arm(plant: Any, scenario: Scenario, drawn: bool) -> ModelInstanceIndex:
+    """Adds the tail arm on the gearbox, at the angles at which it rests."""
+    arm = tail_sdf(scenario.tail, scenario.tail_motor, scenario.car)
+    if scenario.tail.sail != "free":
+        arm.fix_joint("tail_sail_turn")
+    tail = parse_model(plant, arm, drawn)
+    reach = scenario.tail.mount_x - scenario.car.gearbox_x
+    X_GT = RigidTransform(np.array([reach, 0.0, scenario.car.gearbox_height / 2]))
+    plant.WeldFrames(plant.GetFrameByName("gearbox"), plant.GetFrameByName("tail_anchor"), X_GT)
+    for joint, angle in zip(("roll", "pitch"), resting_tail(scenario), strict=True):
+        plant.GetJointByName(f"tail_{joint}").set_default_angle(angle)
+    return tail
 
 
 def add_plant(builder: DiagramBuilder, step: float) -> tuple[Any, SceneGraph]:

@@ -23,7 +23,7 @@ def sensor_readings(wrench, count, settings):
 def test_system_and_whole_log_give_the_same_readings():
     """The system's are seen half a period after each sample."""
     errors = force_errors(SETTINGS, OFFSETS, 4)
-    sensor = RigSensor("force_sensor", SETTINGS.rate, errors, 1.0 / SETTINGS.rate)
+    sensor = RigSensor("force_sensor", SETTINGS.rate, errors)
     simulator = Simulator(sensor)
     sensor.GetInputPort("value").FixValue(simulator.get_mutable_context(), WRENCH)
     shown = sampled(simulator, (np.arange(150) + 0.5) / SETTINGS.rate, "reading")
