@@ -1,11 +1,14 @@
 """The suite: its names, the two tails, floors, and what is refused."""
 
+import json
+
 import pytest
 
 from aerodima.optimisation.swerve import suite
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.scenario.ensemble import load_ensemble
 from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.view.swerve_chapter import stored_swerves
 from tests.refusals import assert_refused
 
 CARS = load_ensemble("physical").split(1).test[:2]
@@ -53,3 +56,12 @@ def test_cases_that_there_are_not_are_refused(number, tail, floors, named):
 )
 def test_candidates_are_named_rightly_and_once(names, named):
     assert_refused(lambda: suite.select_candidates(names), SweepError, *named)
+
+
+def test_stored_runs_have_all_settings_of_their_candidate():
+    """A number of the law that is new must not change what a stored candidate does."""
+    known = {candidate.name: candidate for candidate in suite.NAMED_CANDIDATES.values()}
+    stored = stored_swerves().dropna(subset=["settings"])
+    assert len(stored) == 6
+    for name, settings in zip(stored["candidate"], stored["settings"], strict=True):
+        assert set(known[name].settings) <= set(json.loads(settings)), name
