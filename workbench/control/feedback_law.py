@@ -5,9 +5,10 @@ asks for a share of the grip of the floor, to the left positive:
 
     demand = tanh(v^2 tan(delta) / (L grip))
 
-with speed v, steering command delta and wheelbase L. A demand of at least `MIN_DEMAND` releases a
-swing: for `kick_time` the tail goes `kick_roll` to the inside of the turn, then for `counter_time`
-`counter_roll` to the outside. The next swing can be released when this one is over and the wheels
+with speed v, steering command delta and wheelbase L. A demand of at least `min_demand` releases a
+swing; below half of it the wheels are straight. For `kick_time` the tail goes `kick_roll` to the
+inside of the turn, then for `counter_time` `counter_roll` to the outside.
+The next swing can be released when this one is over and the wheels
 were straight or are turned to the other side. Both angles are multiplied by the `level`: the
 largest demand of the swing, later the demand of the moment. Beside the swing the tail leans:
 
@@ -42,10 +43,6 @@ GYRO_X = IMU.index("gyro_x")
 GYRO_Z = IMU.index("gyro_z")
 MIDDLE = 0.1
 """rad; a reference nearer to the middle counts as waiting in the log."""
-MIN_DEMAND = 0.3
-"""Demand that releases a swing; below half of it the wheels are straight."""
-ZERO_TIME = 1.0
-"""Time constant with which the zero of the roll follows the roll, s."""
 OVER = 10.0
 """Time since the release of a swing that is long over, s."""
 
@@ -103,8 +100,8 @@ def respond(
     curvature = np.tan(signals.steering_angle) / wheelbase
     demand = np.tanh(signals.speed**2 * curvature / gains.grip)
     swung = _release(gains, rate, memory, demand)
-    straight = (np.abs(demand) < MIN_DEMAND / 2.0) * (swung.side == 0.0)
-    followed = straight * signals.valid / (ZERO_TIME * rate)
+    straight = (np.abs(demand) < gains.min_demand / 2.0) * (swung.side == 0.0)
+    followed = straight * signals.valid / (gains.zero_time * rate)
     zero = memory.zero + followed * (signals.roll - memory.zero)
     max_yaw_rate = gains.grip / np.maximum(signals.speed, 1.0)
     steered_yaw_rate = np.clip(signals.speed * curvature, -max_yaw_rate, max_yaw_rate)
@@ -122,8 +119,8 @@ def _release(gains: Any, rate: float, memory: LawMemory, demand: Any) -> LawMemo
     """Returns the memory with side, time and level of the swing at this tick."""
     asked = np.abs(demand)
     over = memory.since >= gains.kick_time + gains.counter_time
-    side = np.where(over * (asked < MIN_DEMAND / 2.0), 0.0, memory.side)
-    released = over * (asked >= MIN_DEMAND) * (demand * side <= 0.0)
+    side = np.where(over * (asked < gains.min_demand / 2.0), 0.0, memory.side)
+    released = over * (asked >= gains.min_demand) * (demand * side <= 0.0)
     side = np.where(released, np.where(demand > 0.0, 1.0, -1.0), side)
     since = np.where(released, 0.0, np.minimum(memory.since + 1.0 / rate, OVER))
     during = np.maximum(memory.level, asked * (demand * side > 0.0))
@@ -143,8 +140,8 @@ def _follow(gains: Any, rate: float, reference: Any, lean: Any) -> Any:
     """Returns the reference after one tick towards a lean, rad."""
     lean = np.clip(lean, -gains.most_roll, gains.most_roll)
     outwards = np.abs(lean) > np.abs(reference)
-    most = np.where(outwards, gains.out_speed, gains.return_speed) / rate
-    return reference + np.clip(lean - reference, -most, most)
+    max_step = np.where(outwards, gains.out_speed, gains.return_speed) / rate
+    return reference + np.clip(lean - reference, -max_step, max_step)
 
 
 @dataclass(frozen=True)

@@ -69,6 +69,10 @@ class FeedbackParameters(QuantityModel):
         "rad", "roll of the tail to the outside after that", "[-3.1416, 3.1416]"
     )
     counter_time: float = quantity("s", "how long it goes there", "[0, 5]")
+    min_demand: float = quantity("1", "demand of the steering that releases a swing", "(0, 1)")
+    zero_time: float = quantity(
+        "s", "time constant with which the zero of the roll follows the roll", "(0, 100]"
+    )
     most_roll: float = quantity("rad", "largest roll of the tail to either side", "(0, 3.1416]")
     out_speed: float = quantity(
         "rad/s", "roll rate of the reference towards a larger lean", "(0, 50]"

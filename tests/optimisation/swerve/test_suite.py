@@ -58,6 +58,14 @@ def test_candidates_are_named_rightly_and_once(names, named):
     assert_refused(lambda: suite.select_candidates(names), SweepError, *named)
 
 
+def test_conditions_hold_for_every_candidate():
+    late = ("imu.delay=0.024",)
+    (case,) = suite.ensemble_cases("physical", "test", 1, "built", [1.0], conditions=late)
+    for candidate in (suite.FEEDBACK, suite.NO_TAIL):
+        scenario = load_scenario("swerve", (*case.settings(), *candidate.settings))
+        assert scenario.imu.delay == 0.024
+
+
 def test_stored_runs_have_all_settings_of_their_candidate():
     """A number of the law that is new must not change what a stored candidate does."""
     known = {candidate.name: candidate for candidate in suite.NAMED_CANDIDATES.values()}

@@ -12,10 +12,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from aerodima.workbench.control.feedback_law import (
     GYRO_X,
     GYRO_Z,
-    MIN_DEMAND,
     OVER,
     ROLL,
-    ZERO_TIME,
     FeedbackLaw,
     FeedbackSignals,
     LawMemory,
@@ -33,6 +31,7 @@ NUMBERS = {
     "most_roll": 1.3,
     "out_speed": 15.0, "return_speed": 2.0, "kp": 14.0, "kd": 2.0, "pitch_angle": 0.1,
     "kick_roll": 0.0, "kick_time": 0.0, "counter_roll": 0.0, "counter_time": 0.0,
+    "min_demand": 0.3, "zero_time": 1.0,
 }  # fmt: skip
 SCENARIO = load_scenario(
     "entry_turn",
@@ -143,7 +142,7 @@ def test_a_swing_goes_on_when_the_wheels_are_straight_again_and_the_next_needs_t
 
 def test_steering_below_the_least_demand_releases_nothing():
     speed = 4.0
-    asked = math.atanh(0.9 * MIN_DEMAND) * GAINS.grip
+    asked = math.atanh(0.9 * GAINS.min_demand) * GAINS.grip
     steering = math.atan(asked * SCENARIO.car.wheelbase / speed**2)
     references, memory = follow([seen(steering=steering)] * 50, KICK)
     assert not references.any()
@@ -206,7 +205,7 @@ def test_nothing_of_the_imu_moves_the_tail_on_the_straight():
 def test_the_zero_of_the_roll_is_the_first_one_and_follows_it_on_the_straight_alone():
     memory, *_ = LAW.step(LAW.start(), seen(roll=0.03, roll_angle=0.0))
     assert LawMemory(*memory).zero == 0.03
-    _, after = follow([seen(roll=0.03)] * round(ZERO_TIME * LAW.rate))
+    _, after = follow([seen(roll=0.03)] * round(GAINS.zero_time * LAW.rate))
     assert after.zero == pytest.approx(0.03 * (1.0 - math.exp(-1.0)), rel=0.01)
     _, after = follow([seen(roll=0.03, steering=0.5)] * 100)
     assert after.zero == 0.0
