@@ -93,8 +93,9 @@ class FishhookDriver:
     """Fishhook with roll-rate feedback of NHTSA (49 CFR 575, Federal Register 68, 14 October 2003,
     p. 59250).
 
-    Steers to one side, waits until the car does not roll outwards any more, steers to the other
-    side, holds that, and goes straight. While the roll rate is not known it waits.
+    Steers to one side, waits until the car has rolled outwards and does not any more, steers to the
+    other side, holds that, and goes straight. While the roll rate is not known it waits. A full-size
+    car rolls before the handwheel has arrived; the wheels of a small one arrive before it rolls.
 
     Args:
         ramp: reaches the speed before `start_time`.
@@ -103,8 +104,7 @@ class FishhookDriver:
         start_time: of the first steering, s.
         hold: how long the wheels stay at the second angle, s.
         roll_rate: the counter-steer begins when the roll rate outwards falls below this, rad/s.
-        servo_rate: rate of the wheels, rad/s: the driver waits for them, since before they arrive
-            the car hardly rolls.
+        servo_rate: rate of the wheels, rad/s: the driver waits for them.
     """
 
     ramp: SpeedRamp
@@ -117,23 +117,27 @@ class FishhookDriver:
     sources: tuple[Source, ...] = ("imu",)
 
     def start(self) -> FloatArray:
-        """See `DriverLaw`: the time of the counter-steer (1), inf before."""
-        return np.array([math.inf])
+        """See `DriverLaw`: the time of the counter-steer, inf before, and 1 once the car has rolled
+        outwards.
+        """
+        return np.array([math.inf, 0.0])
 
     def step(self, memory: FloatArray, view: DriverView) -> tuple[FloatArray, DriverInput]:
         """See `DriverLaw`."""
         now = view.time + TICK_TOLERANCE
         reach = self.steer_angle / self.servo_rate
-        counter = float(memory[0])
-        falls = self.side * view.roll_rate < self.roll_rate
-        if now >= self.start_time + reach and falls:
+        counter, rolled = memory.tolist()
+        outwards = self.side * view.roll_rate
+        if now >= self.start_time and outwards >= self.roll_rate:
+            rolled = 1.0
+        if now >= self.start_time + reach and rolled and outwards < self.roll_rate:
             counter = min(counter, view.time)
         angle = 0.0
         if now < counter + 2.0 * reach + self.hold and now >= self.start_time:
             angle = self.steer_angle if view.time < counter else -self.steer_angle
         side = self.side if math.isinf(counter) else -self.side
         given = DriverInput(self.side * angle, self.ramp.throttle(view.time), side)
-        return np.array([counter]), given
+        return np.array([counter, rolled]), given
 
 
 @dataclass(frozen=True)

@@ -74,12 +74,18 @@ def test_fishhook_holds_the_wheels_at_the_second_angle_for_its_time_and_announce
     assert set(side[counter:]) == {-1.0}
 
 
-def test_fishhook_waits_for_the_wheels_before_it_believes_that_nothing_rolls():
-    """A car that does not roll at all is counter-steered when its wheels have arrived, 0.14 s after
-    the command.
-    """
-    steering, _ = driven(FISHHOOK, lambda time: 0.0)
+def test_fishhook_waits_for_the_wheels():
+    """The car has stopped rolling before its wheels arrive, 0.14 s after the command."""
+    steering, _ = driven(FISHHOOK, roll_until(0.35))
     assert 0.01 * np.argmax(steering < 0.0) == pytest.approx(0.44, abs=0.0101)
+
+
+def test_fishhook_waits_until_the_car_has_rolled():
+    """Its wheels arrive at 0.44 s, and it rolls from 0.5 to 0.7 s."""
+    steering, _ = driven(FISHHOOK, lambda time: 1.0 if 0.5 <= time < 0.7 - 1e-9 else 0.0)
+    assert 0.01 * np.argmax(steering < 0.0) == pytest.approx(0.7)
+    still, _ = driven(FISHHOOK, lambda time: 0.0)
+    assert set(still[30:]) == {STEER}
 
 
 def test_fishhook_waits_while_the_roll_rate_is_not_known():
