@@ -38,6 +38,7 @@ from aerodima.optimisation.swerve.steering import (
 from aerodima.optimisation.swerve.suite import FEEDBACK, Case
 from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, content_key
 from aerodima.workbench.car.reduced.swerves import LEVELS
+from aerodima.workbench.car.swerve import Swerve
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.core.extras import require
@@ -62,6 +63,25 @@ RANGES = {
     "feedback.counter_time": (0.0, 0.6),
 }
 """Numbers that are free, in the units of `FeedbackParameters`."""
+START: dict[str, float] = {
+    "feedback.lean_gain": 0.0,
+    "feedback.roll_gain": 0.0,
+    "feedback.roll_rate_gain": 0.0,
+    "feedback.yaw_rate_gain": 0.0,
+    "feedback.grip": 35.0,
+    "feedback.most_roll": 1.3,
+    "feedback.out_speed": 20.0,
+    "feedback.return_speed": 8.0,
+    "feedback.kp": 40.0,
+    "feedback.kd": 2.9,
+    "feedback.pitch_angle": -1.05,
+    "feedback.kick_roll": 1.5,
+    "feedback.kick_time": 0.33,
+    "feedback.counter_roll": 1.2,
+    "feedback.counter_time": 0.25,
+}
+"""Law that the search starts from, chosen by hand: a swing to the inside and back, and no state of
+the car."""
 ANGLE_SHARES = np.geomspace(0.4, 2.5, 10)
 """Shares of a steering's angles with which a law is tried."""
 CONDITIONS: tuple[tuple[float, float, float], ...] = (
@@ -79,11 +99,10 @@ AIM = "aside-0.5"
 WORST_SHARE = 0.2
 """Share of cases that the second half of the score is made of."""
 PASSED = 1.25
-"""What a law is worth that keeps a car upright in manoeuvres of the standard: about what it is
+"""What a law is worth that keeps a car upright in both manoeuvres of the standard: about what it is
 worth in a swerve."""
-REVERSALS = (0.2, 0.35, 0.5)
-"""Instants at which a fishhook is steered to the other side, s; on the full car its roll rate
-decides."""
+FISHHOOK = load_scenario(MANOEUVRES["fishhook"].scenario)
+"""Scenario of the fishhook, with what its driver waits for."""
 Law = Mapping[str, float]
 """Numbers of a law by the keys of `RANGES`."""
 
@@ -122,8 +141,9 @@ class Place(NamedTuple):
     Attributes:
         settings: that make it.
         steerings: with which laws are tried.
-        reference: largest aim of the same car without tail, m; None where all steerings have to be
-            survived.
+        reference: largest aim of the same car without tail, m; None in the manoeuvres of the
+            standard, where the steerings are those of a fishhook before the counter-steer and of a
+            J-turn.
     """
 
     settings: Settings
@@ -160,8 +180,7 @@ def train_feedback(
     effort = effort or SearchEffort()
     places = find_places(cases, speeds, runs, effort)
     standard = standard_places(cases)
-    shipped = load_scenario(SWERVE).feedback
-    best: Law = {name: float(getattr(shipped, name.split(".")[1])) for name in RANGES}
+    best: Law = START
     for number in range(search.rounds):
         tried = [*add_steerings(places, best, runs, effort), *standard]
         runs.stage = "feedback law"
@@ -206,21 +225,18 @@ def find_places(
 
 def standard_places(cases: Sequence[Case]) -> list[Place]:
     """Returns the places of NHTSA's fishhook and J-turn on the cars' own friction, at the speeds of
-    the standard in turn.
+    the standard.
     """
-    places = []
+    places: list[Place] = []
     own = {case.car.name: replace(case, floor=1.0) for case in cases}
-    for index, case in enumerate(own.values()):
+    for case in own.values():
         car = load_scenario(SWERVE, case.settings())
-        fishhook = standard_angle(car, MANOEUVRES["fishhook"].factor)
-        j_turn = standard_angle(car, MANOEUVRES["j-turn"].factor)
-        steerings = [(fishhook, -fishhook, -fishhook, end, end + TICK) for end in REVERSALS]
-        steerings.append((j_turn, j_turn, j_turn, *CONSTANT_ENDS))
-        speed = SPEEDS[index % len(SPEEDS)]
-        condition = condition_settings(case, index)
-        driven = (*FEEDBACK.settings, f"manoeuvre.speed={speed!r}")
-        settings = (*case.settings(), *condition, *driven)
-        places.append(Place(settings, tuple(steerings), None))
+        angles = [standard_angle(car, MANOEUVRES[name].factor) for name in ("fishhook", "j-turn")]
+        steerings = tuple((angle, angle, angle, *CONSTANT_ENDS) for angle in angles)
+        for speed in SPEEDS:
+            condition = condition_settings(case, len(places))
+            driven = (*FEEDBACK.settings, f"manoeuvre.speed={speed!r}")
+            places.append(Place((*case.settings(), *condition, *driven), steerings, None))
     return places
 
 
@@ -343,6 +359,8 @@ def score_law_batch(batch: LawBatch) -> list[float]:
     limit = car.scenario.servo.limit
     steerings = possible_steering(np.tile(place.steerings, (len(laws), 1)), limit)
     numbers = {name.split(".")[1]: np.repeat([law[name] for law in laws], count) for name in RANGES}
+    if place.reference is None:
+        steerings[::count] = counter_steer(steerings, car.drive(steerings.T, numbers), car)[::count]
     values = score_swerves(car.drive(steerings.T, numbers), AIMS[AIM]).reshape(len(laws), count)
     if place.reference is None:
         worth = PASSED * np.mean(values > FAILED, axis=1)
@@ -350,3 +368,23 @@ def score_law_batch(batch: LawBatch) -> list[float]:
         worth = np.maximum(values.max(axis=1), 0.0) / place.reference
     ratios: list[float] = worth.tolist()
     return ratios
+
+
+def counter_steer(steerings: FloatArray, driven: Swerve, car: ReducedSwerve) -> FloatArray:
+    """Returns steerings (n, `STEERING`) that go to the other side as the driver of a fishhook does,
+    see `FishhookDriver`.
+
+    Args:
+        steerings: to one side.
+        driven: what the car does with them.
+        car: car.
+    """
+    angles = steerings[:, 0]
+    reached = angles / car.scenario.servo.rate
+    roll_rate = np.gradient(driven.roll, driven.time, axis=0)
+    outwards = roll_rate >= FISHHOOK.manoeuvre.counter_roll_rate
+    rolled = np.logical_or.accumulate(outwards & driven.steered[:, None], axis=0)
+    falls = rolled & ~outwards & (driven.time[:, None] >= reached)
+    instant = driven.time[np.argmax(falls, axis=0)] + car.scenario.imu.delay
+    instant = np.where(falls.any(axis=0), instant, car.scenario.manoeuvre.turn_hold)
+    return np.stack([angles, -angles, -angles, instant, instant + TICK], axis=1)

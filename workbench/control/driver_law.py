@@ -94,8 +94,9 @@ class FishhookDriver:
     p. 59250).
 
     Steers to one side, waits until the car has rolled outwards and does not any more, steers to the
-    other side, holds that, and goes straight. While the roll rate is not known it waits. A full-size
-    car rolls before the handwheel has arrived; the wheels of a small one arrive before it rolls.
+    other side, holds that, and goes straight. While the roll rate is not known it waits. A
+    full-size car rolls before the handwheel has arrived; the wheels of a small one arrive before it
+    rolls.
 
     Args:
         ramp: reaches the speed before `start_time`.

@@ -7,10 +7,10 @@ asks for a share of the grip of the floor, to the left positive:
 
 with speed v, steering command delta and wheelbase L. A demand of at least `min_demand` releases a
 swing; below half of it the wheels are straight. For `kick_time` the tail goes `kick_roll` to the
-inside of the turn, then for `counter_time` `counter_roll` to the outside.
-The next swing can be released when this one is over and the wheels
-were straight or are turned to the other side. Both angles are multiplied by the `level`: the
-largest demand of the swing, later the demand of the moment. Beside the swing the tail leans:
+inside of the turn, then for `counter_time` `counter_roll` to the outside. The next swing is
+released as the wheels are turned to the other side, or to either side when this one is over and
+they were straight. Both angles are multiplied by the `level`: the largest demand of the swing,
+later the demand of the moment. Beside the swing the tail leans:
 
     lean = lean_gain demand
            + level (roll_gain (phi - phi_0) + roll_rate_gain dphi/dt + yaw_rate_gain (r - r_d))
@@ -120,11 +120,11 @@ def _release(gains: Any, rate: float, memory: LawMemory, demand: Any) -> LawMemo
     asked = np.abs(demand)
     over = memory.since >= gains.kick_time + gains.counter_time
     side = np.where(over * (asked < gains.min_demand / 2.0), 0.0, memory.side)
-    released = over * (asked >= gains.min_demand) * (demand * side <= 0.0)
+    released = (asked >= gains.min_demand) * (demand * side <= 0.0)
     side = np.where(released, np.where(demand > 0.0, 1.0, -1.0), side)
     since = np.where(released, 0.0, np.minimum(memory.since + 1.0 / rate, OVER))
     during = np.maximum(memory.level, asked * (demand * side > 0.0))
-    level = np.where(over, asked, during)
+    level = np.where(released, asked, np.where(over, asked, during))
     return memory._replace(side=side, since=since, level=level)
 
 

@@ -2,6 +2,8 @@
 car.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.optimisation.swerve.aims import AIMS
 from aerodima.optimisation.swerve.candidate import write_candidate
 from aerodima.optimisation.swerve.reduced_swerves import ReducedSwerve
-from aerodima.optimisation.swerve.steering import steering_settings
+from aerodima.optimisation.swerve.steering import CONSTANT_ENDS, steering_settings
 from aerodima.optimisation.swerve.suite import FEEDBACK, ensemble_cases, select_candidates
 from aerodima.optimisation.swing.feedback_training import (
     PASSED,
@@ -18,6 +20,7 @@ from aerodima.optimisation.swing.feedback_training import (
     LawBatch,
     LawSearch,
     Place,
+    counter_steer,
     laws_at,
     score,
     score_law_batch,
@@ -53,7 +56,20 @@ def test_laws_are_scored_by_their_best_steering_over_the_car_without_tail():
     tips = place._replace(steerings=((0.5, 0.5, 0.5, 0.2, 0.4),))
     assert score_law_batch(LawBatch(tips, (still,))) == [0.0]
     survived = place._replace(reference=None)
-    assert score_law_batch(LawBatch(survived, (still,))) == [PASSED / 2.0], "one of two steerings"
+    assert score_law_batch(LawBatch(survived, (still,))) == [PASSED / 2.0], "one of two manoeuvres"
+
+
+def test_a_fishhook_is_counter_steered_when_its_driver_does():
+    """Cars that roll outwards from 0.1 s until 0.3 s, that never do, and that never stop."""
+    car = ReducedSwerve(load_scenario("swerve", (*SETTINGS, "imu.delay=0.02")))
+    time = np.arange(-0.1, 2.0, 0.002)
+    rolls = [0.5 * np.clip(time - 0.1, 0.0, 0.2), 0.0 * time, 0.5 * time]
+    driven = SimpleNamespace(time=time, roll=np.stack(rolls, axis=1), steered=time >= 0.0)
+    one_side = np.tile([0.1, 0.1, 0.1, *CONSTANT_ENDS], (3, 1))
+    steerings = counter_steer(one_side, driven, car)
+    assert steerings[:, :3] == pytest.approx(np.tile([0.1, -0.1, -0.1], (3, 1)))
+    held = car.scenario.manoeuvre.turn_hold
+    assert steerings[:, 3] == pytest.approx([0.32, held, held], abs=0.005)
 
 
 @pytest.mark.slow

@@ -140,6 +140,18 @@ def test_a_swing_goes_on_when_the_wheels_are_straight_again_and_the_next_needs_t
     assert other[-1] == pytest.approx(1.2, abs=1e-3), "the other side has a swing of its own"
 
 
+def test_steering_to_the_other_side_ends_a_swing_and_begins_the_next():
+    """A fishhook: left at full demand, after 0.1 s right at half of it."""
+    asked = math.atanh(0.5) * GAINS.grip
+    right = -math.atan(asked * SCENARIO.car.wheelbase / 4.0**2)
+    turned = [seen(steering=0.5)] * 10 + [seen(steering=right)] * 40
+    references, memory = follow(turned, KICK)
+    assert references[3:10] == pytest.approx(-1.2, abs=1e-3)
+    assert references[13:29] == pytest.approx(0.6, abs=1e-3), "the level of the second demand"
+    assert references[34:39] == pytest.approx(-0.35, abs=1e-3)
+    assert memory.side == -1.0
+
+
 def test_steering_below_the_least_demand_releases_nothing():
     speed = 4.0
     asked = math.atanh(0.9 * GAINS.min_demand) * GAINS.grip
