@@ -12,9 +12,10 @@ to free it along the axis:
 - m_added < 0: a body of negative mass is welded to the tail, and a second one of mass |M|, which
   slides freely across the axis, puts the spanwise inertia back.
 
-The air holds the sliding bodies beside the tail: `SlideKeeper` pushes them from outside, along
-their slides only. No part of that push reaches the tail, so its small error shifts the place of the
-added mass (by spanwise acceleration / rate^2), never the force balance.
+The air holds the sliding bodies beside the tail: a critically damped spring pushes them from
+outside, along their slides only (`_hold_slides`). No part of that push reaches the tail, so a slide
+that lags by the acceleration along it over rate^2 shifts the place of the added mass, never the
+force balance.
 
 The other method tried, a force computed from (M + M_added) vdot = tau without the contact forces,
 lifts a resting car; a welded body without a slide is exact in contact but has spanwise inertia too.
@@ -32,7 +33,7 @@ from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant, Propeller, PropellerInfo
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
     Frame,
@@ -44,20 +45,21 @@ from pydrake.multibody.tree import (
     SpatialInertia,
     UnitInertia,
 )
-from pydrake.systems.framework import DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.primitives import MatrixGain
 
+from aerodima.workbench.aero.gust_force import GustForce
 from aerodima.workbench.aero.sections import SectionLayout, sampled_poses
-from aerodima.workbench.aero.slide_keeper import SlideKeeper
 from aerodima.workbench.aero.tail_force import ADDED_MASS_PREFIX, connect_spatial_forces
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.port_wiring import add_and_connect
 from aerodima.workbench.core.ranges import check_range
 
-_CONTINUOUS_RATE = 100.0
-"""Rate of the keeper in a continuous plant, rad/s."""
-_RATE_TIMES_STEP = 0.2
-"""Rate of the keeper times the time step of a discrete plant."""
+_CONTINUOUS_RATE = 250.0
+"""Rate of the hold in a continuous plant, rad/s."""
+_RATE_TIMES_STEP = 0.5
+"""Rate of the hold times the time step of a discrete plant; it is stable up to 0.82."""
 _POSITION_SAMPLES = 64
 """Positions at which the inertia is checked."""
 Slides = tuple[tuple[Joint, float], ...]
@@ -93,14 +95,14 @@ class AddedMass:
         wind_acceleration: OutputPort | None = None,
         rate: float | None = None,
         min_inertia_fraction: float = 0.0,
-    ) -> System | None:
-        """Checks that M + M_added is positive definite and adds the `SlideKeeper`, if there is
-        anything for it to do.
+    ) -> None:
+        """Checks that M + M_added is positive definite and adds the hold of the slides, and the
+        push of air that accelerates.
 
         Args:
             builder: that owns the finalised plant.
             wind_acceleration: of the air in W (3), m/s2; steady wind without it.
-            rate: of the keeper, rad/s; default 0.2 / time step, or 100 in a continuous plant.
+            rate: of the hold, rad/s; default 0.5 / time step, or 250 in a continuous plant.
             min_inertia_fraction: share of every inertia that a negative mass must leave, see
                 `require_positive_definite`.
 
@@ -108,22 +110,51 @@ class AddedMass:
             ModelError: the mass is too negative, see `require_positive_definite`; or the plant is
                 not finalised.
         """
-        if not self.plant.is_finalized():
+        plant = self.plant
+        if not plant.is_finalized():
             raise ModelError("added mass: the plant is not finalised; call plant.Finalize() first")
         self.require_positive_definite(min_inertia_fraction)
-        if not self.slides and wind_acceleration is None:
-            return None
-        step = self.plant.time_step()
-        rate = rate or (_RATE_TIMES_STEP / step if step > 0.0 else _CONTINUOUS_RATE)
-        mass = self.layout.number * self.mass_per_part
-        keeper = SlideKeeper(self.plant, self.middle, mass, list(self.slides), rate)
-        name = f"added_mass_keeper_{self.body.name()}"
-        state = self.plant.get_state_output_port()
-        add_and_connect(builder, keeper, name, plant_state=state)
+        if self.slides:
+            step = plant.time_step()
+            rate = rate or (_RATE_TIMES_STEP / step if step > 0.0 else _CONTINUOUS_RATE)
+            self._hold_slides(builder, rate)
         if wind_acceleration is not None:
-            builder.Connect(wind_acceleration, keeper.GetInputPort("wind_acceleration"))
-        connect_spatial_forces(builder, self.plant, keeper.GetOutputPort("spatial_forces"))
-        return keeper
+            mass = self.layout.number * self.mass_per_part
+            push = add_and_connect(
+                builder,
+                GustForce(plant, self.middle, mass),
+                f"added_mass_gust_{self.body.name()}",
+                plant_state=plant.get_state_output_port(),
+                wind_acceleration=wind_acceleration,
+            )
+            connect_spatial_forces(builder, plant, push.GetOutputPort("spatial_forces"))
+
+    def _hold_slides(self, builder: DiagramBuilder, rate: float) -> None:
+        """Adds the hold: per slide with coordinate x, mass m and direction e the force
+        -m (2 rate xdot + rate^2 x) e on the body at the end of the slides.
+
+        Drake's `Propeller` makes forces along axes of a body from numbers, without Python.
+        """
+        plant = self.plant
+        gain = np.zeros((len(self.slides), plant.num_multibody_states()))
+        thrusters = []
+        sliding = self.slides[-1][0].child_body().index()
+        for row, (joint, mass) in enumerate(self.slides):
+            gain[row, joint.position_start()] = -mass * rate**2
+            gain[row, plant.num_positions() + joint.velocity_start()] = -2.0 * mass * rate
+            along_slide = RotationMatrix.MakeFromOneVector(joint.translation_axis(), 2)
+            thrusters.append(PropellerInfo(sliding, RigidTransform(along_slide), moment_ratio=0.0))
+        name = f"added_mass_hold_{self.body.name()}"
+        forces = builder.AddNamedSystem(f"{name}_forces", MatrixGain(gain))
+        builder.Connect(plant.get_state_output_port(), forces.get_input_port())
+        hold = add_and_connect(
+            builder,
+            Propeller(thrusters),
+            name,
+            body_poses=plant.get_body_poses_output_port(),
+            command=forces.get_output_port(),
+        )
+        connect_spatial_forces(builder, plant, hold.get_spatial_forces_output_port())
 
     def require_positive_definite(self, min_inertia_fraction: float) -> None:
         """Refuses a negative added mass that takes more inertia away than there is, at any of 64
