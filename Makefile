@@ -54,12 +54,14 @@ test-all: $(STAMP)
 realtime: $(STAMP)
 	@$(BIN)/python -m pytest -q -m "realtime and not nightly" --reruns 2
 
-# 2,000 runs on two workers with 1.5 GB each, one of them killed and one stopped on the way: some half an hour.
+# 2,000 runs on two workers with 1.5 GB each, one of them killed and one stopped on the way.
 soak: $(STAMP)
+	@echo "2,000 runs: about half an hour on a quiet machine ..."
 	@rm -rf out/soak
 	@$(BIN)/python -m tests.soak --out out/soak
 
 bench: $(STAMP)
+	@echo "measuring: about half an hour on a quiet machine ..."
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e . --group bench -c constraints.txt
 	@$(BIN)/python -m tests.benchmarks --out out/bench/bench.csv
 
@@ -69,6 +71,7 @@ emulated: $(STAMP)
 
 # Everything, on two Pythons, with notebooks, browsers, firmware and mutants: nothing beside it, an hour and a half.
 nightly:
+	@echo "everything, on two Pythons: about an hour and a half on a quiet machine ..."
 	@bash .ci/nightly
 
 # Strict: a broken link or a reference that cannot be read fails it.
@@ -78,8 +81,9 @@ docs: $(STAMP)
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 	@echo "open out/docs/index.html"
 
-# Executes all notebooks, some five minutes, and stores what they show.
+# Executes all notebooks, and stores what they show.
 notebooks: $(STAMP)
+	@echo "executing all notebooks: some five minutes on a quiet machine ..."
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[notebooks]' -c constraints.txt
 	@$(BIN)/python -m tests.notebook_runs
 

@@ -126,6 +126,8 @@ def _page_of(path: str, anchor: str) -> str:
         page = path.removeprefix("docs/")
     elif name.endswith(".ipynb"):
         page = f"{path.removesuffix('.ipynb')}.md"
+    elif path.startswith("models/parameters/"):
+        page = f"parameters/parameters.md#{name.removesuffix('.yaml')}"
     elif name == "__init__.pyi":
         page = f"reference/aerodima.{folders[0]}.md"
     elif name.endswith(".py"):

@@ -10,20 +10,24 @@ from __future__ import annotations
 import json
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pandas as pd
+from matplotlib.figure import Figure
 
 from aerodima.optimisation import summarise_swerves
 from aerodima.optimisation.swerve.swerve_table import swerve_figure
 from aerodima.workbench import simulate
-from aerodima.workbench.view.figure_style import png
+from aerodima.workbench.car.swerve import LATER, SOON, outline_from_above
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.view.figure_style import new_figure, png, styled
+from aerodima.workbench.view.run_figures import RUN_STYLES
 from aerodima.workbench.view.swerve_chapter import (
+    AROUND,
     PLACE,
     SWERVES,
     ShownSwerve,
-    figure_from_above,
     load_shown_swerve,
 )
 from tests.code_measure import ROOT
@@ -32,6 +36,27 @@ PAGE = ROOT / "docs" / "swerves.md"
 BEGIN = "<!-- tables of models/swerve/swerves.csv -->\n"
 END = "<!-- end of the tables -->\n"
 SWING = "controller.swing_file="
+
+
+@styled()
+def figure_from_above(run_logs: Mapping[str, RunLog]) -> Figure:
+    """Plots outlines of cars from above, `SOON` and `LATER` after the start of the steering; the
+    course at the start leads to the right, in m.
+    """
+    figure, axes = new_figure(9.0, 4.0, 1, 2)
+    instants = (SOON, LATER)
+    for (name, log), (colour, line) in zip(run_logs.items(), RUN_STYLES, strict=False):
+        ahead, left = outline_from_above(log, instants)[:, AROUND]
+        for place, axis in enumerate(axes[0]):
+            look = {"edgecolor": colour, "linestyle": line, "label": name}
+            axis.fill(ahead[:, place], left[:, place], fill=False, **look)
+    for axis, instant in zip(axes[0], instants, strict=True):
+        axis.set_aspect("equal")
+        axis.set_title(f"after {instant:g} s")
+        axis.set_xlabel("ahead, m")
+    axes[0, 0].set_ylabel("to the left, m")
+    axes[0, 0].legend(loc="upper center", bbox_to_anchor=(1.0, -0.2), ncols=3)
+    return figure
 
 
 def page_rows(own: pd.DataFrame) -> Iterator[str]:

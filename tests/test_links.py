@@ -13,7 +13,7 @@ TEXTS = [
     ),
 ]
 CODE = re.compile(r"^(```|~~~).*?^\1", re.MULTILINE | re.DOTALL)
-LINK = re.compile(r"\]\((?!\w+:|#)([^)\s#]+)")
+LINK = re.compile(r"(?:\]\(|^\[[^\]]+\]: *)(?!\w+:|#)([^)\s#]+)", re.MULTILINE)
 
 
 def test_relative_links_lead_to_files():

@@ -23,7 +23,7 @@ from tests.benchmarks.mujoco_car import commanded, flips_in_mujoco, load_model
 from tests.benchmarks.rows import BenchRow
 
 SCENARIO = "turn_none"
-SLOW, FAST = 2.5, 4.5
+SLOW, FAST = 2.5, 6.5
 TOLERANCE = 0.05
 """m/s; also how far the answer of a coarse step may be from that of the fine one."""
 FINE = 0.0005

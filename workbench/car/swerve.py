@@ -9,6 +9,7 @@ right; the centre of mass alone would pay a car for turning round it. Definition
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -137,19 +138,20 @@ def place_outline(
     return x + cosine * ahead - sine * left, y + sine * ahead + cosine * left
 
 
-def outline_from_above(run_log: RunLog, after: float) -> FloatArray:
-    """Returns how far the corners of a car (2, corners) are ahead and to the left of place and
-    course at the start of the steering, m, `after` s; other columns than the motion are not needed.
+def outline_from_above(run_log: RunLog, after: Sequence[float] | FloatArray) -> FloatArray:
+    """Returns how far the corners of a car (2, corners, instants) are ahead and to the left of
+    place and course at the start of the steering, m, at instants `after` it, s; other columns than
+    the motion are not needed.
     """
-    start, then = np.searchsorted(
-        run_log.time, run_log.number("manoeuvre", "turn_start") + np.array([0.0, after])
+    start, *then = np.searchsorted(
+        run_log.time, run_log.number("manoeuvre", "turn_start") + np.array([0.0, *after])
     )
     side = turn_sign(run_log)
     _, course = ground_velocity(run_log)
     x = run_log.signal("position_x_truth_m")
     y = run_log.signal("position_y_truth_m")
     yaw = run_log.signal("yaw_truth_rad")
-    outline = car_outline(CarParameters(**run_log.scenario["car"]))
+    outline = car_outline(CarParameters(**run_log.scenario["car"]))[..., None]
     placed = place_outline(outline, x[then] - x[start], y[then] - y[start], yaw[then])
     turned = place_outline(np.array(placed), 0.0, 0.0, -course[start])
     return np.array([turned[0], side * turned[1]])

@@ -31,7 +31,7 @@ class Caption:
     Attributes:
         name: of the scenario.
         facts: commanded speed and tail mode, or the tail law of one's own.
-        outcome: how the run ended, in words.
+        outcome: how the run ended, in words; empty for a plant that does not start upright.
         result: `survived`, `flipped`, or `unknown` for a log that ends before its turn does.
     """
 
@@ -43,7 +43,7 @@ class Caption:
     @property
     def text(self) -> str:
         """Joins the caption in one line."""
-        return f"{self.name}: {self.facts}: {self.outcome}"
+        return ": ".join(filter(None, (self.name, self.facts, self.outcome)))
 
 
 def run_caption(run_log: RunLog) -> Caption:
@@ -51,7 +51,7 @@ def run_caption(run_log: RunLog) -> Caption:
     if run_log.kind == PLANT_RUN:
         facts = _plant_facts(run_log)
         outcome = plant_outcome(run_log)
-        unknown = "no outcome: no base stands upright at the start"
+        unknown = ""
     else:
         facts = _car_facts(run_log)
         unknown = "outcome not known, the log ends too early"

@@ -221,8 +221,10 @@ def _add_plant(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
     size = max(MIN_SIZE, float(np.max(np.linalg.norm(points - com, axis=2))))
     lowest = float(np.min(points[:, 1:, 2], initial=0.0))
     floor = lowest if lowest < -_FLOOR_TOLERANCE else 0.0
-    target = float(np.median(path[:, 2])) - floor
-    place = (3.6 * size, target + 0.9 * size, target)
+    height = path[:, 2]
+    target = float(np.mean([np.min(height), np.max(height)])) - floor
+    reach = size + 0.5 * float(np.ptp(height))  # a plant that falls stays in the picture
+    place = (3.6 * reach, target + 0.9 * reach, target)
     return LoggedRun(
         run_log, plant, scene_graph, positions, path, tips, arrows, scale, place, floor
     )

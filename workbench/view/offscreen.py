@@ -46,7 +46,7 @@ _CLIPPING = ClippingRange(0.05, 100.0)
 """Nearest and farthest distance that is drawn, m."""
 _SUNLIGHT = 0.9
 """Light from above, relative."""
-_LAMP = 0.35
+_LAMP = 0.7
 """Light from the camera, relative."""
 _SUN = np.array([0.25, -0.35, 1.0]) / np.linalg.norm([0.25, -0.35, 1.0])
 """Direction to the sun in W."""

@@ -42,7 +42,7 @@ _SHORT = (0, (4, 1.5))
 """Matplotlib's line style of the rear wheels."""
 _SPEED_TRUTH = "speed over ground"
 """Stands for a column that is made of two."""
-_RUN_COLOURS = (BLACK, VERMILION, BLUE, GREEN, PURPLE)
+_RUN_COLOURS = (BLACK, VERMILION, BLUE, GREEN, PURPLE, ORANGE, SKY, GREY)
 _RUN_LINES: tuple[Any, ...] = (
     "-",
     (0, (5, 1.5)),
@@ -51,10 +51,10 @@ _RUN_LINES: tuple[Any, ...] = (
     (0, (8, 2, 1, 2, 1, 2)),
 )
 RUN_STYLES: list[tuple[str, Any]] = [
-    (_RUN_COLOURS[run % 5], _RUN_LINES[(run + run // 5) % 5]) for run in range(20)
+    (_RUN_COLOURS[run % 8], _RUN_LINES[run % 5]) for run in range(20)
 ]
-"""Colour and line of the first, second, ... run. Of the first five both differ, so that neither
-alone must be told apart; of twenty the pair does."""
+"""Colour and line of the first, second, ... run. The first eight have a colour of their own, the
+first five a line of their own, and all twenty differ in the pair."""
 _Panel = tuple[str, Callable[[RunLog], FloatArray | None]]
 """Label, and the signal; None where a run has none."""
 _PLANT_PANELS: tuple[_Panel, ...] = (

@@ -1,31 +1,20 @@
 """Swerves (`models/swerve`): stored table of `aerodima swing judge`, one of its cases in step."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
+import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 from pydantic import Field
 
-from aerodima.workbench.car.swerve import LATER, SOON, outline_from_above
+from aerodima.workbench.car.swerve import outline_from_above
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
-from aerodima.workbench.view.figure_style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILION,
-    new_figure,
-    styled,
-)
 from aerodima.workbench.view.replay_page import replays_in_step
-from aerodima.workbench.view.report_page import Plot, Section, Table
+from aerodima.workbench.view.report_page import Section, Table, Templated
+from aerodima.workbench.view.run_channels import line_looks
 
 SCHEMA = "aerodima/shown_swerve/1"
 SHOWN = "swerve/shown.yaml"
@@ -36,8 +25,8 @@ AIM = "aside-0.5"
 """Aim of the medians."""
 NO_TAIL = "no tail"
 """Candidate that all others are compared with."""
-COLOURS = (BLACK, GREY, ORANGE, SKY, GREEN, PURPLE, VERMILION, BLUE)
-"""Of the candidates from above, in the order of the table."""
+FRAME_STEP = 0.02
+"""s between two pictures from above."""
 AROUND = [0, 1, 2, 5, 4, 3]
 """Order of the corners of `car_outline` around the car."""
 
@@ -110,22 +99,15 @@ def swerve_medians(plant: str = "reduced") -> pd.DataFrame:
     return pd.DataFrame(columns).reindex(table["candidate"].unique())
 
 
-@styled()
-def figure_from_above(run_logs: Mapping[str, RunLog]) -> Figure:
-    """Plots outlines of cars from above, `SOON` and `LATER` after the start of the steering; the
-    course at the start leads to the right, in m.
-    """
-    figure, axes = new_figure(9.0, 4.0, 1, 2)
-    for axis, instant in zip(axes[0], (SOON, LATER), strict=True):
-        for (name, log), colour in zip(run_logs.items(), COLOURS, strict=False):
-            ahead, left = outline_from_above(log, instant)[:, AROUND]
-            axis.fill(ahead, left, fill=False, edgecolor=colour, label=name)
-        axis.set_aspect("equal")
-        axis.set_title(f"after {instant:g} s")
-        axis.set_xlabel("ahead, m")
-    axes[0, 0].set_ylabel("to the left, m")
-    axes[0, 0].legend(loc="upper center", bbox_to_anchor=(1.0, -0.2), ncols=3)
-    return figure
+def outlines_in_step(run_logs: Sequence[RunLog]) -> Templated:
+    """Makes the picture from above that goes with `replays_in_step` of the same runs."""
+    runs = []
+    start = run_logs[0].number("manoeuvre", "turn_start")
+    for log, look in zip(run_logs, line_looks(), strict=False):
+        instants = np.arange(log.time[0], log.time[-2], FRAME_STEP)
+        corners = outline_from_above(log, instants - start)[:, AROUND].T.round(3)
+        runs.append({**look, "outlines": corners.tolist()})
+    return Templated("from_above.html", {"runs": runs, "step": FRAME_STEP, "start": start})
 
 
 def swerve_chapter(shown: ShownSwerve, run_logs: Mapping[str, RunLog]) -> list[Section]:
@@ -143,14 +125,9 @@ def swerve_chapter(shown: ShownSwerve, run_logs: Mapping[str, RunLog]) -> list[S
         names.append(words)
         captions.append(f"{words}: {values[name]:.2f} m aside after 0.5 s")
     case = f"{shown.speed_m_per_s:g} m/s, {shown.car}, friction {shown.floor}, {shown.tail} tail"
-    sections = [
-        Section(
-            f"In step: a swerve at {case}", [replays_in_step([*run_logs.values()], names, captions)]
-        )
-    ]
-    named = dict(zip(names, run_logs.values(), strict=True))
-    words = f"Outlines of the cars {SOON:g} s and {LATER:g} s after the start of the steering"
-    sections.append(Section("From above", [Plot(figure_from_above(named), "", words)]))
+    logs = [*run_logs.values()]
+    in_step = [outlines_in_step(logs), replays_in_step(logs, names, captions)]
+    sections = [Section(f"In step: a swerve at {case}", in_step)]
     explanation = (
         "Metres that the last point of the car's outline has moved aside 0.5 s after the start of "
         "the steering, each candidate with its own best steering: medians over test cars, the "

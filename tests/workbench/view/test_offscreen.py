@@ -41,11 +41,12 @@ def test_floor_begins_at_the_horizon_and_is_seen_where_it_is(height):
     assert (column, row) == pytest.approx((70.5, 80.5))
 
 
-def plate_above_the_floor(low):
-    """A red plate of 0.6 m x 0.6 m that hangs in the air for two rows, so high, m."""
+def plate_above_the_floor(low, falls=0.0):
+    """A red plate of 0.6 m x 0.6 m, so high (m), that hangs there for two rows or falls (s)."""
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlantSceneGraph(builder, 0.0)
-    plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
+    if not falls:
+        plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
     body = plant.AddRigidBody("plate", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
     plant.RegisterVisualGeometry(
         body, RigidTransform(), Box(0.6, 0.6, 0.01), "plate", np.array([1.0, 0.0, 0.0, 1.0])
@@ -55,7 +56,7 @@ def plate_above_the_floor(low):
         simulator = Simulator(builder.Build())
         context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
         plant.SetPositions(context, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, low])
-        simulator.AdvanceTo(0.1)
+        simulator.AdvanceTo(falls or 0.1)
     return run.log
 
 
@@ -71,6 +72,17 @@ def test_robot_stands_where_it_is(low):
     assert (columns.mean() + 0.5, rows.mean() + 0.5) == pytest.approx(
         camera.project(np.array([0, 0, low]))[:2], abs=1
     )
+
+
+@pytest.mark.usefixtures("renderer")
+def test_a_robot_that_falls_stays_in_the_picture():
+    shown = OffscreenRun(plate_above_the_floor(5.0, falls=0.9))
+    logged = shown.logged
+    assert np.ptp(logged.path[:, 2]) > 3.5
+    for row in (0, len(logged.path) - 1):
+        camera = shown.camera(row, logged.camera_azimuth, logged.camera_place, (300, 300))
+        column, line, _ = camera.project(logged.path[row])
+        assert (column, line) == pytest.approx((150, 150), abs=140)
 
 
 @pytest.fixture

@@ -30,6 +30,12 @@ def test_page_loads_nothing_from_elsewhere(page):
     assert all(address.startswith("data:") for address in fetched)
 
 
+def test_no_message_of_a_server_is_seen_while_the_page_loads(page):
+    head, _, body = page.partition("<body>")
+    assert "No connection to server" in body
+    assert "#status-message { display: none; }" in head
+
+
 def test_page_holds_the_animation_of_every_moving_part(page):
     (animation,) = [message for message in messages(page) if b"set_animation" in message]
     for part in (

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -82,16 +83,21 @@ def test_the_chapter_says_how_far_a_run_swerves_and_whether_it_counts():
     settings = ("manoeuvre.speed=4", "simulation.step=0.002", *levels)
     swerve = load_scenario("swerve", settings)
     log = simulate(swerve)
-    lefts = [outline_from_above(log, after)[1].min() for after in (0.0, 0.5)]
+    lefts = outline_from_above(log, (0.0, 0.5))[1].min(axis=0)
     outcome = swerve_of(simulate(swerve, record="outcome"))
     assert lefts[1] - lefts[0] == pytest.approx(aside(outcome)[0], abs=1e-3)
     assert lefts[1] - lefts[0] > 0.04
-    replays, _, *tables = chapter.swerve_chapter(CHOSEN, {"no tail": log})
+    in_step, *tables = chapter.swerve_chapter(CHOSEN, {"no tail": log})
     assert [section.title for section in tables] == [
         "How far they swerve: reduced cars",
         "How far they swerve: full cars",
     ]
+    above, replays = in_step.parts
     assert f"{CHOSEN.rows()['value']['no tail']:.2f} m aside" in str(vars(replays))
+    (run,) = above.values["runs"]
+    outlines = np.array(run["outlines"])
+    soon = round((above.values["start"] + 0.5) / above.values["step"])
+    assert outlines[soon][:, 1].min() == pytest.approx(lefts[1], abs=1e-3)
 
 
 def test_a_choice_that_is_not_whole_is_refused(tmp_path, monkeypatch):
