@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
@@ -23,7 +24,7 @@ from tests.benchmarks.mujoco_car import commanded, flips_in_mujoco, load_model
 from tests.benchmarks.rows import BenchRow
 
 SCENARIO = "turn_none"
-SLOW, FAST = 2.5, 6.5
+SLOW, FAST = 2.0, 4.5
 TOLERANCE = 0.05
 """m/s; also how far the answer of a coarse step may be from that of the fine one."""
 FINE = 0.0005
@@ -37,29 +38,27 @@ Flips = Callable[[Scenario, float], bool]
 
 
 def bench_flip_speed() -> Iterator[BenchRow]:
-    """Time to find the flip speed to 0.05 m/s with the plant alone, each engine at its coarsest
-    sufficient step.
+    """Flip speed of the plant alone in Drake, in MuJoCo with Drake's tyres, and in MuJoCo with its
+    own contact; and the time to find it to 0.05 m/s, each engine at its coarsest sufficient step.
     """
-    engines: dict[str, Flips] = {"Drake": _flips_in_drake, "MuJoCo": flips_in_mujoco}
+    fine = {name: _flip_speed(flips, FINE)[0] for name, flips in ENGINES.items()}
+    for name, speed in fine.items():
+        yield BenchRow(f"tailless flip speed, {name}, {1000 * FINE:g} ms", speed, "m/s")
+    difference = abs(fine[DRAKE] / fine[SAME_TYRES] - 1.0)
+    yield BenchRow("tailless flip speed, Drake against MuJoCo", difference, "1", "<= 0.03")
     seconds = {}
-    speeds = {}
-    for name, flips in engines.items():
-        fine, _ = _flip_speed(flips, FINE)
-        speeds[name] = fine
-        yield BenchRow(f"tailless flip speed, {name}, {1000 * FINE:g} ms", fine, "m/s")
+    for name in (DRAKE, OWN_CONTACT):
         for step in STEPS:
-            speed, seconds[name] = _flip_speed(flips, step)
-            if abs(speed - fine) <= TOLERANCE:
+            speed, seconds[name] = _flip_speed(ENGINES[name], step)
+            if abs(speed - fine[name]) <= TOLERANCE:
                 break
         yield BenchRow(f"tailless flip speed, {name}, {1000 * step:g} ms", speed, "m/s")
-    name = f"tailless flip speed, {1000 * FINE:g} ms, Drake against MuJoCo"
-    yield BenchRow(name, abs(speeds["Drake"] / speeds["MuJoCo"] - 1.0), "1")
     yield BenchRow(
         "tailless flip speed to 0.05 m/s, Drake over MuJoCo",
-        seconds["Drake"],
+        seconds[DRAKE],
         "s",
-        "<= 2.5",
-        seconds["MuJoCo"],
+        "",
+        seconds[OWN_CONTACT],
     )
 
 
@@ -76,7 +75,7 @@ def bench_raw_step() -> Iterator[BenchRow]:
     start = time.perf_counter()
     simulator.AdvanceTo(0.1 + STANDING_STEPS * step)
     ours = (time.perf_counter() - start) / STANDING_STEPS
-    model = load_model(scenario, step)
+    model = load_model(scenario, step, own_contact=True)
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, 50)
     start = time.perf_counter()
@@ -88,10 +87,16 @@ def bench_raw_step() -> Iterator[BenchRow]:
 
 
 def _flip_speed(flips: Flips, step: float) -> tuple[float, float]:
-    """Middle of the bracket (m/s), and the wall time (s) of the bisection."""
+    """Returns the middle of the bracket (m/s), and the wall time (s) of the bisection.
+
+    Raises:
+        RuntimeError: the first bracket does not hold a flip speed.
+    """
     low = SLOW
     high = FAST
     start = time.perf_counter()
+    if flips(_scenario(low, step), step) or not flips(_scenario(high, step), step):
+        raise RuntimeError(f"no flip speed between {SLOW:g} and {FAST:g} m/s at {step:g} s")
     while high - low > TOLERANCE:
         middle = 0.5 * (low + high)
         low, high = (low, middle) if flips(_scenario(middle, step), step) else (middle, high)
@@ -149,3 +154,13 @@ def _flips_in_drake(scenario: Scenario, step: float) -> bool:
         if quaternion_flipped(plant.GetPositions(context)[quaternion : quaternion + 4]):
             return True
     return False
+
+
+DRAKE = "Drake"
+SAME_TYRES = "MuJoCo with Drake's tyres"
+OWN_CONTACT = "MuJoCo with its own contact"
+ENGINES: dict[str, Flips] = {
+    DRAKE: _flips_in_drake,
+    SAME_TYRES: partial(flips_in_mujoco, own_contact=False),
+    OWN_CONTACT: partial(flips_in_mujoco, own_contact=True),
+}
