@@ -38,7 +38,6 @@ from pydrake.multibody.tree import (
     FixedOffsetFrame,
     Frame,
     JacobianWrtVariable,
-    Joint,
     ModelInstanceIndex,
     PrismaticJoint,
     RigidBody,
@@ -62,8 +61,8 @@ _RATE_TIMES_STEP = 0.5
 """Rate of the hold times the time step of a discrete plant; it is stable up to 0.82."""
 _POSITION_SAMPLES = 64
 """Positions at which the inertia is checked."""
-Slides = tuple[tuple[Joint, float], ...]
-"""Per slide the joint and the mass that it frees, kg."""
+Slides = tuple[tuple[Any, float], ...]
+"""Per slide its `PrismaticJoint` and the mass that it frees, kg."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +150,7 @@ class AddedMass:
             builder,
             Propeller(thrusters),
             name,
-            body_poses=plant.get_body_poses_output_port(),
+            body_poses=plant.GetOutputPort("body_poses"),
             command=forces.get_output_port(),
         )
         connect_spatial_forces(builder, plant, hold.get_spatial_forces_output_port())

@@ -90,8 +90,13 @@ def add_cross(v: Scalars, a: Scalars, b: Scalars) -> Triple:
 
 def rotated(rows: Sequence[Vector], vector: Vector) -> Triple:
     """Rotates a vector by a matrix, three rows of which the first three numbers count."""
-    x_row, y_row, z_row = rows
-    return dot(x_row, vector), dot(y_row, vector), dot(z_row, vector)
+    x, y, z = vector
+    first, second, third = rows
+    return (
+        first[0] * x + first[1] * y + first[2] * z,
+        second[0] * x + second[1] * y + second[2] * z,
+        third[0] * x + third[1] * y + third[2] * z,
+    )
 
 
 class SectionLaw(ABC):
@@ -379,7 +384,8 @@ class CrossedPlatesLaw(SectionLaw):
         self, line: LineMotion, distances: Scalars, areas: Scalars, density: float
     ) -> LineForce:
         """See `SectionLaw.line_force`."""
-        across = line._replace(n=cross(line.n, line.a))
+        u, k, a, n = line
+        across = LineMotion(u, k, a, cross(n, a))
         normal = self.normal.line_force(line, distances, areas, density)
         side = self.side.line_force(across, distances, areas, density)
         return tuple(one + other for one, other in zip(normal, side, strict=True))
