@@ -7,6 +7,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
+from typing import Any
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
@@ -113,8 +114,8 @@ def _scenario(speed: float, step: float) -> Scenario:
     return load_scenario(SCENARIO, settings)
 
 
-def _flips_in_drake(scenario: Scenario, step: float) -> bool:
-    """The plant alone, driven as MuJoCo's; the run ends at the flip."""
+def make_drake_turn(scenario: Scenario, step: float) -> tuple[Simulator, Any, Any]:
+    """Makes the plant alone, driven as MuJoCo's; returns simulator, plant and context of it."""
     builder = DiagramBuilder()
     car = add_car_plant(builder, scenario, sampled_outputs=False)
     plant = car.plant
@@ -147,7 +148,12 @@ def _flips_in_drake(scenario: Scenario, step: float) -> bool:
     driven = add_and_connect(builder, MatrixGain(torque), u0=limited.get_output_port())
     builder.Connect(driven.get_output_port(), plant.get_actuation_input_port(car.car))
     simulator = Simulator(builder.Build())
-    context = plant.GetMyContextFromRoot(simulator.get_context())
+    return simulator, plant, plant.GetMyContextFromRoot(simulator.get_context())
+
+
+def _flips_in_drake(scenario: Scenario, step: float) -> bool:
+    """Returns whether the tilt passes 75 degrees; the run ends there."""
+    simulator, plant, context = make_drake_turn(scenario, step)
     quaternion = plant.GetBodyByName("chassis").floating_positions_start()
     for end in np.arange(LOOK, scenario.manoeuvre.duration, LOOK):
         simulator.AdvanceTo(end)
