@@ -248,7 +248,7 @@ class TeensyLink:
             return None  # a counter that is 0 at the start: the motor has never answered
         self._counters[state.motor_id] = report.replies
         if LONG_REPLY not in self._profile.reply_lengths:
-            state = replace(state, temperature=None, fault=None)
+            state = state._replace(temperature=None, fault=None)
         try:
             return make_reply(state, self._profile)
         except FrameError:

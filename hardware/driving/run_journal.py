@@ -243,7 +243,10 @@ def open_run_journal(
 
 
 def log_facts(reason: str, stop_time: float, cycle_times: Sequence[float], overruns: int) -> Json:
-    """Facts of a finished drive for the `extra` of its log, with the error of its periods, s."""
+    """Facts of a finished drive for the `extra` of its log, with the error of its periods, s.
+
+    `begin_unix_s` is the time of its first cycle on the clock of the traffic log, s.
+    """
     facts: Json = {
         "stop_reason": reason,
         "overruns": overruns,
@@ -252,6 +255,7 @@ def log_facts(reason: str, stop_time: float, cycle_times: Sequence[float], overr
     if math.isfinite(stop_time):
         facts["stop_time_s"] = stop_time
     if len(cycle_times) > 1:
+        facts["begin_unix_s"] = cycle_times[0] + time.time() - time.monotonic()
         error = np.abs(np.diff(np.asarray(cycle_times)) - PERIOD)
         for name, percentage in (("p50", 50), ("p99", 99), ("max", 100)):
             facts[f"period_error_{name}_s"] = float(np.percentile(error, percentage))

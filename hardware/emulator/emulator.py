@@ -64,6 +64,9 @@ from aerodima.workbench.view.viewer import open_meshcat
 
 _POLL_PERIOD = 0.001
 """The firmware's loop and the script are looked at that often at least, s."""
+_PASS_ON = 0.0001
+"""Without work before the car computes, s. A thread of the kernel passes on what was written to a
+port, at ordinary priority: it would wait behind the car on the same processor."""
 _SAMPLE_PERIOD = 0.01
 """Between two looks at what GPS and sail measure, s: the period of the 100 Hz loop."""
 _LATE = 0.01
@@ -220,49 +223,42 @@ class Emulator:
             self._lag = 0.0
 
     def _serve(self, due: float) -> None:
-        """Answers the ports until `due`, at least once."""
+        """Answers the ports until `due` and until nothing has come for `_PASS_ON`."""
         while True:
             now = time.monotonic()
             self._update_faults(now)
-            self._update_teensy(now)
-            self._pass_on_received()
+            self._write("teensy", self._teensy.update(now))
+            self._write("can", self._adapter.poll())
             self._write("imu", self._imu.poll(now))
             self._write("radio", self._operator.update(now))
             open_ports = [port for port in self._ports.values() if port.plugged]
             readable, _, _ = select.select(
-                open_ports, [], [], min(_POLL_PERIOD, max(0.0, due - now))
+                open_ports, [], [], min(_POLL_PERIOD, max(_PASS_ON, due - now))
             )
+            came = False
             for name, port in self._ports.items():
                 if port in readable and (data := port.read()):
+                    came = True
                     self._receive(name, data)
-            if time.monotonic() >= due:
+            if not came and time.monotonic() >= due:
                 return
 
     def _receive(self, name: Device, data: bytes) -> None:
+        """Gives a device its bytes; `_serve` asks for the answers that this does not write."""
         now = time.monotonic()
         if name == "teensy":
             self._teensy.feed(data, now)
-            self._update_teensy(now)
         elif name == "can":
             self._write("can", self._adapter.feed(data))
-            self._update_teensy(now)  # it answers a heartbeat at once
-            self._pass_on_received()
         elif name == "imu":
             self._imu.set_reading(self._car.output("imu"))
             self._imu.feed(data, now)
-            self._write("imu", self._imu.poll(now))
         elif name == "console":
             self._write("radio", self._air.to_car(data))
         elif name == "radio" and "console" in self._ports:
             self._write("console", self._air.to_console(data))
         elif name == "radio":
             self._operator.receive(data)
-
-    def _update_teensy(self, now: float) -> None:
-        self._write("teensy", self._teensy.update(now))
-
-    def _pass_on_received(self) -> None:
-        self._write("can", self._adapter.poll())
 
     def _write(self, name: Device, data: bytes) -> None:
         if data:

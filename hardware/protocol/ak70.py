@@ -15,7 +15,8 @@ touches nothing.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError, check_field
 from aerodima.workbench.core.errors import HardwareError
@@ -157,8 +158,7 @@ middle of an even number of steps does not exist, so the torque on the wire is h
 m."""
 
 
-@dataclass(frozen=True, slots=True)
-class MitReply:
+class MitReply(NamedTuple):
     """State of one motor.
 
     Attributes:
@@ -262,10 +262,10 @@ def decode_reply(frame: CanFrame, profile: FirmwareProfile) -> MitReply:
         )
     bits = int.from_bytes(data[1:_SHORT_REPLY], "big")
     position, velocity, torque = _unpack(bits, _REPLY_FIELDS, profile)
-    state = MitReply(motor_id, position, velocity, torque)
     if len(data) == _SHORT_REPLY:
-        return state
-    return replace(state, temperature=data[6] - profile.temperature_offset, fault=data[7])
+        return MitReply(motor_id, position, velocity, torque)
+    temperature = data[6] - profile.temperature_offset
+    return MitReply(motor_id, position, velocity, torque, temperature, data[7])
 
 
 def unwrap(previous: float, reading: float, profile: FirmwareProfile) -> float:

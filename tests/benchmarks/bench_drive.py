@@ -11,13 +11,24 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import can
 import numpy as np
 
+from aerodima.hardware.car.car_ports import (
+    JOINTS,
+    PORTS_FILE,
+    READY_FILE,
+    TRAFFIC_FILE,
+    read_ports,
+)
+from aerodima.hardware.car.wiring import PERIOD
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.realtime import permitted
 from aerodima.workbench.logs.schema import RunLog, read_run_log
 from tests.benchmarks.rows import BenchRow, NotPermittedError
@@ -34,6 +45,9 @@ _FLAGS = [word for setting in _SETTINGS for word in ("--set", setting)]
 _CYCLES = 6000
 _SAME = 1e-3
 """Between the arrivals of one and the same reply, as two rows of the log have it, s."""
+_DELIVERY = 0.001
+"""From the bus to the drive, s: a reply that is on the bus that long before a reading is in
+time."""
 
 
 def bench_drive_over_can_for_a_minute() -> Iterator[BenchRow]:
@@ -95,7 +109,8 @@ def _load() -> Iterator[None]:
 
 
 def _rows(wiring: str, loop: str, flags: list[str]) -> Iterator[BenchRow]:
-    log, unanswered = _drive(wiring, flags)
+    result = _drive(wiring, flags)
+    log = result.log
     stem = f"drive_{wiring}_{loop}"
     yield BenchRow(f"{stem}_cycles", log.extra["cycles"], "1", f"== {_CYCLES}")
     for percentile in ("p50", "p99", "max"):
@@ -106,31 +121,75 @@ def _rows(wiring: str, loop: str, flags: list[str]) -> Iterator[BenchRow]:
             "us",
             goal,
         )
-    if unanswered is not None:
+    if result.traffic is not None:
+        unanswered = count_unanswered(result.traffic, result.motor_ids)
         yield BenchRow(f"{stem}_frames_without_reply", unanswered, "1", "== 0")
-    late = sum(_without_newer_reply(log, joint) for joint in ("pitch", "roll"))
-    yield BenchRow(f"{stem}_readings_without_newer_reply", late, "1", "== 0")
+    old = count_old_readings(result)
+    if result.traffic is not None:
+        unused = old["unused"]
+        yield BenchRow(f"{stem}_replies_received_but_not_read", unused, "1", "== 0")
+    yield BenchRow(f"{stem}_replies_delivered_late", old["delivered_late"], "1")
+    yield BenchRow(f"{stem}_replies_given_late_by_the_emulator", old["given_late"], "1")
     yield BenchRow(f"{stem}_cpu_share", log.extra["cpu_share"], "1", "<= 0.5")
 
 
-def _without_newer_reply(log: RunLog, joint: str) -> int:
-    """Cycles that read the same reply as the cycle before: it came late, or the cycle before was
-    late and read two.
+def count_old_readings(drive: Drive) -> Counter[str]:
+    """Counts the readings that show the same reply as the reading before, by what became of the
+    newer reply: it was `unused` although the drive had received it, it was on the bus
+    `_DELIVERY` before the reading and `delivered_late`, or it was `given_late`.
     """
-    arrival = log.time + log.signal("loop_lateness_s") - log.signal(f"status_tail_{joint}_age_s")
-    return int(np.count_nonzero(np.diff(arrival[1:]) < _SAME))
+    counts: Counter[str] = Counter()
+    log = drive.log
+    lateness = log.signal("loop_lateness_s")[1:]
+    # A row shows the reading of the cycle before it.
+    read = log.time[1:] - PERIOD + lateness + log.extra["begin_unix_s"] - lateness[0]
+    for joint, motor_id in zip(JOINTS, drive.motor_ids, strict=True):
+        arrived = read - log.signal(f"status_{joint}_age_s")[1:]
+        given = _reply_times(drive.bus, motor_id)
+        received = _reply_times(drive.traffic or [], motor_id)
+        for index in np.flatnonzero(np.diff(arrived) < _SAME) + 1:
+            shown = arrived[index] + _SAME
+            if np.any((shown < received) & (received < read[index])):
+                counts["unused"] += 1
+            elif np.any((shown < given) & (given < read[index] - _DELIVERY)):
+                counts["delivered_late"] += 1
+            else:
+                counts["given_late"] += 1
+    return counts
 
 
-def _unanswered(traffic: Path) -> int:
-    """Frames to the motors less frames from them: each one is answered, whatever it asks."""
-    frames = list(can.BLFReader(traffic))
-    return sum(not frame.is_rx for frame in frames) - sum(frame.is_rx for frame in frames)
+def _reply_times(frames: list[can.Message], motor_id: int) -> FloatArray:
+    """Returns when the replies of a motor were on the bus, s."""
+    return np.array([frame.timestamp for frame in frames if _motor_of(frame) == motor_id])
 
 
-def _drive(wiring: str, flags: list[str]) -> tuple[RunLog, int | None]:
-    """The log, and how many frames stayed without reply; None on the bridge, where the computer
-    sees no frames.
+def count_unanswered(traffic: list[can.Message], motor_ids: tuple[int, int]) -> int:
+    """Counts the frames to the motors, from the computer or the Teensy, that have no reply."""
+    frames = sum(frame.arbitration_id in motor_ids for frame in traffic)
+    return frames - sum(_motor_of(frame) in motor_ids for frame in traffic)
+
+
+def _motor_of(frame: can.Message) -> int:
+    """Returns the id of the motor whose reply a frame is; 0 if it is none."""
+    return frame.data[0] if frame.is_rx and frame.arbitration_id == 0 else 0
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What a drive left.
+
+    Attributes:
+        bus: frames on the motors' bus, as the emulated car saw them.
+        traffic: frames at the computer's adapter; None on the bridge, where it sees none.
     """
+
+    log: RunLog
+    motor_ids: tuple[int, int]
+    bus: list[can.Message]
+    traffic: list[can.Message] | None
+
+
+def _drive(wiring: str, flags: list[str]) -> Drive:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         environment = {
@@ -139,16 +198,17 @@ def _drive(wiring: str, flags: list[str]) -> tuple[RunLog, int | None]:
             "OMP_NUM_THREADS": "1",
         }
         car = folder / "car"
+        ports = car / PORTS_FILE
         emulate = [_PROGRAM, "emulate", "auto_turn", *_FLAGS, "--out", str(car), "--wiring", wiring]
         emulator = subprocess.Popen(emulate, stdout=subprocess.DEVNULL)
+        log = folder / "run.parquet"
+        traffic = folder / "run.blf"
         try:
-            while not (car / "ready.json").exists():
+            while not (car / READY_FILE).exists():
                 if emulator.poll() is not None:
                     raise RuntimeError("the emulator ended")
                 time.sleep(0.05)
-            words = ["auto_turn", *_FLAGS, "--ports", str(car / "ports.json"), "--wiring", wiring]
-            log = folder / "run.parquet"
-            traffic = folder / "run.blf"
+            words = ["auto_turn", *_FLAGS, "--ports", str(ports), "--wiring", wiring]
             frames = ["--traffic", str(traffic)] if wiring == "watched_can" else []
             drive = ["run", *words, "--arm", "--out", str(log), *frames, *flags]
             for command in (["watchdog-test", *words], drive):
@@ -158,7 +218,12 @@ def _drive(wiring: str, flags: list[str]) -> tuple[RunLog, int | None]:
                 if run.returncode:
                     facts = read_run_log(log).extra if log.exists() else {}
                     raise RuntimeError(f"{command[0]}: {run.stderr.splitlines()[-1]} {facts}")
-            return read_run_log(log), _unanswered(traffic) if frames else None
         finally:
             emulator.terminate()
             emulator.wait(30)
+        return Drive(
+            read_run_log(log),
+            read_ports(ports).motor_ids,
+            list(can.BLFReader(car / TRAFFIC_FILE)),
+            list(can.BLFReader(traffic)) if frames else None,
+        )

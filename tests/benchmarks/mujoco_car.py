@@ -10,6 +10,7 @@ contact: a run ends when the car has passed 75 degrees.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,7 +28,7 @@ from aerodima.workbench.car.car_model import (
     wheel_rates,
 )
 from aerodima.workbench.car.laws import knuckle_motion, shaft_gain
-from aerodima.workbench.car.verdict import FLIP_TILT
+from aerodima.workbench.car.termination import quaternion_flipped
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.scenario.scenario import Scenario
 
@@ -269,15 +270,14 @@ def commanded(scenario: Scenario, step: float) -> tuple[FloatArray, FloatArray]:
     ) / radius
 
 
-def flips_in_mujoco(scenario: Scenario, step: float, own_contact: bool) -> bool:
-    """Returns whether the tilt passes 75 degrees; the run ends there."""
+def drive_in_mujoco(scenario: Scenario, step: float, own_contact: bool) -> Iterator[Any]:
+    """Drives the turn; yields the `MjData` after every step."""
     import mujoco  # type: ignore[import-not-found, unused-ignore]
 
     steps = 1 if own_contact else math.ceil(step / SUBSTEP - 1e-9)
     model = load_model(scenario, step / steps, own_contact)
     data = mujoco.MjData(model)
     tyres = Tyres(scenario, model)
-    cosine = math.cos(FLIP_TILT)
     for knuckles, rate in zip(*commanded(scenario, step), strict=True):
         data.ctrl[:2] = knuckles
         data.ctrl[2] = rate
@@ -286,8 +286,11 @@ def flips_in_mujoco(scenario: Scenario, step: float, own_contact: bool) -> bool:
             if not own_contact:
                 tyres.apply(data)
             mujoco.mj_step2(model, data)
-        x = data.qpos[4]
-        y = data.qpos[5]
-        if 1.0 - 2.0 * (x * x + y * y) < cosine:
-            return True
-    return False
+        yield data
+
+
+def flips_in_mujoco(scenario: Scenario, step: float, own_contact: bool) -> bool:
+    """Returns whether the tilt passes 75 degrees; the run ends there."""
+    return any(
+        quaternion_flipped(data.qpos[3:7]) for data in drive_in_mujoco(scenario, step, own_contact)
+    )

@@ -349,9 +349,7 @@ def test_off_is_confirmed_by_replies_and_overdue_without_them(bench):
 def mirrored(fake):
     """A reply whose angle and speed have the wrong sign."""
     reply = decode_reply(fake.reply(), PROFILE)
-    return make_reply(
-        dataclasses.replace(reply, position=-reply.position, velocity=-reply.velocity), PROFILE
-    )
+    return make_reply(reply._replace(position=-reply.position, velocity=-reply.velocity), PROFILE)
 
 
 @pytest.mark.parametrize("joint", [0, 1])
@@ -422,7 +420,7 @@ def test_replies_of_a_cycle_ago_and_a_torque_constant_that_is_wrong_stop_nothing
 
     def respond(frame):
         reply = decode_reply(frame, PROFILE)
-        return late(make_reply(dataclasses.replace(reply, torque=constant * reply.torque), PROFILE))
+        return late(make_reply(reply._replace(torque=constant * reply.torque), PROFILE))
 
     bench.fakes[1].respond = respond
     swing(bench, 2.0)

@@ -3,7 +3,6 @@ CAN bus.
 """
 
 import math
-from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -179,7 +178,7 @@ def test_replies_go_on_when_their_counter_runs_over(car):
 def test_a_position_beyond_the_profile_is_no_reply(car):
     state = MitReply(1, 12.6, 0.0, 0.0, temperature=30, fault=0)
     assert car.link._frame_of(MotorReport(state, 99)) is None
-    inside = MotorReport(replace(state, position=0.0), 100)
+    inside = MotorReport(state._replace(position=0.0), 100)
     assert car.link._frame_of(inside).data[1:3] == make_neutral(1, PROFILE).data[:2]
 
 

@@ -189,7 +189,7 @@ REPLIES = st.builds(
 
 
 def flat(reply):
-    reports = [(*astuple(report.state), report.replies) for report in reply.motors]
+    reports = [(*report.state, report.replies) for report in reply.motors]
     known = [-1000 if value is None else value for values in reports for value in values]
     return [*known, reply.clock, reply.status]
 

@@ -4,7 +4,7 @@ The expected bytes are written out by hand from the field widths.
 """
 
 import math
-from dataclasses import astuple, fields, replace
+from dataclasses import fields, replace
 
 import pytest
 
@@ -94,7 +94,7 @@ def test_reply_of_six_and_eight_bytes(data, expected):
     content = bytes.fromhex(data.replace(" ", ""))
     for arbitration_id in (0, expected[0]):
         found = decode_reply(CanFrame(arbitration_id, content), PROFILE)
-        assert astuple(found) == pytest.approx(expected, abs=1e-12)
+        assert found == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize(

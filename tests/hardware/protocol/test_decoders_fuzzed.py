@@ -92,7 +92,7 @@ def test_teensy_string(text, close):
         result = teensy.decode_reply(checked(text) if close else text)
     except FrameError:
         return
-    assert finite(value for report in result.motors for value in astuple(report.state))
+    assert finite(value for report in result.motors for value in report.state)
 
 
 @fuzzed(5_000, st.lists(strings, max_size=4), st.lists(st.integers(1, 60), min_size=1, max_size=6))
