@@ -1,9 +1,10 @@
 """Swerves of test cars, simulated and on the emulated car, also with a fault in mid-swerve: the
 tables of docs/swerves.md.
 
-`python -m tests.hardware.emulator.swerve_runs FILE --plant PLANT [--car CAR ...] [--fault] [--runs
-N]` adds a line per run to FILE, a CSV table; PLANT is `simulated` or a wiring. Without `--plant` it
-prints the tables of FILE. The drive of a run that a busy computer disturbed is repeated.
+`python -m tests.hardware.emulator.swerve_runs FILE --plant PLANT` adds a line per run to FILE, a
+CSV table; PLANT is `simulated` or a wiring. `--car`, `--fault`, `--runs` and `--share` of the best
+steering say which. Without `--plant` it prints the tables of FILE. A run that a busy computer
+disturbed is repeated.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbe
 CARS = ("car025", "car018", "car019", "car027")
 """Test cars of `physical.yaml`; the first is the one that docs/swerves.md shows."""
 SHARE = 0.8
-"""Share of the angles of its best steering that a car is driven with."""
+"""Usual share of the angles of its best steering that a car is driven with."""
 START = 4.0
 """Start of the steering, s after that of the drive: a second after the car has its speed."""
 STANDING_START = (
@@ -140,13 +141,15 @@ FAULTS = (
 )
 
 
-def car_settings(car: str) -> list[str]:
-    """Settings of a test car on its own friction that swerves from a standing start."""
+def car_settings(car: str, share: float) -> list[str]:
+    """Settings of a test car on its own friction that swerves from a standing start, with a share
+    of the angles of its best steering.
+    """
     member = next(one for one in load_ensemble("physical").members if one.name == car)
     table = pd.read_csv(ROOT / "models" / "swerve" / "swerves.csv")
     is_own = (table["car"] == car) & (table["plant"] == "full") & (table["floor"] == "x 1")
     row = table[is_own & (table["candidate"] == "feedback")].iloc[0]
-    levels = [f"manoeuvre.level_{n}={SHARE * row[f'level_{n}']:.6f}" for n in (1, 2, 3)]
+    levels = [f"manoeuvre.level_{n}={share * row[f'level_{n}']:.6f}" for n in (1, 2, 3)]
     ends = [f"manoeuvre.level_{n}_end={row[f'level_{n}_end']:.2f}" for n in (1, 2)]
     return [*member.settings_on("swerve"), *STANDING_START, *levels, *ends]
 
@@ -277,9 +280,9 @@ def figures_of(log: Any) -> dict[str, float | bool]:
     }
 
 
-def run(car: str, plant: str, fault: Fault, seed: int) -> dict[str, Any]:
+def run(car: str, plant: str, fault: Fault, seed: int, share: float) -> dict[str, Any]:
     """A line of the table."""
-    scenario = load_scenario("swerve", car_settings(car)).varied(seed=seed)
+    scenario = load_scenario("swerve", car_settings(car, share)).varied(seed=seed)
     reason = ""
     if plant == "simulated":
         log = simulated(scenario, fault)
@@ -295,15 +298,32 @@ def run(car: str, plant: str, fault: Fault, seed: int) -> dict[str, Any]:
 
 
 def tables(runs: pd.DataFrame) -> str:
-    """Tables of swerves without fault, by car and plant, and of those that stay upright."""
-    whole = runs[runs["fault"] == NONE.name]
-    keys = ["upright", "speed_m_per_s", "heading_deg", "swing_s", "roll_deg", "aside_m"]
-    spread = whole.groupby(["car", "plant"], sort=False)[keys].agg(["mean", "min", "max"])
-    broken = runs[runs["fault"] != NONE.name]
-    upright = broken.pivot_table(
-        index="fault", columns="plant", values="upright", aggfunc=["sum", "count"], sort=False
-    )
-    return f"{spread.round(3).to_string()}\n\n{upright.to_string()}"
+    """Markdown: means of swerves without a fault by car and plant, and how many of those with one
+    stay upright.
+    """
+    lines = [
+        "| car | driven | speed | turned by | tail swings after | peak roll | aside |",
+        "|---" * 7 + "|",
+    ]
+    is_whole = runs["fault"] == NONE.name
+    for names, own in runs[is_whole].groupby(["car", "plant"], sort=False):
+        mean = own.mean(numeric_only=True)
+        cells = (
+            *map(str, names),
+            f"{mean['speed_m_per_s']:.2f} m/s",
+            f"{mean['heading_deg']:.1f}°",
+            f"{1000 * mean['swing_s']:.0f} ms",
+            f"{mean['roll_deg']:.1f}°",
+            f"{mean['aside_m']:.3f} m",
+        )
+        lines.append(f"| {' | '.join(cells)} |")
+    plants = runs["plant"].unique()
+    lines += ["", f"| fault | {' | '.join(plants)} |", "|---" * (1 + len(plants)) + "|"]
+    for fault, own in runs[~is_whole].groupby("fault", sort=False):
+        parts = [own.loc[own["plant"] == plant, "upright"] for plant in plants]
+        cells = (str(fault), *(f"{part.sum()} of {len(part)}" for part in parts))
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
 
 
 def main() -> None:
@@ -313,6 +333,7 @@ def main() -> None:
     parser.add_argument("--car", nargs="+", default=CARS)
     parser.add_argument("--fault", nargs="*", help="names, all when none is given")
     parser.add_argument("--runs", type=int, default=1)
+    parser.add_argument("--share", type=float, default=SHARE, help="of the best steering")
     asked = parser.parse_args()
     if asked.plant is None:
         print(tables(pd.read_csv(asked.file)))
@@ -323,7 +344,7 @@ def main() -> None:
     for car in asked.car:
         for fault in faults:
             for seed in range(1, asked.runs + 1):
-                line = run(car, asked.plant, fault, seed)
+                line = run(car, asked.plant, fault, seed, asked.share)
                 print(line, flush=True)
                 is_new = not asked.file.exists()
                 with asked.file.open("a", newline="", encoding="utf-8") as file:
