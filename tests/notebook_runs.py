@@ -26,6 +26,8 @@ SIGNATURE = "executed"
 """Key of the notebook's metadata: hash of the code that made the outputs."""
 VARIES = "varies"
 """Tag of cells whose output depends on the machine."""
+DEFINITION = "definition"
+"""Tag of cells that tests of what a notebook shows run as well."""
 COLOURS = 128
 SILENCE = 400
 """Longest time of a cell, s."""
@@ -64,6 +66,19 @@ def signature(notebook):
 def tags(cell):
     """Of a cell."""
     return list(cell["metadata"].get("tags", ()))
+
+
+def definitions(path):
+    """Python of the cells of a notebook that are tagged as definitions."""
+    cells = code_cells(json.loads(path.read_text(encoding="utf-8")))
+    lines = [
+        line
+        for cell in cells
+        if DEFINITION in tags(cell)
+        for line in source(cell).splitlines()
+        if not line.startswith("%")
+    ]
+    return "\n".join(lines) + "\n"
 
 
 def text_of(value):

@@ -11,9 +11,11 @@ from tests.notebook_runs import (
     FOLDER,
     SIGNATURE,
     code_cells,
+    definitions,
     differences,
     shown,
     signature,
+    tags,
 )
 
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
@@ -56,6 +58,19 @@ def test_stored_outputs_are_small_and_of_no_machine(path):
             )
             assert not re.search(r"<iframe|<script| at 0x|/home/|/tmp/tmp|/work/", text), cell["id"]
     assert pictures >= 3
+
+
+def test_stored_swerves_of_the_emulated_car_keep_their_band():
+    path = FOLDER / "06_from_simulation_to_the_car.ipynb"
+    (stored,) = (cell for cell in code_cells(content(path)) if "comparison" in tags(cell))
+    names = {}
+    exec(definitions(path), names)
+    lines = shown(stored).splitlines()
+    for name, band in names["BAND"].items():
+        (line,) = (line for line in lines if line.startswith(name))
+        simulated, emulated, difference, stored_band = map(float, line.split()[-4:])
+        assert stored_band == band
+        assert abs(emulated - simulated) <= difference <= band, line
 
 
 @pytest.mark.parametrize(

@@ -31,6 +31,7 @@ from tests.hardware.emulator.fault_cases import AT, CASES, HELD, PITCH, ROLL
 from tests.hardware.emulator.process_runs import CASES as PROCESS_CASES
 from tests.hardware.emulator.process_runs import (
     REFUSED,
+    acts_of,
     after,
     process_row,
     refused_row,
@@ -212,7 +213,7 @@ def row(case, found):
     if not case.stops:
         return table_line(case.name, case.wiring, "-", "-", "-", case.acts)
     off, neutral = (f"{value * 1000:.0f}" for value in (found.motors_off, found.throttle_neutral))
-    return table_line(case.name, case.wiring, off, neutral, found.exits, case.acts)
+    return table_line(case.name, case.wiring, off, neutral, found.exits, acts_of(case))
 
 
 KINDS = (

@@ -361,6 +361,11 @@ def _start(
     )
 
 
+def acts_of(case):
+    """What acts, and whether it holds the tail before the motors go off."""
+    return case.acts if not case.held or "held" in case.acts else f"{case.acts}, held"
+
+
 def table_line(*cells):
     """A line of hardware/emulator/fault_table.csv."""
     stream = io.StringIO()
@@ -458,4 +463,4 @@ def check(case, found):
 def process_row(case, found):
     """A line of the fault table."""
     off, neutral = (f"{value * 1000:.0f}" for value in (found.motors_off, found.throttle_neutral))
-    return table_line(case.name, case.wiring, off, neutral, "seen", case.acts)
+    return table_line(case.name, case.wiring, off, neutral, "seen", acts_of(case))
