@@ -268,7 +268,7 @@ def figures_of(log: Any) -> dict[str, float | bool]:
     swings = np.abs(tail - tail[0]) > SWUNG
     loads = np.stack([log.signal(f"wheel_force_{wheel}_z_truth_n") for wheel in WHEELS], axis=1)
     outcome = outcome_from(log.time[after], log.signal("tilt_truth_rad")[after], loads[after])
-    last = [np.min(outline_from_above(log, since)[1]) for since in (0.0, SOON)]
+    before, soon = np.min(outline_from_above(log, (0.0, SOON))[1], axis=0)
     speed, _ = ground_velocity(log)
     return {
         "upright": outcome.result == "survived",
@@ -276,7 +276,7 @@ def figures_of(log: Any) -> dict[str, float | bool]:
         "heading_deg": math.degrees(heading[-1] - heading[0]),
         "swing_s": float(time_since[np.argmax(swings)]) if np.any(swings) else math.nan,
         "roll_deg": math.degrees(np.max(np.abs(log.signal("roll_truth_rad")[after]))),
-        "aside_m": float(last[1] - last[0]),
+        "aside_m": float(soon - before),
     }
 
 
