@@ -150,9 +150,11 @@ def search(
 
     Example: aerodima swing search --floor 1.2 --speed 6 --out out/motion
     """
+    from aerodima.optimisation.swerve.aims import find_aim
     from aerodima.optimisation.swing.motion_search import search_motion
 
     path = out / "swing.yaml"
+    find_aim(aim)
     effort = optimisation.BoundEffort(**vars(motion), seed=options.seed)
     with _new_file(path, work) as runs:
         table, is_best = search_motion(
@@ -199,18 +201,22 @@ def judge(
 
     Example: aerodima swing judge --cars 1 --speed 6 --candidate feedback --out out/judge
     """
+    from aerodima.optimisation.swerve.aims import find_aim
     from aerodima.optimisation.swerve.suite import SUITE
     from aerodima.optimisation.swerve.swerve_table import has_gain, swerve_lines, swerve_page
     from aerodima.workbench.view.report_page import write_files
 
     names = candidate or SUITE.default
+    aims = aim or ["aside-0.5"]
+    for name in aims:
+        find_aim(name)
     arguments = options.arguments()
     files: dict[str, Any] = {}
     with runs_in(out, work) as runs:
         table = optimisation.judge(
             names,
             laws=law or (),
-            aims=aim or ["aside-0.5"],
+            aims=aims,
             cars=cars,
             seed=options.seed,
             folder=out,

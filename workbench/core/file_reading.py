@@ -33,6 +33,8 @@ def reading(
         yield
     except UserError:
         raise
+    except FileNotFoundError as cause:
+        raise error(f"{path}: no such file{remedy}") from cause
     except Exception as cause:
         words = str(cause)
         reason = (words if " " in words else repr(cause))[:_MAX_REASON]
