@@ -150,11 +150,10 @@ def search(
 
     Example: aerodima swing search --floor 1.2 --speed 6 --out out/motion
     """
-    from aerodima.optimisation.swerve.aims import find_aim
     from aerodima.optimisation.swing.motion_search import search_motion
 
     path = out / "swing.yaml"
-    find_aim(aim)
+    _known_aims([aim])
     effort = optimisation.BoundEffort(**vars(motion), seed=options.seed)
     with _new_file(path, work) as runs:
         table, is_best = search_motion(
@@ -173,6 +172,15 @@ def search(
     if not is_best:
         typer.echo("the motion is not better than every other candidate", err=True)
         raise typer.Exit(cli.Status.NO)
+
+
+def _known_aims(names: list[str]) -> list[str]:
+    """Returns aims that exist, before a worker starts; UserError for another one."""
+    from aerodima.optimisation.swerve.aims import find_aim
+
+    for name in names:
+        find_aim(name)
+    return names
 
 
 @cli.grouped
@@ -201,16 +209,12 @@ def judge(
 
     Example: aerodima swing judge --cars 1 --speed 6 --candidate feedback --out out/judge
     """
-    from aerodima.optimisation.swerve.aims import find_aim
     from aerodima.optimisation.swerve.suite import SUITE
     from aerodima.optimisation.swerve.swerve_table import has_gain, swerve_lines, swerve_page
     from aerodima.workbench.view.report_page import write_files
 
     names = candidate or SUITE.default
-    aims = aim or ["aside-0.5"]
-    for name in aims:
-        find_aim(name)
-    arguments = options.arguments()
+    aims = _known_aims(aim or ["aside-0.5"])
     files: dict[str, Any] = {}
     with runs_in(out, work) as runs:
         table = optimisation.judge(
@@ -224,7 +228,7 @@ def judge(
             step=None if reduced else step,
             further=0 if reduced else further,
             conditions=settings or (),
-            **arguments,
+            **options.arguments(),
         )
         if standard:
             files["standard.csv"] = _standard(
