@@ -9,7 +9,7 @@ from functools import partial
 
 import pytest
 
-from aerodima.workbench.batch.dask_cluster import check_workers
+from aerodima.workbench.batch.dask_cluster import MEMORY_VARIABLES, check_workers
 from aerodima.workbench.batch.engine_factory import run_batch
 from aerodima.workbench.core.errors import UserError
 from tests.refusals import assert_refused
@@ -72,6 +72,14 @@ def test_workers_have_one_blas_thread_and_the_caller_keeps_its_own(
     assert seen == ["1", "1", "1"]
     assert os.environ["OMP_NUM_THREADS"] == "7"
     assert "MKL_NUM_THREADS" not in os.environ
+
+
+def test_workers_keep_their_memory_as_the_caller_says_or_else_as_the_engine_does(monkeypatch):
+    monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "131072")
+    monkeypatch.delenv("MALLOC_MMAP_THRESHOLD_", raising=False)
+    seen = run_batch(os.getenv, ["MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"], 2)
+    assert seen == ["131072", MEMORY_VARIABLES["MALLOC_MMAP_THRESHOLD_"]]
+    assert "MALLOC_MMAP_THRESHOLD_" not in os.environ
 
 
 @pytest.mark.parametrize("workers", [0, -1, 65])
