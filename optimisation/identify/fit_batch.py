@@ -5,8 +5,6 @@ settings reads those lines and only works on what is missing, has changed since,
 other versions of the software.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
