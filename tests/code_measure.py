@@ -5,8 +5,6 @@ cloned beside it. Size is the number of nodes of the syntax trees (`ast.walk`); 
 not count. A statement is any statement but a docstring.
 """
 
-from __future__ import annotations
-
 import ast
 import sys
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """`aerodima` as a user calls it, in this process, so that Drake is imported once for all tests."""
 
-from __future__ import annotations
-
 from functools import cache
 
 from click.testing import Result

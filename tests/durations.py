@@ -6,8 +6,6 @@ test above `MAX_SECONDS` stands in
 status 1 if a test is missing there, or takes more than twice its seconds.
 """
 
-from __future__ import annotations
-
 import csv
 import sys
 import tomllib

@@ -7,8 +7,6 @@ Fails if a run is missing from a table, stands in it twice, or a study takes lon
 Example: python -m tests.kill_loop --kills 100
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import random

@@ -5,8 +5,6 @@ It imports nothing of ours: beside a page it runs in an environment that has the
 checkout.
 """
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What an error message must name; its sentence is free."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 
 import pytest

@@ -5,8 +5,6 @@ The motions of the case that the demo shows are copied to `models/swings`, and i
 them there; those of other full runs are left out.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import sys

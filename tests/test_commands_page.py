@@ -1,7 +1,5 @@
 """The page of commands has them all, and each has an example."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from typing import Any

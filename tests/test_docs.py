@@ -2,8 +2,6 @@
 page says.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import shlex

@@ -3,8 +3,6 @@
 And every import is declared.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 import sys

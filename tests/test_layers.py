@@ -1,7 +1,5 @@
 """Which folder of a package may import which: every import goes down the list of layers."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from pathlib import Path

@@ -2,8 +2,6 @@
 notebooks and pages import nothing else.
 """
 
-from __future__ import annotations
-
 import ast
 import importlib
 import json

@@ -1,7 +1,5 @@
 """The examples of the README run, and come out as it says."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

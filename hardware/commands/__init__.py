@@ -1,7 +1,5 @@
 """The commands of this package, heavy imports inside the functions."""
 
-from __future__ import annotations
-
 from importlib import import_module
 
 import typer

@@ -1,7 +1,5 @@
 """Options that the commands of the car share."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated

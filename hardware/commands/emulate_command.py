@@ -1,7 +1,5 @@
 """`aerodima emulate`: the emulated car behind serial ports."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

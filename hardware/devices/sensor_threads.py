@@ -4,8 +4,6 @@ pace.
 Each thread keeps one serial device open and its newest sample at hand.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import threading

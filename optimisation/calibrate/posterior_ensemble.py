@@ -1,7 +1,5 @@
 """Ensemble files of the cars of a posterior."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import yaml

@@ -9,8 +9,6 @@ change by if it moved inside by q is added to their intervals, in quadrature and
 it leads.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

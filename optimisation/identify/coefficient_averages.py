@@ -5,8 +5,6 @@ The thesis' weighted average, and robust ones beside it: eps_i = sum(res) / res_
 sum(eps), value = sum(w_i value_i) (thesis eqs. 4.29-4.31).
 """
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from collections.abc import Sequence

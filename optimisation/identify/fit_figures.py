@@ -1,7 +1,5 @@
 """Figures of fits: estimates with their intervals, measured and modelled curves."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Options of a fit of a rig log."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal

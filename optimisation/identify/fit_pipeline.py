@@ -3,8 +3,6 @@
 `README.md` shows a fit of your own, and what was tried.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The result of a fit: estimates with intervals, covariance, warnings."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field

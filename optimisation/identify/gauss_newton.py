@@ -7,8 +7,6 @@ Each step solves min |R d + c|^2 / 2 + damping |d|^2 / 2 with the costs and cons
 It works on value / scale and on a residual that the caller has divided by its weights.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal

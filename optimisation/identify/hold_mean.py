@@ -1,7 +1,5 @@
 """Mean readings of a static hold without the drift of the sensor, and what is no noise in them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

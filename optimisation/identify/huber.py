@@ -5,8 +5,6 @@ The limit stands in units of a scale taken from the data: 1.4826 times the media
 residual, which is the standard deviation of normal data however far a minority lies off.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Literal
 

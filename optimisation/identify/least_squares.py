@@ -16,6 +16,7 @@ import numpy as np
 from aerodima.workbench.core.array_types import FloatArray, IntArray
 from aerodima.workbench.core.deprecation import warn_renamed
 from aerodima.workbench.core.errors import FitError
+from aerodima.workbench.core.key_errors import repeated
 
 Residual = Callable[[FloatArray], FloatArray]
 Jacobian = Callable[[FloatArray], FloatArray]
@@ -130,8 +131,7 @@ class Parameters:
     all: tuple[Parameter, ...]
 
     def __post_init__(self) -> None:
-        names = [parameter.name for parameter in self.all]
-        twice = sorted({name for name in names if names.count(name) > 1})
+        twice = repeated(parameter.name for parameter in self.all)
         if twice:
             raise FitError(f"parameters named twice: {', '.join(twice)}")
         if not self.free:

@@ -5,8 +5,6 @@ the scenario that its mapping names, or of the one that the user names for the f
 facts (kind, tail, axis, wind) go last.
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 

@@ -6,8 +6,6 @@ rho_k) (design section 11: intervals that ignore this held the truth in 23 % of 
 frequencies; drift, a burst in the middle and an error of the model do not.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

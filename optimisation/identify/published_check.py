@@ -8,8 +8,6 @@ mount. Errors are relative to the current; beyond 2 % they count by the Huber lo
 published tests are broken (no wind, wrong wind speed).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Checks of a residual in the order of time: samples far off, and slow wandering."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Constants of a rig and errors of its instruments that a fit varies."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from functools import cache

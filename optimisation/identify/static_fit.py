@@ -5,8 +5,6 @@ Algebraic: the balance of the held rig instead of a simulation. The seventh resi
 which the tail would creep against its friction if the current did not hold it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace

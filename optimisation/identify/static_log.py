@@ -8,8 +8,6 @@ deviation is what the log states (`offsets_uncertainty`), else what the drift si
 else the accuracy of the scenario (Table 4.8).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ is fitted to the position only (section 4.9). C_N over the relative speed is wha
 by hand (section 6.3.3).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import partial

@@ -2,8 +2,6 @@
 motor's torque.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

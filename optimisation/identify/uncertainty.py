@@ -8,8 +8,6 @@ whose estimate follows another that is not determined through its bounds.
 `active_bounds` has what a bound does to the intervals, `noise` the covariance S.
 """
 
-from __future__ import annotations
-
 import math
 from contextlib import suppress
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ A scan searches for survival and reports survivors beyond the first flip as isla
 (`limit_search`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -6,8 +6,6 @@ in it that differs from time to time, so that it is the same however often the s
 wherever it ran; how long the runs took is in a file beside it. One client at a time.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import time

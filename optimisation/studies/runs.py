@@ -5,8 +5,6 @@ A run that kills its worker is a row with an error. Rows are kept on the disk, s
 stopped and go on, or be widened.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence

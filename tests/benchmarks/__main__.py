@@ -6,8 +6,6 @@ marked in the table; the exit status is 1 if a benchmark fails to run, or gives 
 raise `NotPermittedError`. What failed and what was left out is listed at the end.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import inspect

@@ -1,7 +1,5 @@
 """How long a user waits for the help page."""
 
-from __future__ import annotations
-
 import statistics
 import subprocess
 import sys

@@ -2,8 +2,6 @@
 browser to throttle 0.
 """
 
-from __future__ import annotations
-
 import contextlib
 import random
 import shutil

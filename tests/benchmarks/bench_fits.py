@@ -2,8 +2,6 @@
 batch of static logs.
 """
 
-from __future__ import annotations
-
 import math
 import statistics
 import tempfile

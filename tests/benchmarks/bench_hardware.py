@@ -2,8 +2,6 @@
 cantools.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 import time

@@ -2,8 +2,6 @@
 the control loop.
 """
 
-from __future__ import annotations
-
 import statistics
 import tempfile
 import time

@@ -1,7 +1,5 @@
 """What a run leaves behind in the memory of its process."""
 
-from __future__ import annotations
-
 import gc
 import multiprocessing
 from collections.abc import Iterator

@@ -2,8 +2,6 @@
 a static log.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 

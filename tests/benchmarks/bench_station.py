@@ -2,8 +2,6 @@
 repeatable a run is.
 """
 
-from __future__ import annotations
-
 import tempfile
 import time
 from pathlib import Path

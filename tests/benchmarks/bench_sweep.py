@@ -2,8 +2,6 @@
 itself costs.
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 import time

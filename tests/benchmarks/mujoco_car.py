@@ -7,8 +7,6 @@ whatever the load, and their friction is whole as soon as a tyre slides. Cage an
 contact: a run ends when the car has passed 75 degrees.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -8,8 +8,6 @@ process.
 Run as `python -m tests.benchmarks.rearming_drive PORTS_FILE [SETTING...]`; ended by SIGTERM.
 """
 
-from __future__ import annotations
-
 import contextlib
 import signal
 import sys

@@ -1,7 +1,5 @@
 """One measured number with its goal, as `make bench` prints it and writes it to CSV."""
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -49,6 +49,12 @@ def shown(page):
     return page.inner_text("body")
 
 
+def take_control(page, served):
+    """Opens the page with the token of the console, until it is in control."""
+    page.goto(served.access.url)
+    eventually(lambda: page.evaluate(IN_CONTROL))
+
+
 def show_armed(page, served):
     """The car reports that it is armed until the page shows it."""
     end = time.monotonic() + 10.0
@@ -112,8 +118,7 @@ def test_a_page_of_another_origin_gets_no_connection_though_the_browser_is_known
         ("127.0.0.1", 0), partial(Quiet, directory=tmp_path / "other")
     ) as other:
         threading.Thread(target=other.serve_forever, daemon=True).start()
-        page.goto(served.access.url)
-        eventually(lambda: page.evaluate(IN_CONTROL))
+        take_control(page, served)
         assert page.evaluate(KNOCK, served.port) == "open"
         page.goto(f"http://127.0.0.1:{other.server_port}/")
         assert page.evaluate(KNOCK, served.port) == "refused"
@@ -123,8 +128,7 @@ def test_a_page_of_another_origin_gets_no_connection_though_the_browser_is_known
 def test_a_page_left_open_after_a_restart_says_so_and_sends_nothing(page, tmp_path):
     (tmp_path / "second").mkdir()
     first = Served(tmp_path)
-    page.goto(first.access.url)
-    eventually(lambda: page.evaluate(IN_CONTROL))
+    take_control(page, first)
     show_armed(page, first)
     first.close()
     eventually(
@@ -140,8 +144,7 @@ def test_a_page_left_open_after_a_restart_says_so_and_sends_nothing(page, tmp_pa
 
 
 def test_a_console_that_stalls_leaves_nothing_that_looks_current(page, served):
-    page.goto(served.access.url)
-    eventually(lambda: page.evaluate(IN_CONTROL))
+    take_control(page, served)
     show_armed(page, served)
     page.locator("input[value=manual]").evaluate("box => box.click()")
     assert page.evaluate("mode") == "manual"
@@ -166,8 +169,7 @@ def test_a_console_that_stalls_leaves_nothing_that_looks_current(page, served):
 def test_a_radio_that_is_lost_is_a_fault_in_words_and_a_stop_says_that_it_was_not_sent(
     page, served
 ):
-    page.goto(served.access.url)
-    eventually(lambda: page.evaluate(IN_CONTROL))
+    take_control(page, served)
     show_armed(page, served)
     page.locator("input[value=manual]").evaluate("box => box.click()")
     served.link.fault = "reading failed: there is no such device"
@@ -183,8 +185,7 @@ def test_a_radio_that_is_lost_is_a_fault_in_words_and_a_stop_says_that_it_was_no
 
 def test_a_console_that_dies_says_so_on_the_page(page, tmp_path):
     with contextlib.closing(Served(tmp_path)) as served:
-        page.goto(served.access.url)
-        eventually(lambda: page.evaluate(IN_CONTROL))
+        take_control(page, served)
         served.console.poll = lambda _: 1 / 0
         eventually(
             lambda: (
@@ -197,8 +198,7 @@ def test_a_console_that_dies_says_so_on_the_page(page, tmp_path):
 
 
 def test_a_stop_that_was_pressed_without_connection_is_sent_when_it_is_back(page, served):
-    page.goto(served.access.url)
-    eventually(lambda: page.evaluate(IN_CONTROL))
+    take_control(page, served)
     page.evaluate("socket.close()")
     eventually(lambda: page.evaluate("state === null"))
     page.keyboard.press("Escape")
@@ -208,8 +208,7 @@ def test_a_stop_that_was_pressed_without_connection_is_sent_when_it_is_back(page
 
 
 def test_the_first_click_on_a_page_without_the_keyboard_is_a_click(page, served):
-    page.goto(served.access.url)
-    eventually(lambda: page.evaluate(IN_CONTROL))
+    take_control(page, served)
     page.set_viewport_size({"width": 560, "height": 900})
     page.evaluate(
         "document.hasFocus = () => window.pressed;"
@@ -230,8 +229,7 @@ def test_the_first_click_on_a_page_without_the_keyboard_is_a_click(page, served)
 def gamepads(page, served):
     """A page of an armed car that stays armed, with gamepads that the test plugs in."""
     page.add_init_script(GAMEPADS)
-    page.goto(served.access.url)
-    eventually(lambda: page.evaluate(IN_CONTROL))
+    take_control(page, served)
     report_all_the_time(served, ARMED)
     eventually(lambda: page.inner_text("#car") == "ARMED")
     return page

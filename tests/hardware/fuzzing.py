@@ -2,6 +2,8 @@
 them one by one.
 """
 
+from itertools import cycle
+
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -22,3 +24,14 @@ def fuzz(check, count, *strategies):
             check(*row)
 
     run()
+
+
+def fed_in_pieces(stream, data, sizes):
+    """What a stream makes of data that come in pieces of these sizes, over and over again."""
+    found = []
+    pieces = cycle(sizes)
+    while data:
+        size = next(pieces)
+        found += stream.feed(data[:size])
+        data = data[size:]
+    return found

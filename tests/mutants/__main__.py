@@ -9,8 +9,6 @@ whole mirrored folder runs. The command ends with status 1 if a mutant cannot be
 fewer than 90 % are noticed. Before the first mutant the named files run without any, and must pass.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Short simulated runs to replay: a turn that begins after 0.6 s, 0.9 s long."""
 
-from __future__ import annotations
-
 import pytest
 
 from aerodima.workbench.batch.simulation import simulate

@@ -9,14 +9,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.math import RigidTransform
 
-from aerodima.workbench.car.car_air import free_sail, sail_law
 from aerodima.workbench.car.ground_truth import BODY_TRUTH, TAIL_TRUTH
-from aerodima.workbench.car.tail_plant import sail_inertial
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.scenario.scenario import scenario_from_dict
 from aerodima.workbench.scenario.signal_table import TAIL_STATE
 from tests.refusals import assert_refused
-from tests.workbench.aero.vanes import Vane
 from tests.workbench.stands import CarStand
 
 RHO, CN, AREA, ROOT, LENGTH = 1.225, 2.0, 0.12, 0.3, 0.6
@@ -112,42 +109,6 @@ def test_half_cylinder_is_hollow_towards_the_left_as_it_is_drawn(wind, coefficie
     assert_allclose(
         force(car), [0.0, 0.5 * RHO * coefficient * AREA * wind * abs(wind), 0.0], atol=1e-9
     )
-
-
-def test_facing_sail_of_a_driving_car_drags_along_its_path_and_its_encoder_says_where_it_points():
-    # Tail upright, 4 m/s along x, no gravity: the air comes from ahead; the hollow, +y at angle 0,
-    # turns to +x (-90).
-    car = floating((4.0, 0.0, 0.0), tail={"sail": "facing"})
-    assert_allclose(force(car), [-0.5 * RHO * CN * AREA * 16.0, 0.0, 0.0], atol=1e-9)
-    car.advance(0.05)
-    state = TAIL_STATE.read(car.output("tail_state"))
-    assert math.remainder(state.sail_angle, 2 * math.pi) == pytest.approx(-math.pi / 2, abs=0.01)
-
-
-@pytest.mark.parametrize("start", [0.1, -0.1])
-def test_free_sail_of_a_driving_car_is_a_weather_vane(start):
-    speed = 6.0
-    car = floating((speed, 0.0, 0.0), tail={"sail": "free", "sail_bearing_damping": 0.0})
-    ahead = -math.pi / 2
-    car.turn("tail_sail_turn", ahead + start)
-    parameters = scenario_from_dict(
-        {"tail": LARGE | {"sail": "free", "sail_bearing_damping": 0.0}}
-    ).tail
-    inertial = sail_inertial(parameters)
-    vane = Vane(free_sail(parameters, sail_law(parameters)[0]), inertial.mass, inertial.moments[2])
-    times = [0.0]
-    angles = [start]
-    while angles[-1] * start > 0.0 and times[-1] < 1.0:
-        car.advance(car.context.get_time() + 0.002)
-        times.append(car.context.get_time())
-        angles.append(sail_angle(car) - ahead)
-    crossing = times[-1] - 0.002 * angles[-1] / (angles[-1] - angles[-2])
-    # First crossing of a damped swing: (pi - acos zeta) / omega_d; 5 %: explicit steps and a car
-    # that gives way.
-    omega = vane.frequency(speed)
-    zeta = vane.damping_ratio(speed)
-    expected = (math.pi - math.acos(zeta)) / (omega * math.sqrt(1 - zeta**2))
-    assert crossing == pytest.approx(expected, rel=0.05)
 
 
 @pytest.mark.slow

@@ -1,7 +1,5 @@
 """Engine of worker processes for many pieces of work, or for one batch."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager

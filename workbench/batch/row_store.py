@@ -6,8 +6,6 @@ a key of everything else that determines it: a row of other inputs is never take
 A line that was cut off, or is damaged, costs its own row alone.
 """
 
-from __future__ import annotations
-
 import fcntl
 import hashlib
 import json

@@ -4,8 +4,6 @@ Their file has plates and half shells in the frame of the chassis: x forward, y 
 on the ground under the rear axle at nominal ride height.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any

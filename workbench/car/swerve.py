@@ -7,8 +7,6 @@ right; the centre of mass alone would pay a car for turning round it. Definition
 10.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

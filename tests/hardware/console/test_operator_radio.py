@@ -158,11 +158,16 @@ def test_a_beat_may_replace_a_stop_that_waits_and_carries_it(radio, link):
     assert link.sent[-1] == [EmergencyStop(), OperatorCommand(RadioMode.IDLE), Heartbeat(5)]
 
 
-def test_a_stop_stays_until_it_is_reset_and_a_reset_alone_does_not_drive(radio, link):
+def drive_by_hand(radio, link):
+    """An armed car that is driven from 1.0 s on."""
     link.report(REPORT, 1.0)
     radio.poll(1.0)
     radio.heartbeat(0, REST, 1.0)
     radio.heartbeat(1, MANUAL, 1.0)
+
+
+def test_a_stop_stays_until_it_is_reset_and_a_reset_alone_does_not_drive(radio, link):
+    drive_by_hand(radio, link)
     radio.stop("gamepad", 1.1)
     link.report(REPORT, 1.2)
     radio.poll(1.2)
@@ -178,10 +183,7 @@ def test_a_stop_stays_until_it_is_reset_and_a_reset_alone_does_not_drive(radio, 
 def test_a_car_that_is_driven_is_sent_to_rest_once_and_never_by_a_heartbeat(radio, link):
     radio.send_idle()
     assert link.sent == []
-    link.report(REPORT, 1.0)
-    radio.poll(1.0)
-    radio.heartbeat(0, REST, 1.0)
-    radio.heartbeat(1, MANUAL, 1.0)
+    drive_by_hand(radio, link)
     radio.send_idle()
     radio.send_idle()
     assert link.sent[2:] == [[REST]]

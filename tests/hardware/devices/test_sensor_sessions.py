@@ -58,10 +58,16 @@ def chip():
     return chip
 
 
-def test_the_chip_is_set_up_and_asked_every_10_ms_in_step_with_the_loop(clock, chip):
+def set_up(clock, chip):
+    """A session that has set the chip up, and its port."""
     session = Bno055Session()
     port = Port(clock, chip.feed)
     session.begin(port)
+    return session, port
+
+
+def test_the_chip_is_set_up_and_asked_every_10_ms_in_step_with_the_loop(clock, chip):
+    session, port = set_up(clock, chip)
     session.align(30.0)
     times, samples = zip(*(session.read(port) for _ in range(8)), strict=True)
     assert samples[-1].gyro == (0.0, 0.0, 0.5)
@@ -70,9 +76,7 @@ def test_the_chip_is_set_up_and_asked_every_10_ms_in_step_with_the_loop(clock, c
 
 
 def test_what_the_chip_says_of_itself_is_a_fault_until_it_is_well(clock, chip):
-    session = Bno055Session()
-    port = Port(clock, chip.feed)
-    session.begin(port)
+    session, port = set_up(clock, chip)
     for status, faulty in (([1, 3], True), ([5, 0], False)):
         chip.feed(make_write(Register.SYSTEM_STATUS, bytes(status)))
         for count in range(100):
@@ -83,9 +87,7 @@ def test_what_the_chip_says_of_itself_is_a_fault_until_it_is_well(clock, chip):
 
 
 def test_a_chip_that_answers_nothing_is_set_up_anew_and_another_one_is_refused(clock, chip):
-    session = Bno055Session()
-    port = Port(clock, chip.feed)
-    session.begin(port)
+    session, port = set_up(clock, chip)
     port.answer = lambda data: b""
     for _ in range(19):
         assert session.read(port) is None
@@ -105,9 +107,7 @@ def time_to_fault(clock, rate, attitude=1.0, gyro=1.0, frozen=None):
     `attitude` and `gyro` are the fractions of the motion that they show; what is `frozen` stands.
     """
     chip = Bno055Chip()
-    session = Bno055Session()
-    port = Port(clock, chip.feed)
-    session.begin(port)
+    session, port = set_up(clock, chip)
     noise = np.random.default_rng(4)
     begin = clock.now
     kept = {}

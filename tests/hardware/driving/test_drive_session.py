@@ -77,6 +77,11 @@ class Drive:
         assert self.bench.teensy.pulses[-1] == (1500, 1500)
         assert self.bench.closed == [1]
 
+    def assert_never_armed(self):
+        """No motor was told to enter, and no log is left."""
+        assert not [frame for _, frame in self.bench.port.sent if frame.data.endswith(b"\xfc")]
+        assert not self.log.exists()
+
 
 @pytest.fixture(params=[True, False], ids=["drake", "plain"])
 def drive(request, tmp_path):
@@ -177,9 +182,8 @@ def test_a_signal_before_arming_switches_nothing_on(drive, number):
     drive.bench.watchdog.arm = lambda: pytest.fail("armed after a signal")
     result = drive.run(confirm=lambda: os.kill(os.getpid(), number) or True)
     assert (result.signal, result.reason) == (number, signal.Signals(number).name)
-    assert not [frame for _, frame in drive.bench.port.sent if frame.data.endswith(b"\xfc")]
+    drive.assert_never_armed()
     drive.assert_safe()
-    assert not drive.log.exists()
 
 
 def test_a_car_that_cannot_drive_is_off_before_its_log_is_discarded(drive, monkeypatch):
@@ -227,8 +231,7 @@ def test_an_operator_who_leaves_auto_is_an_orderly_end_and_one_who_is_lost_is_no
 
 def test_without_an_answer_on_the_terminal_nothing_is_armed(drive):
     assert_refused(lambda: drive.run(confirm=lambda: False), HardwareError, "not armed")
-    assert not [frame for _, frame in drive.bench.port.sent if frame.data.endswith(b"\xfc")]
-    assert not drive.log.exists()
+    drive.assert_never_armed()
     assert not list(drive.log.parent.glob("*.journal"))
 
 

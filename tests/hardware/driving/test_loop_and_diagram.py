@@ -19,7 +19,7 @@ from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.driving import run_journal
 from aerodima.hardware.driving.car_guard import CarGuard, Stage
-from aerodima.hardware.driving.drive_diagram import CarInterface, DiagramPilot
+from aerodima.hardware.driving.drive_diagram import DiagramPilot
 from aerodima.hardware.driving.plain_loop import (
     AutoPilot,
     ManualPilot,
@@ -29,12 +29,10 @@ from aerodima.hardware.driving.plain_loop import (
 from aerodima.hardware.driving.run_journal import RunJournal, drive_columns, open_run_journal
 from aerodima.hardware.driving.speaker import Speaker
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
-from aerodima.workbench.car.car_station import make_car_station
 from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.core.realtime import permitted
 from aerodima.workbench.logs.journal import read_journal
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.scenario.signal_table import STATION_INPUTS, STATION_OUTPUTS
 from tests.hardware.driving.fake_wiring import FakeWiring, quick_turn
 from tests.hardware.fake_can import wait_until
 
@@ -80,22 +78,6 @@ def plain(path, wiring, scenario=SCENARIO, length=2.0, pilot=None):
 
 def diagram(path, wiring):
     return plain(path, wiring, pilot=DiagramPilot(SCENARIO))
-
-
-def test_ports_are_those_of_the_simulated_station():
-    def ports(**how):
-        station = make_car_station(SCENARIO, **how)
-        inputs = map(station.get_input_port, range(station.num_input_ports()))
-        outputs = map(station.get_output_port, range(station.num_output_ports()))
-        return {
-            (way, port.get_name(), port.size())
-            for way, all_ports in (("in", inputs), ("out", outputs))
-            for port in all_ports
-            if "_truth" not in port.get_name()
-        }
-
-    assert ports(interface=lambda _: CarInterface()) == ports()
-    assert len(ports()) == len(STATION_INPUTS) + len(STATION_OUTPUTS)
 
 
 def test_plain_loop_and_diagram_give_the_same_commands_and_the_same_log(tmp_path):

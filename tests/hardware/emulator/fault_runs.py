@@ -4,8 +4,6 @@
 hardware/emulator/fault_table.csv.
 """
 
-from __future__ import annotations
-
 import gc
 import math
 import sys

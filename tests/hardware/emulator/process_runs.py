@@ -2,8 +2,6 @@
 table that need one.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import math

@@ -7,8 +7,6 @@ steering say which. Without `--plant` it prints the tables of FILE. A run that a
 disturbed is repeated.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import math

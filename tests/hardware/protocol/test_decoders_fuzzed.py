@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from aerodima.hardware.devices.teensy_link import ReplyStream
 from aerodima.hardware.protocol import radio, teensy
 from aerodima.hardware.protocol.can_frame import FrameError
-from tests.hardware.fuzzing import fuzz
+from tests.hardware.fuzzing import fed_in_pieces, fuzz
 
 FAST = 200
 
@@ -98,14 +98,6 @@ def test_teensy_string(text, close):
 @fuzzed(5_000, st.lists(strings, max_size=4), st.lists(st.integers(1, 60), min_size=1, max_size=6))
 def test_streams_resynchronise_after_any_noise(noise, sizes):
     good = checked(b"1;0.5;0;0;2;0;0;0;90;1;20;0;1;20;0;5;0")
-    stream = ReplyStream()
-    data = b"".join(noise) + b"|" + 2 * good
-    found = []
-    i = 0
-    while data:
-        size = sizes[i % len(sizes)]
-        found += stream.feed(data[:size])
-        data = data[size:]
-        i = i + 1
+    found = fed_in_pieces(ReplyStream(), b"".join(noise) + b"|" + 2 * good, sizes)
     assert found
     assert found[-1].motors[0].state.position == 0.5

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.hardware.protocol.xbee import ApiStream, Packet, make_received, make_transmit
+from tests.hardware.fuzzing import fed_in_pieces
 from tests.refusals import assert_refused
 
 addresses = st.integers(0, 2**64 - 1)
@@ -45,15 +46,8 @@ def test_noise_costs_no_good_frame(noise, sizes):
     good = Packet(0x13A20040000001, b"\x02\x07" + bytes(16))
     # Noise may announce a frame of up to 128 bytes that swallows what follows until its checksum
     # fails.
-    data = noise + 12 * make_received(good)
-    found = []
-    i = 0
     stream = ApiStream()
-    while data:
-        size = sizes[i % len(sizes)]
-        found += stream.feed(data[:size])
-        data = data[size:]
-        i = i + 1
+    found = fed_in_pieces(stream, noise + 12 * make_received(good), sizes)
     assert len([packet for packet in found if packet == good]) >= 6
     assert len(stream._open) <= 300
 

@@ -1,4 +1,4 @@
-"""Batches of fits: taken up again, never mixed, after a killed worker or a damaged journal."""
+"""Batches of fits: taken up again, never mixed, after a killed worker, too."""
 
 import os
 import signal
@@ -90,35 +90,6 @@ def test_a_log_that_kills_its_worker_does_not_stop_the_others(springs, tmp_path)
     poison.unlink()
     again = fit_logs(work, springs, tmp_path / "fits", settings={}, workers=2)
     assert (again.failed, again.reused, len(again.results)) == ({}, 2, 3)
-
-
-@pytest.mark.parametrize(
-    ("damage", "kept"),
-    [
-        (lambda lines: [lines[0][:5]], 0),
-        (lambda lines: [lines[0], b"\xff\xfe\n", *lines[1:]], 3),
-    ],
-    ids=["header cut off", "no text"],
-)
-def test_a_damaged_journal_costs_only_the_damaged_lines(springs, tmp_path, damage, kept):
-    out = tmp_path / "fits"
-    fit_logs(fit_line_file, springs, out, settings={})
-    journal = out / "fits.jsonl"
-    journal.write_bytes(b"".join(damage(journal.read_bytes().splitlines(keepends=True))))
-    for reused in (kept, 3):
-        again = fit_logs(fit_line_file, springs, out, settings={})
-        assert (again.reused, again.failed) == (reused, {})
-        assert rates(again) == [1000.0, 1100.0, 1200.0]
-
-
-def test_a_single_result_without_its_head_is_not_dropped_unsaid(springs, tmp_path):
-    journal = tmp_path / "fits" / "fits.jsonl"
-    fits = partial(fit_logs, fit_line_file, springs[:1], journal.parent, settings={})
-    fits()
-    row = journal.read_text().splitlines()[-1]
-    journal.write_text(f"{row}\n")
-    assert_refused(fits, FitError, str(journal))
-    assert journal.read_text() == f"{row}\n"
 
 
 def test_fits_of_another_version_are_made_again(springs, tmp_path, monkeypatch):

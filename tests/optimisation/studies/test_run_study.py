@@ -6,7 +6,6 @@ import json
 import shutil
 import subprocess
 import sys
-from types import SimpleNamespace
 
 import pandas as pd
 import pyarrow.parquet as pq
@@ -129,30 +128,6 @@ def test_results_of_another_car_or_version_are_not_mixed(tmp_path, undisturbed, 
     module = sys.modules[run_study.__module__]
     monkeypatch.setattr(module, other, lambda *_: changed)
     assert_folder_refused(study, out)
-
-
-def test_a_full_disk_is_one_error_and_what_was_written_is_used_again(
-    tmp_path, undisturbed, monkeypatch
-):
-    study = load_study(tiny_study(tmp_path))
-    out = tmp_path / "out"
-    whole = RowStore._write
-    keys = []
-
-    def write_until_full(store, data):
-        keys.append(b'"key"' in data)
-        if sum(keys) == 3:
-            store._stream.write(data[:40])
-            store._stream = SimpleNamespace(write=lambda _: 0, close=lambda: None)
-        whole(store, data)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(RowStore, "_write", write_until_full)
-        assert_folder_refused(study, out)
-    rest = Stopping(-1)
-    run_study(study, out, rest)
-    assert len(rest.names) == 2
-    assert_same_table(out, undisturbed)
 
 
 def test_kind_of_a_column_does_not_depend_on_the_order_of_the_rows():

@@ -4,6 +4,7 @@ of other work.
 
 import json
 from functools import partial
+from types import SimpleNamespace
 
 import pytest
 
@@ -41,6 +42,17 @@ def test_a_damaged_line_costs_its_own_row_alone_also_the_first(tmp_path, head):
         assert store.rows == {"a": {"roll": 0.25}}
     path.write_text("\n".join(lines[2:]))
     assert_refused(lambda: RowStore(path, {"speed": 4.5}), UserError, "head", "--force")
+
+
+def test_a_full_disk_is_one_error_and_what_was_written_is_there_again(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    with RowStore(path, {}) as store:
+        store.add("a", {"roll": 0.25})
+        store._stream.write(b'{"key": "b", "ro')
+        store._stream = SimpleNamespace(write=lambda _: 0, close=store._stream.close)
+        assert_refused(lambda: store.add("b", {}), UserError, str(path), "No space left")
+    with RowStore(path, {}) as store:
+        assert store.rows == {"a": {"roll": 0.25}}
 
 
 def test_rows_of_other_work_are_refused_by_name_and_dropped_by_force(tmp_path):

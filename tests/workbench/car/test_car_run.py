@@ -103,18 +103,6 @@ def test_controller_and_driver_act_at_100_hz(standard_runs):
     assert states <= set(log.signal("controller_state")[5:]) <= {*states, 2.0}
 
 
-def test_controller_at_another_rate(run):
-    log = run(
-        "controller.rate=50",
-        "manoeuvre.turn_start=0.3",
-        "manoeuvre.speed_ramp=0.3",
-        "manoeuvre.speed=2.0",
-    )
-    rows = np.flatnonzero(np.diff(log.signal("steering_command_rad")))
-    assert rows.size == 1
-    assert rows[0] == 149
-
-
 def test_sensors_hold_their_sample_at_their_own_rate(standard_runs):
     log = standard_runs["none"]
     imu_rows = np.flatnonzero(np.diff(log.signal("imu_gyro_y_rad_per_s")))

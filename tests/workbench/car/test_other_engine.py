@@ -1,7 +1,5 @@
 """The car in MuJoCo, which is written anew for `make bench`, against the car in Drake."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.common.eigen_geometry import Quaternion

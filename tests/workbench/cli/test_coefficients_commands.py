@@ -18,13 +18,10 @@ def test_the_list_names_every_set_with_its_range_and_source():
     assert_named(measured, ("10-30 m/s", "0.000-0.524 rad"))
 
 
-def test_a_plot_is_written_and_not_overwritten_unasked(refused, tmp_path):
+def test_a_plot_is_written(tmp_path):
     target = tmp_path / "tail.png"
-    command = (*PLOT, "robot_tail_weighted_average", "--out", target)
-    done(*command)
+    done(*PLOT, "robot_tail_weighted_average", "--out", target)
     assert target.read_bytes().startswith(b"\x89PNG")
-    assert "--force" in refused(*command)
-    done(*command, "--force")
 
 
 @pytest.mark.parametrize(

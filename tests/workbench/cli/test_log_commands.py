@@ -34,12 +34,6 @@ def test_metrics_names_the_file_that_is_no_log(refused, untouched):
     assert "missing.parquet" in refused("log", "metrics", "missing.parquet")
 
 
-def test_metrics_table_is_not_overwritten(refused, tailless, untouched):
-    table = untouched.rename(untouched.with_suffix(".csv"))
-    assert "--force" in refused("log", "metrics", tailless.source, "--out", table)
-    assert table.read_text() == "precious"
-
-
 def test_recover_says_what_it_saved(refused, tailless, tmp_path):
     """A journal as a killed run leaves it: the run is interrupted by an exception, its journal
     stays.

@@ -34,10 +34,3 @@ def test_static_hold_writes_its_log(tmp_path):
 def test_wrong_input_is_one_line(refused, tmp_path, flags, message):
     assert message in refused("rig", "static", *flags, "--out", tmp_path / "hold.parquet")
     assert not (tmp_path / "hold.parquet").exists()
-
-
-def test_existing_log_is_kept_without_force(refused, untouched):
-    flags = ("rig", "static", "--duration", 0.1, "--out", untouched)
-    assert "--force" in refused(*flags)
-    assert untouched.read_text() == "precious"
-    done(*flags, "--force")

@@ -80,22 +80,6 @@ def test_tail_that_never_swung_is_noted(call):
     assert "note" not in far
 
 
-@pytest.mark.slow
-def test_existing_log_is_kept_without_force(refused, untouched):
-    assert "--force" in refused("run", "turn_swing", *SHORT, "--out", untouched)
-    assert untouched.read_text() == "precious"
-    done("run", "turn_swing", "--speed", 1.0, *SHORT, "--out", untouched, "--force")
-    assert len(read_run_log(untouched).table) == 601  # 1.2 s at 500 Hz, both ends
-
-
-def test_existing_page_is_refused_before_anything_is_simulated(refused, untouched):
-    log = untouched.parent / "run.parquet"
-    page = untouched.rename(untouched.with_suffix(".html"))
-    assert "precious.html" in refused("run", "turn_swing", *SHORT, "--out", log, "--html", page)
-    assert page.read_text() == "precious"
-    assert not log.exists()
-
-
 @pytest.mark.parametrize(
     ("words", "named"),
     [

@@ -16,14 +16,6 @@ def test_export_is_the_whole_scenario():
     assert scenario_from_dict(bundle) == load_scenario("turn_swing", ["manoeuvre.speed=4.0"])
 
 
-def test_export_to_a_file_is_not_overwritten(refused, tmp_path):
-    out = tmp_path / "bundle.json"
-    done("models", "export", "turn_none", "--out", out)
-    before = out.read_text()
-    assert "--force" in refused("models", "export", "turn_swing", "--out", out)
-    assert out.read_text() == before
-
-
 def test_diagram_is_a_picture(tmp_path, monkeypatch):
     drawn = []
     monkeypatch.setattr(

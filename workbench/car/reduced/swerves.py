@@ -6,8 +6,6 @@ changes smoothly with these times; the controller sees the steering one tick lat
 car. The law sees the IMU late, but without noise and bias, and the speed without delay.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
