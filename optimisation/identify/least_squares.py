@@ -16,7 +16,6 @@ import numpy as np
 from aerodima.workbench.core.array_types import FloatArray, IntArray
 from aerodima.workbench.core.deprecation import warn_renamed
 from aerodima.workbench.core.errors import FitError
-from aerodima.workbench.core.key_errors import repeated
 
 Residual = Callable[[FloatArray], FloatArray]
 Jacobian = Callable[[FloatArray], FloatArray]
@@ -131,7 +130,8 @@ class Parameters:
     all: tuple[Parameter, ...]
 
     def __post_init__(self) -> None:
-        twice = repeated(parameter.name for parameter in self.all)
+        names = [parameter.name for parameter in self.all]
+        twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise FitError(f"parameters named twice: {', '.join(twice)}")
         if not self.free:

@@ -2,8 +2,7 @@
 
 import difflib
 import re
-from collections import Counter
-from collections.abc import Collection, Iterable
+from collections.abc import Collection
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -21,11 +20,6 @@ def nearest(name: str, known: Collection[str]) -> str:
     if close:
         return f"did you mean {close[0]!r}?"
     return "must be one of: " + ", ".join(sorted(known))
-
-
-def repeated(names: Iterable[str]) -> list[str]:
-    """List the names that occur more than once, sorted."""
-    return sorted(name for name, count in Counter(names).items() if count > 1)
 
 
 def lines_of(report: ValidationError, model: Model) -> list[str]:

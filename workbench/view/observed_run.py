@@ -17,7 +17,6 @@ from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.atomic_write import refuse_existing
 from aerodima.workbench.core.errors import LogError, UserError
 from aerodima.workbench.core.file_reading import Facts, Json
-from aerodima.workbench.core.key_errors import repeated
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.logs.recorder import (
     LogSink,
@@ -116,7 +115,7 @@ class ObservedRun:
         decode_metadata({METADATA_KEY: encoded}, "observe")
         self._columns = recorded_columns(signals)
         self._metadata = metadata
-        twice = repeated(self._columns)
+        twice = sorted({name for name in self._columns if self._columns.count(name) > 1})
         if twice:
             raise LogError(
                 f"observe: column(s) named twice: {', '.join(twice)}; give the ports other names"
