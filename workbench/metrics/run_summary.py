@@ -28,6 +28,9 @@ from aerodima.workbench.scenario.ensemble import BUILT
 
 TAILS = "tails"
 """Key in `extra` of a `plant_run`: name and body of each tail force."""
+STOP = ("stop_time_s", "stop_reason")
+"""Keys in `extra` of a drive of the car that was stopped before its end: when, s after its start,
+and why. A drive that came to its end has the reason alone."""
 KM_PER_H = 3.6
 """km/h per m/s."""
 PUBLISHED_RUNS: dict[tuple[str, int], tuple[tuple[Platform, str], ...]] = {
@@ -163,13 +166,27 @@ def metrics_of_runs(run_logs: Sequence[RunLog]) -> list[Json]:
     """Returns a flat row of metrics per run: of the car (`RunMetrics.as_row`), or of other plants
     (`plant_metrics`).
 
+    The row of a drive that was stopped begins with `STOP`. Where it ended before its turn did, it
+    has `not_measured`, the reason, in place of metrics.
+
     Raises:
         LogError: runs of a car and of another plant together; or as for `metrics_of` and
             `plant_metrics`.
     """
     if of_plants(run_logs):
         return [plant_metrics(run_log) for run_log in run_logs]
-    return [metrics_of(run_log).as_row() for run_log in run_logs]
+    return [_car_metrics(run_log) for run_log in run_logs]
+
+
+def _car_metrics(run_log: RunLog) -> Json:
+    """Returns the row of a run of the car, as `metrics_of_runs` has it."""
+    if STOP[0] not in run_log.extra:
+        return metrics_of(run_log).as_row()
+    row = {key: run_log.extra.get(key) for key in STOP}
+    try:
+        return row | metrics_of(run_log).as_row()
+    except LogError as error:
+        return row | {"not_measured": str(error)}
 
 
 @dataclass(frozen=True)
