@@ -7,13 +7,13 @@ it.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.integrate import trapezoid
 
 from aerodima.workbench.car.tail_impulses import CAUSES, Impulses, tail_impulses
-from aerodima.workbench.car.turn_signals import turn_window
+from aerodima.workbench.car.turn_signals import SENSOR_COLUMNS, turn_window
 from aerodima.workbench.car.verdict import FLIP_TILT
 from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.control.swing_library import NO_SWING
@@ -166,8 +166,9 @@ def metrics_of_runs(run_logs: Sequence[RunLog]) -> list[Json]:
     """Returns a flat row of metrics per run: of the car (`RunMetrics.as_row`), or of other plants
     (`plant_metrics`).
 
-    The row of a drive that was stopped begins with `STOP`. Where it ended before its turn did, it
-    has `not_measured`, the reason, in place of metrics.
+    The row of a drive that was stopped begins with `STOP`. That of a `car_log` begins with
+    `not_logged`, the columns of sensors that it lacks; their metrics are NaN. Where such a log ended
+    before its turn did, it has `not_measured`, the reason, in place of metrics.
 
     Raises:
         LogError: runs of a car and of another plant together; or as for `metrics_of` and
@@ -180,12 +181,19 @@ def metrics_of_runs(run_logs: Sequence[RunLog]) -> list[Json]:
 
 def _car_metrics(run_log: RunLog) -> Json:
     """Returns the row of a run of the car, as `metrics_of_runs` has it."""
-    if STOP[0] not in run_log.extra:
-        return metrics_of(run_log).as_row()
-    row = {key: run_log.extra.get(key) for key in STOP}
+    row: Json = {}
+    if STOP[0] in run_log.extra:
+        row = {key: run_log.extra.get(key) for key in STOP}
+    absent = [name for name in SENSOR_COLUMNS if name not in run_log.table]
+    if absent and run_log.kind == "car_log":
+        row["not_logged"] = ", ".join(absent)
+        table = run_log.table.assign(**dict.fromkeys(absent, math.nan))
+        run_log = replace(run_log, table=table)
     try:
         return row | metrics_of(run_log).as_row()
     except LogError as error:
+        if not row:
+            raise
         return row | {"not_measured": str(error)}
 
 
