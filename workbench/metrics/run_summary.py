@@ -167,8 +167,8 @@ def metrics_of_runs(run_logs: Sequence[RunLog]) -> list[Json]:
     (`plant_metrics`).
 
     The row of a drive that was stopped begins with `STOP`. That of a `car_log` begins with
-    `not_logged`, the columns of sensors that it lacks; their metrics are NaN. Where such a log ended
-    before its turn did, it has `not_measured`, the reason, in place of metrics.
+    `not_logged`, the columns of sensors that it lacks; their metrics are NaN. Where such a log
+    ended before its turn did, it has `not_measured`, the reason, in place of metrics.
 
     Raises:
         LogError: runs of a car and of another plant together; or as for `metrics_of` and
