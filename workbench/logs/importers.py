@@ -17,6 +17,7 @@ import pandas as pd
 from aerodima.workbench.core.array_types import FloatArray, IntArray
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.core.file_reading import Json, reading
+from aerodima.workbench.core.yaml_files import find_file
 from aerodima.workbench.logs.foreign_files import (
     ForeignLog,
     joined,
@@ -47,8 +48,8 @@ from aerodima.workbench.logs.signals import (
     hold_last,
     median_step,
 )
-from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
-from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.rig_scenario import RigScenario
+from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import RIG_KINDS, TIME
 
 Findings = list[LogFinding]
@@ -288,11 +289,10 @@ def _scenario(mapping: Mapping) -> Json:
     """
     if mapping.scenario is None:
         return {}
-    base = mapping.scenario.base
-    settings = list(mapping.scenario.set)
-    if mapping.kind not in RIG_KINDS:
-        return load_scenario(base, settings).resolved()
-    rig = load_rig_scenario(base, settings).resolved()
-    for key in ("experiment", "schema", "name", "seed"):
-        del rig[key]
-    return rig
+    kind = RigScenario if mapping.kind in RIG_KINDS else Scenario
+    path = find_file(mapping.scenario.base, kind.folder, "scenario", start=mapping.folder)
+    content = kind.load(path, mapping.scenario.set).resolved()
+    if kind is RigScenario:
+        for key in ("experiment", "schema", "name", "seed"):
+            del content[key]
+    return content

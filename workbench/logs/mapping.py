@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, StrictBool, StrictFloat, StrictInt, model_validator
+from pydantic import Field, PrivateAttr, StrictBool, StrictFloat, StrictInt, model_validator
 
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.core.file_reading import Json
@@ -161,7 +161,7 @@ class ScenarioSource(StrictModel):
     `manoeuvre.speed=4`.
     """
 
-    base: str = Field(description="shipped scenario or YAML file")
+    base: str = Field(description="shipped scenario, or YAML file by its path from the mapping's")
     set: tuple[str, ...] = Field((), description="overrides, section.key=value")
 
 
@@ -204,6 +204,7 @@ class Mapping(StrictModel):
     scenario: ScenarioSource | None = Field(
         None, description="what was driven; for a rig log, the rig"
     )
+    _folder: Path = PrivateAttr(Path())
 
     @model_validator(mode="after")
     def _columns_and_units_are_known(self) -> Self:
@@ -219,6 +220,11 @@ class Mapping(StrictModel):
         if self.kind in RIG_KINDS and "angle_rad" not in self.columns:
             raise ValueError(f"columns: a log of kind {self.kind!r} needs angle_rad")
         return self
+
+    @property
+    def folder(self) -> Path:
+        """Folder of its file; the working folder without one."""
+        return self._folder
 
     @property
     def facts(self) -> Json:
@@ -252,7 +258,9 @@ def load_mapping(path: Path | str) -> Mapping:
         LogError: missing, not YAML, unknown key or column, unit of another quantity; names file,
             key and what is allowed.
     """
-    return mapping_from(read_yaml(Path(path), LogError), str(path))
+    mapping = mapping_from(read_yaml(Path(path), LogError), str(path))
+    mapping._folder = Path(path).parent
+    return mapping
 
 
 def mapping_from(data: Json, where: str = "mapping") -> Mapping:

@@ -235,7 +235,8 @@ class ScenarioFile(StrictModel):
         """Load a scenario by path, or by name from `models/scenarios`, with overrides such as
         `car.com_height=0.21`.
 
-        A file may name a scenario as its `base`, of which it then holds only what differs.
+        A file may name a scenario as its `base`, of which it then holds only what differs: a name,
+        or a path from its own folder.
 
         Args:
             name_or_path: a YAML file, or the name of a scenario that ships.
@@ -245,19 +246,21 @@ class ScenarioFile(StrictModel):
             ScenarioError: no such file or name; or as `from_dict`.
         """
         path = find_file(name_or_path, cls.folder, "scenario")
-        data = cls._with_base(read_yaml(path))
+        data = cls._with_base(read_yaml(path), path.parent)
         where = str(path)
         if settings:
             where += f" with --set {' '.join(settings)}"
         return cls.from_dict(data, where, settings)
 
     @classmethod
-    def _with_base(cls, data: dict[str, Any]) -> dict[str, Any]:
-        """Join the content of a file with that of the scenario that it names as `base`."""
+    def _with_base(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
+        """Join the content of a file in a folder with that of the scenario that it names as
+        `base`.
+        """
         base = data.pop("base", None)
         if base is None:
             return data
-        path = find_file(str(base), cls.folder, "base")
+        path = find_file(str(base), cls.folder, "base", start=folder)
         below = read_yaml(path)
         if "base" in below:
             raise ScenarioError(f"{path}: base: a scenario that is a base must not have one")
