@@ -208,17 +208,18 @@ class Mapping(StrictModel):
 
     @model_validator(mode="after")
     def _columns_and_units_are_known(self) -> Self:
-        known = known_columns()
+        problems = []
         for name in self.columns:
-            if name == TIME:
-                raise ValueError(f"columns.{name}: times are mapped under `time`")
-            if name not in known:
-                raise ValueError(f"columns.{name}: no such column; {nearest(name, known)}")
-            self.unit_factor(name)
+            try:
+                self.unit_factor(name)
+            except LogError as error:
+                problems.append(str(error))
+        if self.kind in RIG_KINDS and "angle_rad" not in self.columns:
+            problems.append(f"columns: a log of kind {self.kind!r} needs angle_rad")
+        if problems:
+            raise ValueError("; ".join(problems))
         time_factor(self.time.unit, "time")
         _ = self.facts
-        if self.kind in RIG_KINDS and "angle_rad" not in self.columns:
-            raise ValueError(f"columns: a log of kind {self.kind!r} needs angle_rad")
         return self
 
     @property
@@ -237,11 +238,18 @@ class Mapping(StrictModel):
         return facts
 
     def unit_factor(self, name: str) -> float:
-        """Looks up the SI value of one foreign unit of our column `name`."""
+        """Looks up the SI value of one foreign unit of our column `name`; LogError where there is
+        no such column or unit.
+        """
+        known = known_columns()
+        if name == TIME:
+            raise LogError(f"columns.{name}: times are mapped under `time`")
+        if name not in known:
+            raise LogError(f"columns.{name}: no such column; {nearest(name, known)}")
         unit = self.columns[name].unit
         if unit is None:
             return 1.0
-        return unit_factor(unit, known_columns()[name].unit, f"columns.{name}")
+        return unit_factor(unit, known[name].unit, f"columns.{name}")
 
 
 def known_columns() -> dict[str, Column]:

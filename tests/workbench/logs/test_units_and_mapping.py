@@ -110,6 +110,10 @@ ANGLE = {"from": "a"}
         ({"columns": {"time_s": {"from": "t"}}}, ["columns.time_s", "`time`"]),
         ({"columns": {"current_a": {"from": "I"}}}, ["'swing'", "angle_rad"]),
         (
+            {"columns": {"angle_deg": ANGLE, "time_s": ANGLE, "current_a": {**ANGLE, "unit": "m"}}},
+            ["columns.angle_deg", "columns.time_s", "columns.current_a", "needs angle_rad"],
+        ),
+        (
             {"metadata": {"wind_speed_m_per_s": {"value": 1, "unit": "mA"}}},
             ["metadata.wind_speed_m_per_s", "'mA'"],
         ),
