@@ -28,6 +28,8 @@ _AFTER = 0.75
 """Time shown after the turn, s."""
 _TIPPING = np.radians(35.0)
 """Tilt from which a car is shown as tipping, rad."""
+_ASIDE = np.radians(20.0)
+"""Roll of a tail that is on one side, rad; one that plays about the middle passes over nothing."""
 _MIN_DISTANCE = 0.05
 """Shortest time between two pictures, s, where the run leaves the room."""
 FRAME = (440, 470)
@@ -66,12 +68,15 @@ def key_frames(run_log: RunLog) -> dict[str, int]:
 
 
 def _tail_on_top(run_log: RunLog, signals: TurnSignals) -> float | None:
-    """Finds when a tail that swings stands straight up, s; None if it does not."""
-    side = np.sign(run_log.signal("tail_roll_angle_rad"))
-    changes = side[1:] * side[:-1] < 0
-    passes = np.flatnonzero(changes & signals.from_start[1:])
+    """Finds when a tail that swings from one side to the other stands straight up, s; None if it
+    does not.
+    """
+    angle = run_log.signal("tail_roll_angle_rad")
+    aside = np.flatnonzero((np.abs(angle) > _ASIDE) & signals.from_start)
+    passes = np.flatnonzero(np.diff(np.sign(angle[aside])))
     if passes.size:
-        return float(signals.time[passes[0] + 1])
+        first, last = aside[passes[0] : passes[0] + 2]
+        return float(signals.time[first + np.argmin(np.abs(angle[first:last]))])
     return None
 
 
