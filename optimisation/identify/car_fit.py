@@ -222,8 +222,7 @@ class CarModel:
         )
         rows = []
         for name, channel in self.drive.channels.items():
-            bias = values.get(BIASES.get(name, ""), 0.0)
-            rows.append(motion[name] + bias - channel.value)
+            rows.append(motion[name] + values.get(BIASES.get(name, ""), 0.0) - channel.value)
         priors = [values[p.name] - p.initial for p in self._known]
         return np.concatenate([*rows, priors]) + STEP_ERROR[0] * self.finer
 
@@ -256,8 +255,7 @@ class CarModel:
         friction = _FRICTION_FACTOR * float(np.quantile(acceleration, _QUANTILE)) / self.gravity
         for shares in _SCAN:
             others = low[1:] + np.array(shares) * (high - low)[1:]
-            car = np.clip([friction, *others], low, high)
-            tried = zip(CAR, car.tolist(), strict=True)
+            tried = zip(CAR, np.clip([friction, *others], low, high).tolist(), strict=True)
             trial = x | {name: value for name, value in tried if name in x}
             try:
                 run = self.run(trial, 0.0, self._step)
@@ -287,8 +285,7 @@ class CarModel:
         residual = self.rows(x) / before
         noise = serial_noise(residual, list(self.places.values()), len(x))
         for name, place in self.places.items():
-            rise = math.sqrt(noise.covariance[place][0])
-            self.scales[name] = max(self.scales[name] * rise, 1.0)
+            self.scales[name] = max(self.scales[name] * math.sqrt(noise.covariance[place][0]), 1.0)
         self.noise = noise
         return self.divisors / before
 
@@ -304,8 +301,7 @@ def fit_car(drive: CarDrive) -> FitResult:
     start = model.start()
     first = solve_from(model.problem(start), start, far)
     model.find_step_error(first.x)
-    weighed = replace(_OPTIONS, reweigh=model.weigh)
-    best = solve_from(model.problem(first.x), first.x, weighed)
+    best = solve_from(model.problem(first.x), first.x, replace(_OPTIONS, reweigh=model.weigh))
     iterations = first.iterations + best.iterations
     return _result(model, replace(best, start=start, iterations=iterations))
 
@@ -329,8 +325,7 @@ def _result(model: CarModel, best: StartResult) -> FitResult:
     covariance = np.eye(residual.size) + np.outer(stepped, stepped)
     free = model.parameters.free
     limits = [OPEN * p.prior_std if p.name in UNITS else math.inf for p in free]
-    noise = replace(model.noise, covariance=covariance)
-    intervals = uncertainty(solution, noise, np.array(limits))
+    intervals = uncertainty(solution, replace(model.noise, covariance=covariance), np.array(limits))
     warnings = [*model.drive.warnings]
     poor = [f"{name} by {scale:.2g}" for name, scale in model.scales.items() if scale > MISFIT]
     if poor:

@@ -10,7 +10,7 @@ positive outwards (to the right in a left turn: a positive rotation about x of B
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -103,11 +103,11 @@ class TurnSignals:
         last = math.floor(self.time[-1] * rate + _TIME_MARGIN)
         instants = np.arange(first, last + 1) / rate + _TIME_MARGIN
         rows = np.searchsorted(self.time, instants, side="right") - 1
-        sampled: dict[str, Any] = {}
-        for field in fields(self):
-            values = getattr(self, field.name)
-            if isinstance(values, np.ndarray):
-                sampled[field.name] = values[rows]
+        sampled: dict[str, Any] = {
+            name: values[rows]
+            for name, values in vars(self).items()
+            if isinstance(values, np.ndarray)
+        }
         return replace(self, **sampled)
 
     @property

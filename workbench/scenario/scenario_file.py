@@ -264,7 +264,7 @@ class ScenarioFile(StrictModel):
         below = read_yaml(path)
         if "base" in below:
             raise ScenarioError(f"{path}: base: a scenario that is a base must not have one")
-        return _merged(below, data)
+        return merged(below, data)
 
     @classmethod
     def names(cls) -> list[str]:
@@ -314,7 +314,7 @@ class ScenarioFile(StrictModel):
     def _resolve(cls, below: Facts, overrides: Json, where: str) -> Self:
         schema = cls.model_fields["schema_"].default
         unnamed = {"schema": schema, "name": cls.default_name, **below}
-        return checked(cls, _merged(unnamed, overrides), where, schema=schema)
+        return checked(cls, merged(unnamed, overrides), where, schema=schema)
 
     @classmethod
     def _with_new_keys(cls, overrides: Json) -> Json:
@@ -338,7 +338,7 @@ class ScenarioFile(StrictModel):
         return result
 
 
-def _merged(below: Facts, above: Facts) -> Json:
+def merged(below: Facts, above: Facts) -> Json:
     """Join two scenarios section by section; where both have a value, that of `above` holds."""
     merged = dict(below)
     for key, value in above.items():

@@ -103,8 +103,7 @@ def _kept_upright(run_log: RunLog, signals: TurnSignals) -> dict[str, float]:
 def _rollover(run_log: RunLog, signals: TurnSignals) -> dict[str, float]:
     """Gives the time (s) of each label for a car that rolls over."""
     start = signals.window[0]
-    highest = float(signals.time[np.argmax(signals.tilt)])
-    over = _first(signals, signals.tilt > np.pi / 2, highest)
+    over = _first(signals, signals.tilt > np.pi / 2, float(signals.time[np.argmax(signals.tilt)]))
     return {
         "before the turn": start - _BEFORE,
         "turning in": _turning_in(run_log, signals),
@@ -130,8 +129,7 @@ def _first(signals: TurnSignals, condition: BoolArray, otherwise: float) -> floa
 
 def _spread(times: FloatArray, first: float, last: float) -> FloatArray:
     """Moves ordered times (s) inside the log, and apart as far as it has room."""
-    gap = min(_MIN_DISTANCE, (last - first) / times.size)
-    shifts = gap * np.arange(times.size)
+    shifts = min(_MIN_DISTANCE, (last - first) / times.size) * np.arange(times.size)
     apart = np.maximum.accumulate(np.maximum(times - shifts, first))
     return np.minimum(apart, last - shifts[-1]) + shifts
 
@@ -147,8 +145,7 @@ def write_strip(run_log: RunLog, path: Path | str, *, force: bool = False) -> Pa
         UserError: the file exists or cannot be written, or there is no renderer (`check_renderer`).
         LogError: the log cannot be replayed, see `add_logged_run`.
     """
-    figure = filmstrip_figure(run_log)
-    write = partial(figure.savefig, format="png", metadata={"Software": None})
+    write = partial(filmstrip_figure(run_log).savefig, format="png", metadata={"Software": None})
     return write_atomically(Path(path), write, force, UserError)
 
 
@@ -176,8 +173,7 @@ def filmstrip_figure(run_log: RunLog) -> Figure:
     )
     margin = 2 * _GAP / width
     title(margin, s=f"{caption.name}: {caption.facts}", ha="left")
-    colour = RESULT_COLOURS[caption.result]
-    title(1 - margin, s=caption.outcome, ha="right", color=colour)
+    title(1 - margin, s=caption.outcome, ha="right", color=RESULT_COLOURS[caption.result])
     return figure
 
 
