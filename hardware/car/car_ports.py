@@ -29,6 +29,7 @@ from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.hardware.transport.serial_link import SerialSettings
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.core.file_reading import Json, read_json, read_text, reading
+from aerodima.workbench.core.quantity import quantity
 from aerodima.workbench.core.yaml_files import StrictModel, checked, require_mapping
 
 SCHEMA = "aerodima/ports/1"
@@ -70,12 +71,12 @@ class ConsoleDevice(SerialSettings):
 
 
 class MountedMotor(StrictModel):
-    """One tail motor: id on the bus, motor angle at joint angle 0 (rad), sign of its angle against
-    the joint's.
+    """One tail motor: id on the bus, motor angle at joint angle 0, sign of its angle against the
+    joint's.
     """
 
     motor_id: int = Field(ge=MIN_ID, le=MAX_ID)
-    zero: float = 0.0
+    zero: float = quantity("rad", "motor angle at joint angle 0", "[-12.5, 12.5]", default=0.0)
     direction: Literal[1, -1] | None = None
     """None takes the sign of `mounting.yaml`."""
 

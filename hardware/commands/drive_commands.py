@@ -196,7 +196,7 @@ def _drive(
         )
     out = plan.out.absolute()
     options = DriveOptions(out, plan.force, dry_run, not plan.no_drake, confirm, law_name=law_name)
-    wired = hardware.connect(ports, scenario, wiring, plan.traffic)
+    wired = hardware.connect(ports, scenario, wiring, plan.traffic, name)
     session = DriveSession(wired, scenario, ports, options, say, law=law, build=build)
     _report(session.complete(), out, plan.traffic)
 
@@ -269,7 +269,7 @@ def motor_test(
             f"--joint {joint}: must be {' or '.join(JOINTS)}, with a scenario that has a tail"
         )
     _ask_to_arm(arm)
-    wired = hardware.connect(ports, loaded, wiring)
+    wired = hardware.connect(ports, loaded, wiring, scenario_name=scenario)
     confirm, _ = _confirmation_prompt(ports, wiring)
     result = run_motor_test(wired, joint, say, confirm)
     moved = f"moved by {math.degrees(result.moved):+.1f} degrees"

@@ -134,8 +134,7 @@ class _Door:
             )
         self._say(f"opened; for another browser: {self._access.url}")
         answer = RedirectResponse("/", 303, self._headers)
-        cookie = self._access.cookie
-        answer.set_cookie(cookie, session, httponly=True, samesite="strict", path="/")
+        answer.set_cookie(self._access.cookie, session, httponly=True, samesite="strict", path="/")
         return answer
 
     def _text(self, text: str, status: int) -> Response:

@@ -128,5 +128,4 @@ class MotorLoad:
     def allowed(self, peak: float) -> float:
         """Returns the torque that it may make now (N m), of at most `peak`."""
         rated = min(self._rated, peak)
-        fade = min(1.0, max(0.0, (1.0 - self.share) / FADE))
-        return rated + fade * (peak - rated)
+        return rated + min(1.0, max(0.0, (1.0 - self.share) / FADE)) * (peak - rated)

@@ -80,6 +80,7 @@ class CarGuard:
             falls silent then has not chosen to end the drive: the console sends a car to rest whose
             page has gone.
         reading: of the last cycle.
+        sent: command of the last cycle as it went to the car; None before the car is armed.
         was_idle: the operator has reported IDLE since the car took commands.
         lateness: of the last cycle, s; 0 for a cycle without a due time.
         overruns: cycles that came later than `safety.overrun`.
@@ -102,6 +103,7 @@ class CarGuard:
         self.least_delay = math.inf
         self.left = False
         self.reading = CarReading()
+        self.sent: CarCommand | None = None
         self.lateness = 0.0
         self.overruns = 0
         self._overruns_in_a_row = 0
@@ -239,6 +241,8 @@ class CarGuard:
             command = replace(command, throttle=self._limits.throttle(command.throttle, now))
         else:
             command = replace(command, steering_angle=0.0, throttle=0.0)
+        if self.stage is not Stage.READY:
+            self.sent = command
         self.wiring.write(command, now)
 
     def note_computing(self, spent: float, now: float) -> None:

@@ -27,8 +27,7 @@ class DriveLimits:
         """Permitted part of a finite throttle: clipped, rises at a limited rate, falls at once."""
         safety = self._safety
         side = math.copysign(1.0, asked)
-        span = min(max(0.0, now - self._time), _MAX_SPAN)
-        rise = safety.throttle_rate * span
+        rise = safety.throttle_rate * min(max(0.0, now - self._time), _MAX_SPAN)
         present = max(0.0, side * self._throttle)
         self._throttle = side * min(
             abs(asked), safety.throttle_limit, max(present + rise, safety.throttle_start)

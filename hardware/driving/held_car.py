@@ -29,6 +29,7 @@ def connect(
     scenario: str | Path | Scenario,
     wiring: str = "teensy_bridge",
     traffic: str | Path | None = None,
+    scenario_name: str = "YOUR_SCENARIO",
 ) -> WiredCar:
     """Makes the car of a scenario with its watchdog; opens nothing yet.
 
@@ -39,16 +40,21 @@ def connect(
         scenario: itself, its name or its file; for the tail and the gains of its controller.
         wiring: of `aerodima.hardware.car.wiring.WIRINGS`.
         traffic: a new `.blf` file for every frame on the adapter; not with `teensy_bridge`.
+        scenario_name: name or file of a scenario that was loaded, for messages.
 
     Raises:
         HardwareError: unknown wiring, a ports file that cannot be read, and as `wire_car`.
     """
     name = wiring_name(wiring)
     car_ports = read_ports(ports)
-    loaded = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    if isinstance(scenario, Scenario):
+        loaded = scenario
+    else:
+        loaded = load_scenario(scenario)
+        scenario_name = str(scenario)
 
     def authorise() -> None:
-        require_watchdog_test(name, car_ports)
+        require_watchdog_test(name, car_ports, scenario_name)
 
     return wire_car(loaded, car_ports, name, authorise, None if traffic is None else Path(traffic))
 

@@ -71,8 +71,7 @@ def write_zeros(path: Path, angles: Angles) -> None:
     data = read_json(path, HardwareError)
     ports_from_dict(data, str(path))
     for number, (joint, angle) in enumerate(angles.items(), start=1):
-        part = data.setdefault(joint, {"motor_id": number})
-        part["zero"] = round(angle, 5)
+        data.setdefault(joint, {"motor_id": number})["zero"] = round(angle, 5)
     write_atomically(path, json.dumps(data, indent=1) + "\n", True, HardwareError)
 
 

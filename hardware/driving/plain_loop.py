@@ -49,6 +49,9 @@ def wait_until(due: float) -> None:
 class Row:
     """One row of the log: the values of the ports when a tick begins.
 
+    Commands are those that the guard sent, which are throttle 0 and steering 0 once a car stops; in
+    a dry run, which sends none, those of the pilot. A tail that its motors hold has the command 0.
+
     Args:
         start: of the run on `time.monotonic`, s.
     """
@@ -60,12 +63,17 @@ class Row:
         self._unknown = np.full(len(columns) - len(drive_columns()), math.nan)
 
     def make(
-        self, tick: float, step: PilotStep, reading: CarReading, links: list[float]
+        self,
+        tick: float,
+        step: PilotStep,
+        sent: CarCommand | None,
+        reading: CarReading,
+        links: list[float],
     ) -> FloatArray:
         """Makes the row (columns,) of a tick (s), with `links` as `LINK_COLUMNS`, s; what a
-        diagram logs of its own is NaN while another pilot drives.
+        diagram logs of its own is NaN while another pilot drives. `sent` is that of the guard.
         """
-        command = step.command
+        command = sent or step.command
         values: dict[str, FloatArray | float] = {
             **{name: getattr(reading, name) for name in STATION_OUTPUTS},
             "steering_angle": command.steering_angle,
@@ -117,7 +125,7 @@ def run_loop(
         wait(start + time_now)
         wiring = guard.wiring
         links = [guard.lateness, wiring.imu_time - start, wiring.teensy_time - start, spent]
-        journal.append(row.make(time_now, step, reading, links))
+        journal.append(row.make(time_now, step, guard.sent, reading, links))
         if journal.error:
             guard.stop(journal.error, clock(), "log")
         # This is the row of the end; its tick belongs to what comes after.

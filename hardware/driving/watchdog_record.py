@@ -108,8 +108,11 @@ def read_record(path: Path) -> WatchdogRecord:
     return checked(WatchdogRecord, data, str(path), HardwareError, schema=SCHEMA)
 
 
-def require_watchdog_test(wiring: WiringName, ports: CarPorts) -> WatchdogRecord:
-    """Returns the record that allows arming the motors of these ports.
+def require_watchdog_test(
+    wiring: WiringName, ports: CarPorts, scenario: str = "YOUR_SCENARIO"
+) -> WatchdogRecord:
+    """Returns the record that allows arming the motors of these ports; a message proposes the test
+    with the scenario's name or file.
 
     Raises:
         HardwareError: there is none for the wiring, it was made on the emulator and the motors are
@@ -117,10 +120,8 @@ def require_watchdog_test(wiring: WiringName, ports: CarPorts) -> WatchdogRecord
             profile, firmware, timing.
     """
     path = record_path(wiring, ports)
-    place = shlex.quote(ports.file or "YOUR_PORTS_FILE")
-    again = (
-        f"make one with `aerodima drive watchdog-test auto_turn --ports {place} --wiring {wiring}`"
-    )
+    words = [scenario, "--ports", ports.file or "YOUR_PORTS_FILE", "--wiring", wiring]
+    again = f"make one with `aerodima drive watchdog-test {shlex.join(words)}`"
     if not path.exists():
         raise HardwareError(f"no watchdog test of {wiring} is recorded ({path}); {again}")
     record = read_record(path)

@@ -96,8 +96,7 @@ class EmulatedTeensy:
     def set_sail(self, angle: float) -> None:
         """Sets the angle of the sail, rad."""
         words = 1 << self._settings.sail_bits
-        word = round(angle / (2.0 * math.pi) * words)
-        self._core.set_sail_word(word % words)
+        self._core.set_sail_word(round(angle / (2.0 * math.pi) * words) % words)
 
     def update(self, now: float) -> bytes:
         """Runs the firmware's loop once; returns bytes for the computer."""

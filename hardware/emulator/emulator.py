@@ -148,11 +148,10 @@ class Emulator:
         if watched:
             names.append("can")
             # A pseudo-terminal does not restart when it is opened.
-            options = {"sleep_after_open": 0.0}
             self._car_ports["can"] = {
                 "interface": "slcan",
                 "channel": str(plugs / "can"),
-                "options": options,
+                "options": {"sleep_after_open": 0.0},
             }
         if settings.console:
             names.append("console")
@@ -192,8 +191,7 @@ class Emulator:
         """
         step = self._settings.scenario.simulation.step
         self._advance(step)  # the first step takes twenty times as long as the others
-        scheduling = prefer_realtime(EMULATOR_PRIORITY)
-        self._events.add("scheduling", applies=scheduling)
+        self._events.add("scheduling", applies=prefer_realtime(EMULATOR_PRIORITY))
         # a collection that looks through all of Drake's objects would stop the car for 30 ms
         prefer_latency()
         self._begin = time.monotonic() - step
@@ -298,8 +296,7 @@ class Emulator:
             torques = car.output("tail_torque")
             for index, motor in enumerate(self._motors):
                 angle = float(joints[index])
-                speed = float(joints[2 + index])
-                motor.set_joint(angle, speed, float(torques[index]))
+                motor.set_joint(angle, float(joints[2 + index]), float(torques[index]))
         if time_s >= self._sample_due:
             self._sample_due += _SAMPLE_PERIOD
             self._sample(time_s)

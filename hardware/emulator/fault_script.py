@@ -161,8 +161,7 @@ def read_script(path: Path) -> Script:
 
     Raises `HardwareError` that names file, key, value and what is allowed.
     """
-    data = read_yaml(path, HardwareError)
-    return checked(Script, data, str(path), HardwareError, schema=SCHEMA)
+    return checked(Script, read_yaml(path, HardwareError), str(path), HardwareError, schema=SCHEMA)
 
 
 class FaultBoard:

@@ -172,8 +172,7 @@ def _clock(now: float) -> int:
 
 def to_core(frame: CanFrame) -> Frame:
     """Converts a frame to what the core takes."""
-    data = (c_uint8 * 8)(*frame.data)
-    return Frame(frame.arbitration_id, frame.extended, len(frame.data), data)
+    return Frame(frame.arbitration_id, frame.extended, len(frame.data), (c_uint8 * 8)(*frame.data))
 
 
 def to_plain(frame: Frame) -> CanFrame:

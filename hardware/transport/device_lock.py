@@ -82,8 +82,7 @@ def _names(device: str) -> set[str]:
     """
     if not device.startswith(("/", ".")) and not os.path.exists(device):
         return {device}
-    folder = os.path.realpath(os.path.dirname(device))
-    named = os.path.join(folder, os.path.basename(device))
+    named = os.path.join(os.path.realpath(os.path.dirname(device)), os.path.basename(device))
     real = os.path.realpath(device)
     if real.startswith("/dev/pts/"):
         return {named}

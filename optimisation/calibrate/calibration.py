@@ -73,8 +73,7 @@ def fit_surrogate(plan: CalibrationPlan, runs: CachedRunner) -> Surrogate:
     narrow = _reduced(plan, runs, second, NARROW_REACH)
     both = _joined({turn: [wide[turn], narrow[turn]] for turn in narrow})
     surrogate = Surrogate.from_reduced(prior, np.vstack([first, second]), both, runs)
-    posterior = sample(surrogate, figures, seed)
-    full = _different(posterior.cars, size.full, seed)
+    full = _different(sample(surrogate, figures, seed).cars, size.full, seed)
     return surrogate.corrected(full, _full_flips(plan, runs, full, surrogate))
 
 
@@ -108,8 +107,7 @@ def _full_flips(
     runs.stage = "full cars"
     items = []
     for turn in plan.turns:
-        reach = FULL_REACH[turn.tail]
-        alone = _work_items(plan, turn, cars, 1, reach)
+        alone = _work_items(plan, turn, cars, 1, FULL_REACH[turn.tail])
         for item, margin in zip(alone, surrogate.margin(cars, turn).tolist(), strict=True):
             items.append(replace(item, margins=(margin,)))
     return _joined(_by_turn(search_full, runs, items))
@@ -225,8 +223,7 @@ def spread_of(
     rate averages out.
     """
     name = ROLL_DISCREPANCY if figure.metric == "roll_integral_rad" else DISCREPANCY
-    share = cars[:, surrogate.prior.column(name)]
-    return np.hypot(share * values, surrogate.deviation(figure))
+    return np.hypot(cars[:, surrogate.prior.column(name)] * values, surrogate.deviation(figure))
 
 
 def sample(
@@ -264,8 +261,7 @@ def sample(
         density[can_be] += log_likelihood(surrogate, figures, cars[can_be])
         return density
 
-    spread = prior.spread(STARTS, seed)
-    starts = logit(np.clip((spread - low) / (high - low), 1e-6, 1.0 - 1e-6))
+    starts = logit(np.clip((prior.spread(STARTS, seed) - low) / (high - low), 1e-6, 1.0 - 1e-6))
     best = np.argsort(log_posterior(starts))[::-1][: size.walkers]
     moves = [
         (emcee.moves.DEMove(), 0.8),

@@ -21,7 +21,7 @@ from scipy.stats import norm, qmc
 from aerodima.workbench.car.car_model import chassis_centre
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ScenarioError
-from aerodima.workbench.core.key_errors import nearest
+from aerodima.workbench.core.key_errors import nearest, require_unique
 from aerodima.workbench.core.yaml_files import StrictModel, checked, find_file, read_yaml
 from aerodima.workbench.metrics.published_values import (
     Platform,
@@ -244,10 +244,7 @@ class CalibrationPlan(StrictModel):
 
     def _require_tables(self) -> None:
         shown = [turn.table for turn in self.turns if turn.table]
-        names = [*shown, *(turn.name for turn in self.turns)]
-        for name in names:
-            if names.count(name) > 1:
-                raise ValueError(f"turns: duplicate {name!r}")
+        require_unique([*shown, *(turn.name for turn in self.turns)], "turns:")
         used = {figure.turn.table for figure in figures_of(self)}
         if len(shown) < 2 or used != set(shown):
             raise ValueError(

@@ -260,10 +260,8 @@ def _training_sets_of_means(
                 f"{name} m/s: {survivors} of {len(cars)} cars survive; needed are "
                 f"{MIN_REDUCED_CARS}"
             )
-        shown = np.array(results[name]["figures"])[:, columns]
-        logs = np.log(np.maximum(shown, MIN_MEAN))
-        inputs = prior.inputs(turn.system)
-        sets[name] = TrainingSet(inputs, prior.scaled(tried), logs, index)
+        logs = np.log(np.maximum(np.array(results[name]["figures"])[:, columns], MIN_MEAN))
+        sets[name] = TrainingSet(prior.inputs(turn.system), prior.scaled(tried), logs, index)
     return sets
 
 
@@ -291,8 +289,7 @@ def _unseen(
     """
     predicted = flip.copy()
     predicted[np.isfinite(flip)] -= regression.residuals[:, 0]
-    friction = tried[:, prior.column(turn.friction)]
-    return predicted[index] - np.log(friction)
+    return predicted[index] - np.log(tried[:, prior.column(turn.friction)])
 
 
 def _with_margin(scaled: FloatArray, margin: FloatArray) -> FloatArray:
@@ -319,8 +316,7 @@ def _search(
             f"{turn.name} m/s: {len(known)} of {len(flip)} cars flip at a friction that was tried, "
             f"{shown} of these have runs that survive; needed are {min_cars} of each{errors}"
         )
-    figures = np.array(result["figures"])
-    return known, flip, tried[has_flip], figures[has_flip], index[has_flip]
+    return known, flip, tried[has_flip], np.array(result["figures"])[has_flip], index[has_flip]
 
 
 def _tried(cars: FloatArray, result: Facts) -> tuple[FloatArray, IntArray]:

@@ -215,8 +215,7 @@ def _motions(driven: Turns, x: FloatArray, z: FloatArray) -> list[Motion]:
     assert driven.loads is not None
     rates = driven.history[:, RATES].swapaxes(1, 2)
     w = rates[..., W]
-    p_BoImu = np.column_stack([x, np.zeros_like(x), z])
-    v = rates[..., V] + np.cross(w, p_BoImu)
+    v = rates[..., V] + np.cross(w, np.column_stack([x, np.zeros_like(x), z]))
     acceleration = np.gradient(v, STEP, axis=0) + np.cross(w, v)
     loaded = is_loaded(driven.loads[:, LEFT]).all(axis=1)
     # States are those behind a step, loads those at its beginning.

@@ -325,8 +325,7 @@ def _combinations(result: Result) -> Table:
 def _findings(
     result: Result, figures: pd.DataFrame, parameters: pd.DataFrame, score: float
 ) -> list[str]:
-    prior = result.surrogate.prior
-    plan = prior.plan
+    plan = result.surrogate.prior.plan
     posterior = result.posterior
     field = figures[figures.figure.str.startswith(FIELD_TABLES)]
     missing = sum(name.startswith(FIELD_TABLES) for name in plan.left_out)
@@ -393,8 +392,7 @@ def parameter_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
     low, median, high = np.quantile(cars, BAND, axis=0)
     places = (cars - first) / (last - first)
     near_low = np.mean(places < NEAR_A_BOUND, axis=0)
-    near_high = np.mean(places > 1.0 - NEAR_A_BOUND, axis=0)
-    at_a_bound = np.maximum(near_low, near_high)
+    at_a_bound = np.maximum(near_low, np.mean(places > 1.0 - NEAR_A_BOUND, axis=0))
     is_switch = np.array(prior.names) == "forward"
     return pd.DataFrame(
         {

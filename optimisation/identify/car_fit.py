@@ -21,9 +21,9 @@ from pathlib import Path
 
 import numpy as np
 
-from aerodima.optimisation.identify.car_log import CarDrive, Signals, car_drive
+from aerodima.optimisation.identify.car_log import CHANNELS, CarDrive, Signals, car_drive
 from aerodima.optimisation.identify.fit_options import FREE, FitOptions
-from aerodima.optimisation.identify.fit_result import FitResult, make_result
+from aerodima.optimisation.identify.fit_result import FitResult, make_curve, make_result
 from aerodima.optimisation.identify.gauss_newton import SolverOptions, solve_from
 from aerodima.optimisation.identify.least_squares import (
     Parameter,
@@ -36,6 +36,8 @@ from aerodima.optimisation.identify.noise import Noise, serial_noise
 from aerodima.optimisation.identify.uncertainty import uncertainty
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import FitError
+from aerodima.workbench.core.file_reading import Json
+from aerodima.workbench.logs.mapping import unit_in_name
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.scenario.car_parameters import CarParameters
 from aerodima.workbench.scenario.scenario import Scenario
@@ -85,6 +87,16 @@ _TRUNCATION = {"yaw_rate": 1.0, "roll_rate": 1.0, "lateral_acceleration": 4.0, "
 over in one car and not in another."""
 MISFIT = 1.5
 """Times what noise and the least error of the model allow, from which a misfit is reported."""
+SATURATED = 0.6
+"""Share of their friction that the tyres must use, by the lateral acceleration, for a log to show
+it; below it the fitted friction is a lower bound.
+
+A log shows friction by how much the tyre's force bends away from a straight line, and laws differ
+in that. The brush tyre (Pacejka, Tire and Vehicle Dynamics, section 3.2) of the same stiffness has
+the bend that our law (design section 7) has at 0.44, 0.6, 0.7 and 0.8 of its friction at 0.28,
+0.52, 0.69 and 0.86 of its own: there the same log means a friction that is 54, 16, 2 and -6 %
+higher. A tyre that stays straight for longer has more. A simulated car that slides at 30 degrees of
+steering shows 0.7 to 0.83, since its forces brake it, too."""
 OPEN = 0.8
 """Share of a prior's deviation from which a log does not determine a number."""
 _OPTIONS = SolverOptions(max_steps=25, jacobian="secant", settled=0.01, roughness=2.0)
@@ -117,7 +129,7 @@ def prior_range(name: str, car: CarParameters) -> tuple[float, float]:
 
 def unknowns(drive: CarDrive) -> Parameters:
     """Make the unknowns of a fit, from the middle of their ranges; bounds lie half a range beyond
-    them.
+    them, but no car answers before it is commanded.
     """
     gps = drive.channels["speed"]
     before = gps.value[gps.time < max(drive.turn, gps.time[1])]
@@ -125,6 +137,7 @@ def unknowns(drive: CarDrive) -> Parameters:
         "tyre_friction": 0.505 * drive.scenario.car.cage_friction,
         "tyre_slip_angle": 0.0,
         "com_height": 0.01,
+        DELAY: 0.0,
     }
     parameters = []
     for name, speeds in ((SPEED, before[:2]), (DRIVEN, before[-3:])):
@@ -159,6 +172,7 @@ class CarModel:
         self.drive = drive
         self.parameters = unknowns(drive)
         self.latency = 0.0
+        self.gravity = drive.scenario.environment.gravity or 9.81
         self.noise = Noise(np.ones(1))
         self.scales = dict.fromkeys(drive.channels, 1.0)
         self._step = drive.scenario.simulation.step
@@ -208,8 +222,7 @@ class CarModel:
         )
         rows = []
         for name, channel in self.drive.channels.items():
-            bias = values.get(BIASES.get(name, ""), 0.0)
-            rows.append(motion[name] + bias - channel.value)
+            rows.append(motion[name] + values.get(BIASES.get(name, ""), 0.0) - channel.value)
         priors = [values[p.name] - p.initial for p in self._known]
         return np.concatenate([*rows, priors]) + STEP_ERROR[0] * self.finer
 
@@ -239,12 +252,10 @@ class CarModel:
         best, lowest = x, math.inf
         low, high = np.array([prior_range(name, drive.scenario.car) for name in CAR]).T
         acceleration = np.abs(drive.channels["lateral_acceleration"].value)
-        gravity = drive.scenario.environment.gravity or 9.81
-        friction = _FRICTION_FACTOR * float(np.quantile(acceleration, _QUANTILE)) / gravity
+        friction = _FRICTION_FACTOR * float(np.quantile(acceleration, _QUANTILE)) / self.gravity
         for shares in _SCAN:
             others = low[1:] + np.array(shares) * (high - low)[1:]
-            car = np.clip([friction, *others], low, high)
-            tried = zip(CAR, car.tolist(), strict=True)
+            tried = zip(CAR, np.clip([friction, *others], low, high).tolist(), strict=True)
             trial = x | {name: value for name, value in tried if name in x}
             try:
                 run = self.run(trial, 0.0, self._step)
@@ -274,8 +285,7 @@ class CarModel:
         residual = self.rows(x) / before
         noise = serial_noise(residual, list(self.places.values()), len(x))
         for name, place in self.places.items():
-            rise = math.sqrt(noise.covariance[place][0])
-            self.scales[name] = max(self.scales[name] * rise, 1.0)
+            self.scales[name] = max(self.scales[name] * math.sqrt(noise.covariance[place][0]), 1.0)
         self.noise = noise
         return self.divisors / before
 
@@ -291,8 +301,7 @@ def fit_car(drive: CarDrive) -> FitResult:
     start = model.start()
     first = solve_from(model.problem(start), start, far)
     model.find_step_error(first.x)
-    weighed = replace(_OPTIONS, reweigh=model.weigh)
-    best = solve_from(model.problem(first.x), first.x, weighed)
+    best = solve_from(model.problem(first.x), first.x, replace(_OPTIONS, reweigh=model.weigh))
     iterations = first.iterations + best.iterations
     return _result(model, replace(best, start=start, iterations=iterations))
 
@@ -316,8 +325,7 @@ def _result(model: CarModel, best: StartResult) -> FitResult:
     covariance = np.eye(residual.size) + np.outer(stepped, stepped)
     free = model.parameters.free
     limits = [OPEN * p.prior_std if p.name in UNITS else math.inf for p in free]
-    noise = replace(model.noise, covariance=covariance)
-    intervals = uncertainty(solution, noise, np.array(limits))
+    intervals = uncertainty(solution, replace(model.noise, covariance=covariance), np.array(limits))
     warnings = [*model.drive.warnings]
     poor = [f"{name} by {scale:.2g}" for name, scale in model.scales.items() if scale > MISFIT]
     if poor:
@@ -325,7 +333,28 @@ def _result(model: CarModel, best: StartResult) -> FitResult:
             f"the model misses more than it may, and intervals are wider for it: {', '.join(poor)}"
         )
     facts = {f"misfit_{name}": round(scale, 2) for name, scale in model.scales.items()}
-    return make_result(solution, intervals, {}, facts, warnings)
+    curves = _curves(model, x)
+    used = np.max(np.abs(curves["lateral_acceleration"]["model"])) / model.gravity
+    facts["friction_used"] = round(float(used / model.parameters.values(x)["tyre_friction"]), 2)
+    if facts["friction_used"] < SATURATED:
+        intervals.upper[model.parameters.names.index("tyre_friction")] = math.inf
+        warnings.append(
+            f"the tyres use {facts['friction_used']:g} of tyre_friction at most, which is then a "
+            f"lower bound: below {SATURATED:g} a turn shows their stiffness, tyre_friction over "
+            "tan(tyre_slip_angle)"
+        )
+    return replace(make_result(solution, intervals, {}, facts, warnings), curves=curves)
+
+
+def _curves(model: CarModel, x: FloatArray) -> Json:
+    """Make the curves of log and model by channel."""
+    rows = model.rows(x)
+    curves = {}
+    for name, channel in model.drive.channels.items():
+        modelled = channel.value + rows[model.places[name]]
+        label = f"{name.replace('_', ' ')}, {unit_in_name(CHANNELS[name][1])}"
+        curves[name] = make_curve(channel.time, channel.value, modelled, "time, s", label)
+    return curves
 
 
 def fit_car_log(path: Path | str, options: FitOptions = FREE) -> FitResult:

@@ -17,8 +17,8 @@ from aerodima.workbench.car.turn_signals import STEERED
 from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE, DriverInput, throttle_line
 from aerodima.workbench.control.tail_law import Observation
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.errors import FitError, LogError, UserError
-from aerodima.workbench.logs.log_findings import refuse_inconsistent_rates
+from aerodima.workbench.core.errors import FitError, UserError
+from aerodima.workbench.logs.log_findings import inconsistent_rates
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import (
     Interval,
@@ -260,7 +260,8 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
             f"is a log of kind {log.kind!r}; this fit needs a drive of the car, 'car_run' or "
             "'car_log'"
         )
-    warnings = _wrong_units(log)
+    # A sign, a unit or gravity in a sensor, which no constant of the car can make up.
+    warnings = inconsistent_rates(log.table)
     rolls = CHANNELS["roll_rate"][1] in log.table
     scenario = Scenario.from_dict(log.scenario, "its scenario", settings)
     log, scenario, notes = _completed(log, scenario)
@@ -305,15 +306,6 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
             "needs a driven one"
         )
     return CarDrive(log.name, scenario, commands, channels, turn, line_speed, tuple(warnings))
-
-
-def _wrong_units(log: RunLog) -> list[str]:
-    """Warn of a sign, a unit or gravity in a sensor, which no constant of the car can make up."""
-    try:
-        refuse_inconsistent_rates(log.table, log.name)
-    except LogError as error:
-        return [str(error).removeprefix(f"{log.name}: ")]
-    return []
 
 
 def _losses(scenario: Scenario, signals: Signals, turn: int) -> dict[str, np.ndarray]:

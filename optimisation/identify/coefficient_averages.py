@@ -93,8 +93,7 @@ def averages_table(results: Sequence[FitResult], keys: Sequence[str] = ()) -> pd
     rows = []
     for place, pairs in groups.items():
         if pairs:
-            row = dict(zip(heads, place, strict=True))
-            rows.append(row | averages(*np.array(pairs).T))
+            rows.append(dict(zip(heads, place, strict=True)) | averages(*np.array(pairs).T))
     return pd.DataFrame(rows)
 
 

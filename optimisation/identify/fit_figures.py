@@ -27,7 +27,7 @@ def figures_of(results: Sequence[FitResult]) -> dict[str, Figure]:
         figures["estimates"] = plot_estimates(results)
     curves = [result for result in results if result.curves]
     if curves:
-        figures["curves"] = plot_curves(*curves[:_MAX_CURVES])
+        figures["curves"] = plot_curves(*curves)
     return figures
 
 
@@ -84,6 +84,7 @@ def plot_curves(*results: FitResult) -> Figure:
     for result in results:
         for name, curve in result.curves.items():
             curves.append((f"{short_name(result.name)}: {name}", curve))
+    curves = curves[:_MAX_CURVES]
     columns = min(3, len(curves))
     rows = math.ceil(len(curves) / columns)
     figure = Figure(figsize=(5.0 * columns, 4.2 * rows))

@@ -204,7 +204,9 @@ def format_estimate(estimate: Estimate, unit: bool = False) -> str:
     behind = f" {estimate.unit}" if unit and estimate.unit != "1" else ""
     if estimate.frozen:
         return f"{estimate.value:.5g}{behind} (frozen)"
-    digits = _digits(estimate.upper - estimate.lower)
+    above = estimate.upper - estimate.value
+    below = estimate.value - estimate.lower
+    digits = _digits(above + below if above < math.inf else below)
     interval = f"{estimate.lower:{digits}} .. {estimate.upper:{digits}}"
     text = f"{estimate.value:{digits}} ({interval}){behind}"
     if estimate.bound:

@@ -97,8 +97,7 @@ def solve_huber(problem: Problem, squares: Solution) -> HuberSolution:
         return HuberSolution(solution, solution, 0)
     clipped, within = clip(residual, scale)
     influence = replace(solution, residual=clipped, jacobian=within * solution.jacobian)
-    outliers = int(np.sum(np.abs(residual) > _OUTLIER * scale))
-    return HuberSolution(solution, influence, outliers)
+    return HuberSolution(solution, influence, int(np.sum(np.abs(residual) > _OUTLIER * scale)))
 
 
 def _huberised(problem: Problem, scale: float) -> Problem:
@@ -112,7 +111,6 @@ def _huberised(problem: Problem, scale: float) -> Problem:
         return replace(problem, residual=residual)
 
     def bent_jacobian(x: FloatArray) -> FloatArray:
-        weight = huber_weight(residual(x) / scale)
-        return weight[:, None] * np.asarray(jacobian(x), float)
+        return huber_weight(residual(x) / scale)[:, None] * np.asarray(jacobian(x), float)
 
     return replace(problem, residual=residual, jacobian=bent_jacobian)

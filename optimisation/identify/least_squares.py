@@ -203,8 +203,7 @@ class Parameters:
     def sides(self, x: FloatArray) -> IntArray:
         """Tell the sides on which unknowns sit on a bound (p): -1 lower, 1 upper, else 0."""
         margin = _AT_BOUND * self.scales
-        at_upper = np.where(x >= self.upper - margin, 1, 0)
-        return np.where(x <= self.lower + margin, -1, at_upper)
+        return np.where(x <= self.lower + margin, -1, np.where(x >= self.upper - margin, 1, 0))
 
     def active(self, x: FloatArray) -> dict[str, str]:
         """List the unknowns that sit on a bound, with `lower` or `upper`."""

@@ -14,6 +14,7 @@ from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.core.file_reading import Json
+from aerodima.workbench.core.ranges import check_range
 from aerodima.workbench.core.yaml_files import find_file, read_yaml
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals
@@ -21,6 +22,7 @@ from aerodima.workbench.scenario.rig_scenario import (
     RigScenario,
     rig_scenario_from_dict,
 )
+from aerodima.workbench.scenario.scenario_file import merged
 
 ANGLE = "angle_rad"
 CURRENT = "current_a"
@@ -87,11 +89,7 @@ def rig_of(log: RunLog, kind: str, options: FitOptions = FREE) -> RigScenario:
         content.pop("experiment", None)
         content["tunnel"] = dict(content.get("tunnel", {}))
         content["tunnel"].pop("psi3", None)
-    for section, values in named_rig(options.rig, options.settings).items():
-        below = content.get(section)
-        if isinstance(below, dict) and isinstance(values, dict):
-            values = {**below, **values}
-        content[section] = values
+    content = merged(content, named_rig(options.rig, options.settings))
     content["experiment"] = {**content.get("experiment", {}), **_experiment(log, kind)}
     return rig_scenario_from_dict(content)
 
@@ -146,16 +144,9 @@ def wind_speed(log: RunLog, least: float, most: float) -> float:
     range.
     """
     value = log.extra.get("wind_speed_m_per_s")
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, int | float)
-        or not least <= float(value) <= most
-    ):
-        if least:
-            allowed = f"{least:g} to {most:g}"
-        else:
-            allowed = f"above 0 to {most:g}"
-        raise FitError(f"metadata 'wind_speed_m_per_s' is {value!r}; allowed: {allowed} m/s")
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise FitError(f"metadata 'wind_speed_m_per_s' is {value!r}; must be a number, m/s")
+    check_range("metadata 'wind_speed_m_per_s'", value, least, most, "m/s", error=FitError)
     return float(value)
 
 

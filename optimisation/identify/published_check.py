@@ -224,8 +224,7 @@ def predicted_currents(rigs: dict[int, StaticBalance], rows: pd.DataFrame) -> Fl
     tests = rows[["tail", "angle_of_attack_deg", "wind_speed_m_per_s", "cd", "cl", "psi3_rad"]]
     currents = []
     for tail, degrees, *wind_and_coefficients in tests.itertuples(index=False):
-        angle = math.radians(degrees)
-        currents.append(rigs[tail].holding_current(angle, *wind_and_coefficients))
+        currents.append(rigs[tail].holding_current(math.radians(degrees), *wind_and_coefficients))
     return np.array(currents)
 
 

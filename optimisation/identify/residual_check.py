@@ -72,5 +72,4 @@ def chance_of(checks: Sequence[ResidualCheck]) -> float:
     """Compute the probability that noise wanders as much as several residuals together do."""
     slow = sum(check.freedom[0] for check in checks)
     following = sum(check.freedom[1] for check in checks)
-    wander = np.mean([check.wander for check in checks])
-    return float(fdtrc(slow, following, wander))
+    return float(fdtrc(slow, following, np.mean([check.wander for check in checks])))

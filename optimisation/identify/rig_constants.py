@@ -124,8 +124,7 @@ def shifted(scenario: RigScenario, values: Mapping[str, float]) -> RigScenario:
         if section == "tail":
             section = f"tail_{scenario.experiment.tail}"
         changed = changes.setdefault(section, {})
-        value = getattr(getattr(scenario, section), entry)
-        changed[entry] = changed.get(entry, value) + shift
+        changed[entry] = changed.get(entry, getattr(getattr(scenario, section), entry)) + shift
 
     for name, shift in values.items():
         if name in _KEYS:

@@ -216,8 +216,7 @@ def _without_biases(data: StaticData) -> StaticData:
     """Make the hold whose biases are unknowns, and no noise."""
     if not any(p.name in BIASES for p in data.constants):
         return data
-    biases = np.diag(np.square(data.offset_deviation))
-    return replace(data, covariance=data.covariance - biases)
+    return replace(data, covariance=data.covariance - np.diag(np.square(data.offset_deviation)))
 
 
 def _mended(data: StaticData) -> Iterator[tuple[str, StaticData, FloatArray]]:

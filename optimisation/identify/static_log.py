@@ -156,8 +156,7 @@ def _static_data(log: RunLog, rest: Interval | None, name: str, options: FitOpti
         step = hold[used].astype(float)
         offset = Offset(np.zeros(6), np.zeros(6), held)
     warnings += offset.warnings
-    columns = np.stack(list(readings.values()))
-    mean = hold_mean(time[used], columns[:, used], step, options.loss)
+    mean = hold_mean(time[used], np.stack(list(readings.values()))[:, used], step, options.loss)
     warnings += residual_warnings(mean, list(readings), time[used])
     channels = [i for i, channel in enumerate(REACTIONS) if channel in readings]
     wrench = np.full(6, np.nan)
@@ -273,8 +272,7 @@ def _mean_rate(
     end, over its length.
     """
     times = time[hold]
-    length = float(times[-1] - times[0])
-    deviation = count / math.sqrt(6.0) / length
+    deviation = count / math.sqrt(6.0) / float(times[-1] - times[0])
     if RATE not in log.table.columns:
         return 0.0, deviation
     rate = log.signal(RATE)
@@ -321,8 +319,7 @@ def _stated_offset(log: RunLog, scenario: RigScenario) -> Offset:
             )
         deviation = np.asarray(stated)
     elif tared is not None:
-        lasted = float(log.time[-1] - min(log.time[0], 0.0))
-        deviation = deviation * sensor.drift_fraction * lasted
+        deviation = deviation * sensor.drift_fraction * float(log.time[-1] - min(log.time[0], 0.0))
     else:
         warnings = (_UNKNOWN_OFFSET,)
     if tared is not None:

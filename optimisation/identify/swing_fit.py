@@ -90,8 +90,7 @@ class SwingModel:
 
         def residual(x: FloatArray) -> FloatArray:
             values = parameters.values(x)
-            readings = self.shifted(values).readings(values)
-            return (readings - self.data.angle) / speed_accuracy()
+            return (self.shifted(values).readings(values) - self.data.angle) / speed_accuracy()
 
         return Problem(parameters, residual, name=self.data.name)
 
@@ -195,8 +194,6 @@ class SwingModel:
             return Noise(covariance)
         # A residual larger than these two explain is the model's: it widens the intervals.
         J = solution.jacobian
-        fitted = np.trace(np.linalg.pinv(J) @ covariance @ J)
-        expected = float(np.trace(covariance) - fitted)
-        power = float(solution.residual @ solution.residual)
-        excess = max(1.0, power / max(expected, 1e-12) / 3.0)
+        expected = float(np.trace(covariance) - np.trace(np.linalg.pinv(J) @ covariance @ J))
+        excess = max(1.0, float(solution.residual @ solution.residual) / max(expected, 1e-12) / 3.0)
         return Noise(covariance * excess, np.inf, seen.effective_samples)

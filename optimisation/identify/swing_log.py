@@ -270,8 +270,7 @@ def _end_of_motion(angle: FloatArray, step: float, sampling: float) -> int:
     would count as many.
     """
     window = max(round(_DWELL / sampling), 1)
-    change = np.abs(angle[window:] - angle[:-window])
-    moving = np.flatnonzero(change > _DWELL_STEPS * step)
+    moving = np.flatnonzero(np.abs(angle[window:] - angle[:-window]) > _DWELL_STEPS * step)
     end = len(angle)
     if moving.size:
         end = int(moving[-1]) + window + 1

@@ -154,8 +154,7 @@ def _factors(
     factor = np.full(len(deviation), _factor(freedom))
     if noise.rounding is None:
         return factor
-    rounding = np.abs(inverse @ noise.rounding)
-    shares = rounding / (math.sqrt(3.0) * np.maximum(deviation, 1e-300))
+    shares = np.abs(inverse @ noise.rounding) / (math.sqrt(3.0) * np.maximum(deviation, 1e-300))
     rounded = [_rounded_factor(round(share, 2)) for share in shares.tolist()]
     return factor * rounded / _factor(np.inf)
 

@@ -64,8 +64,7 @@ class Bracket:
         has_lost = np.isfinite(self.lost)
         held = np.where(has_held, self.held, 0.0)
         lost = np.where(has_lost, self.lost, 0.0)
-        down = np.where(has_lost, lost - stride, start)
-        outside = np.where(has_held, held + stride, down)
+        outside = np.where(has_held, held + stride, np.where(has_lost, lost - stride, start))
         return np.where(has_held & has_lost, 0.5 * (held + lost), outside)
 
 

@@ -259,8 +259,7 @@ class CachedRunner:
         gives a row with an error.
         """
         keys = [run_key(task) for task in tasks]
-        lost = partial(failed_row, error=WORKER_LOST)
-        rows = self._rows_by_key(evaluate, tasks, keys, lost)
+        rows = self._rows_by_key(evaluate, tasks, keys, partial(failed_row, error=WORKER_LOST))
         return [row | {"run": task.name} for task, row in zip(tasks, rows, strict=True)]
 
     def map(

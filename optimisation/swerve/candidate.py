@@ -6,7 +6,7 @@ and controller alone: a candidate may not bring another car, floor or driver.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -200,13 +200,6 @@ def swing_player(path_or_name: str) -> Candidate:
     place = str(path.resolve()) if path.exists() else path_or_name
     settings = ("tail.mode=swing", f"controller.swing_file={place}")
     return Candidate(find_swing(path_or_name).name, settings)
-
-
-def require_unique(names: Sequence[str], what: str) -> None:
-    """Raises SweepError where one of these is named twice: its rows would be taken for one."""
-    for index, name in enumerate(names):
-        if name in names[:index]:
-            raise SweepError(f"{what} {name!r}: duplicate; must be named once")
 
 
 def _find(name: str, known: Mapping[str, Candidate]) -> Iterator[Candidate]:

@@ -107,8 +107,7 @@ def draw_steering(generator: np.random.Generator, members: int, limit: float) ->
     angles = np.exp(generator.uniform(low, high, (members, LEVELS)))
     angles[:constant] = np.exp(np.linspace(low, high, constant))[:, None]
     first = generator.uniform(0.04, 0.5, (members, 1))
-    second = generator.uniform(0.1, 1.0, (members, 1))
-    return np.concatenate([angles, first, second], axis=1)
+    return np.concatenate([angles, first, generator.uniform(0.1, 1.0, (members, 1))], axis=1)
 
 
 def possible_steering(points: FloatArray, limit: float) -> FloatArray:

@@ -34,5 +34,4 @@ def tune_limit(cases: Sequence[Case], speeds: Sequence[float]) -> float:
             scenario = load_scenario(SWERVE, settings)
             swerves = ReducedSwerve(scenario).drive(limited_steering(scenario, ACCELERATIONS))
             held &= swerve_counts(swerves)
-    unbroken = int(np.argmin(np.append(held, False)))
-    return float(ACCELERATIONS[max(unbroken - 1, 0)])
+    return float(ACCELERATIONS[max(int(np.argmin(np.append(held, False))) - 1, 0)])

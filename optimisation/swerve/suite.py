@@ -17,11 +17,10 @@ from aerodima.optimisation.swerve.candidate import (
     ListedCandidate,
     Settings,
     read_candidates,
-    require_unique,
     user_law,
 )
 from aerodima.workbench.core.errors import SweepError
-from aerodima.workbench.core.key_errors import nearest
+from aerodima.workbench.core.key_errors import nearest, require_unique
 from aerodima.workbench.core.ranges import check_range
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
@@ -107,7 +106,7 @@ def select_candidates(names: Sequence[str], laws: Sequence[str] = ()) -> list[Ca
     """Returns candidates of `read_candidates` and `user_law`; the car without tail comes first."""
     chosen = read_candidates(names, NAMED_CANDIDATES)
     chosen += [user_law(path) for path in laws]
-    require_unique([one.name for one in chosen], "candidate")
+    require_unique([one.name for one in chosen], "candidate", SweepError)
     return chosen
 
 
@@ -129,7 +128,7 @@ def ensemble_cases(
     members = getattr(load_ensemble(ensemble).split(seed), part)
     unit = f"of the {part} cars of {ensemble}"
     check_range("cars", number, 1, len(members), unit, error=SweepError)
-    require_unique([f"{scale:g}" for scale in floors], "floor")
+    require_unique([f"{scale:g}" for scale in floors], "floor", SweepError)
     tail_settings(tail)
     for scale in floors:
         check_range("floor", scale, *FRICTION_SCALES, "of the car's friction", error=SweepError)

@@ -85,8 +85,7 @@ def median_interval(values: FloatArray, seed: int) -> tuple[float, float]:
     """
     if not values.size:
         return math.nan, math.nan
-    generator = np.random.default_rng(seed)
-    drawn = generator.integers(values.size, size=(RESAMPLES, values.size))
+    drawn = np.random.default_rng(seed).integers(values.size, size=(RESAMPLES, values.size))
     low, high = np.quantile(np.median(values[drawn], axis=1), [0.025, 0.975])
     return float(low), float(high)
 

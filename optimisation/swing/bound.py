@@ -86,8 +86,7 @@ class Bound:
     def steering(self, member: int = 0) -> FloatArray:
         """Returns the steering (`STEERING`,) of one car, rad and s."""
         variables = self.program.shooting.variables
-        own = variables.own(member)[variables.tail :]
-        return (self.solution.x * variables.units)[own]
+        return (self.solution.x * variables.units)[variables.own(member)[variables.tail :]]
 
     @property
     def result(self) -> dict[str, Any]:
@@ -188,8 +187,7 @@ def _first_search(shooting: SwerveShooting, effort: BoundEffort) -> list[FloatAr
         columns = _with_one_steering(variables, points).T
         total = np.zeros(len(points))
         for member in range(variables.members):
-            chosen = np.full(len(points), member)
-            swerve = shooting.drive(columns[variables.own(member)], chosen)
+            swerve = shooting.drive(columns[variables.own(member)], np.full(len(points), member))
             behind = np.maximum(shooting.rows(swerve) - upper, 0.0).max(axis=0)
             total += score(swerve, shooting.aim) - np.where(behind > 0.0, 1e2 + behind, 0.0)
         return total / variables.members

@@ -341,8 +341,7 @@ def shares_of(law: Law) -> FloatArray:
 
 def score(ratios: FloatArray) -> FloatArray:
     """Returns the scores of laws (laws,) from their aims over those of no tail (laws, places)."""
-    number = max(1, round(WORST_SHARE * ratios.shape[1]))
-    worst = np.sort(ratios, axis=1)[:, :number]
+    worst = np.sort(ratios, axis=1)[:, : max(1, round(WORST_SHARE * ratios.shape[1]))]
     return np.asarray(0.5 * (ratios.mean(axis=1) + worst.mean(axis=1)))
 
 
@@ -381,8 +380,7 @@ def counter_steer(steerings: FloatArray, driven: Swerve, car: ReducedSwerve) -> 
     """
     angles = steerings[:, 0]
     reached = angles / car.scenario.servo.rate
-    roll_rate = np.gradient(driven.roll, driven.time, axis=0)
-    outwards = roll_rate >= FISHHOOK.manoeuvre.counter_roll_rate
+    outwards = np.gradient(driven.roll, driven.time, axis=0) >= FISHHOOK.manoeuvre.counter_roll_rate
     rolled = np.logical_or.accumulate(outwards & driven.steered[:, None], axis=0)
     falls = rolled & ~outwards & (driven.time[:, None] >= reached)
     instant = driven.time[np.argmax(falls, axis=0)] + car.scenario.imu.delay

@@ -132,8 +132,7 @@ class SwerveNlp:
         violation, worst = self._violation(x)
         spent = self.evaluations - before
         wall_time = time.perf_counter() - begun
-        aims = self.at(x).aims
-        return SwerveSolution(x, aims, self._cost(x), violation, worst, spent, wall_time)
+        return SwerveSolution(x, self.at(x).aims, self._cost(x), violation, worst, spent, wall_time)
 
     def at(self, x: np.ndarray) -> Evaluation:
         """Evaluates aims, limits and slopes at scaled variables (size,), numbers or AutoDiff
@@ -204,8 +203,7 @@ class SwerveNlp:
 
     def _rows(self, x: np.ndarray) -> np.ndarray:
         evaluation = self.at(x)
-        slopes = evaluation.row_slopes.reshape(-1, len(x))
-        return _joined(x, evaluation.rows.ravel(), slopes)
+        return _joined(x, evaluation.rows.ravel(), evaluation.row_slopes.reshape(-1, len(x)))
 
     def _violation(self, x: FloatArray) -> tuple[float, str]:
         """Returns the largest violation of any constraint at scaled variables, those that were

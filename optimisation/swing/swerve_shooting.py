@@ -292,8 +292,7 @@ class SwerveShooting:
         one = np.ones(count)
         gains = [gain * one for gain in FOLLOW_GAINS.values()] * 2
         knots = RollTrajectory(np.outer(KNOTS, one), rolls, knot_rates() @ rolls, *gains)
-        cars = self.cars.take(members)
-        rollout = PlayedSwerve(cars, self.scenario, steering, pitch[0], knots)
+        rollout = PlayedSwerve(self.cars.take(members), self.scenario, steering, pitch[0], knots)
         return drive_swerves(rollout, self.scenario)
 
     def at(self, x: FloatArray) -> Evaluation:
@@ -305,8 +304,7 @@ class SwerveShooting:
         steps = DIFFERENCE_STEP * np.eye(width)
         tried = np.hstack([steps, -steps, np.zeros((width, 1))])
         columns = np.concatenate([x[places][:, None] + tried for places in own], axis=1)
-        members = np.repeat(np.arange(count), tried.shape[1])
-        swerve = self.drive(columns, members)
+        swerve = self.drive(columns, np.repeat(np.arange(count), tried.shape[1]))
         values = np.concatenate([self.aim(swerve)[None], self.rows(swerve)])
         values = values.reshape(len(values), count, tried.shape[1])
         slopes = np.zeros((count, len(values), variables.size))

@@ -105,8 +105,7 @@ def tuned_candidates(
     chosen = select_candidates(names, laws)
     if LIMITED in chosen:
         training = ensemble_cases(ensemble, "training", TUNING_CARS, tail, floors, seed)
-        limit = tune_limit(training, speeds)
-        chosen[chosen.index(LIMITED)] = replace(LIMITED, limit=limit)
+        chosen[chosen.index(LIMITED)] = replace(LIMITED, limit=tune_limit(training, speeds))
     return chosen
 
 

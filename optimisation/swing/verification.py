@@ -214,8 +214,7 @@ def write_verification(folder: Path, result: Verification) -> list[Path]:
     rows = [[one.name, f"{one.value:.4g}", one.unit, one.allowed] for one in result.checks]
     broken = [index for index, one in enumerate(result.checks) if not one.is_kept]
     table = Table(["check", "value", "unit", "allowed"], rows, broken)
-    picture = plot_overlay([result.log], [name])
-    motion = zoomable(picture, "Six signals of the run over time")
+    motion = zoomable(plot_overlay([result.log], [name]), "Six signals of the run over time")
     sections = [
         Section("The car of the swing", [table, motion]),
         Section("Provenance", [Preformatted(verdict)]),

@@ -239,8 +239,7 @@ class PolarTable(CoefficientSet):
 
         def nearest(v: float, g: float) -> float:
             measured = known[g].dropna()
-            distances = np.abs(measured.index.to_numpy() - v)
-            return float(measured.iloc[np.argmin(distances)])
+            return float(measured.iloc[np.argmin(np.abs(measured.index.to_numpy() - v))])
 
         values = tuple(tuple(nearest(v, g) for g in angles) for v in speeds)
         measured = tuple(map(tuple, known.notna().to_numpy().tolist()))

@@ -181,5 +181,4 @@ def generalised_force(
         Moment on the chassis about its origin (3) in W, N m; force on it (3) in W, N; torque about
         the axes of pitch, roll and sail (3), N m.
     """
-    about_origin = add_cross(moment, motion.p_BoSo_W, force)
-    return *about_origin, *force, *rotated(motion.axes_W, moment)
+    return *add_cross(moment, motion.p_BoSo_W, force), *force, *rotated(motion.axes_W, moment)

@@ -110,8 +110,7 @@ class SectionWatch(LeafSystem):
         self._too_fast += bool(np.any(validity == BEYOND_QUASI_STEADY))
         columns = len(SECTION_COLUMNS)
         speeds = sections[_SPEED::columns]
-        forces = sections[_FORCE::columns]
-        shares = forces / np.maximum(speeds, _STILL_AIR) ** 2
+        shares = sections[_FORCE::columns] / np.maximum(speeds, _STILL_AIR) ** 2
         self._reynolds = max(self._reynolds, float(sections[_REYNOLDS::columns].max()))
         self.fastest = max(self.fastest, float(speeds.max()))
         self._share = max(self._share, float(np.max(shares)))

@@ -50,7 +50,7 @@ from aerodima.workbench.aero.tail_pieces import (
 )
 from aerodima.workbench.core.array_types import FloatArray, Vector3
 from aerodima.workbench.core.errors import ModelError
-from aerodima.workbench.core.key_errors import lines_of
+from aerodima.workbench.core.key_errors import lines_of, require_unique
 from aerodima.workbench.core.quantity import QuantityModel, quantity
 from aerodima.workbench.core.sdf_model import Inertial
 
@@ -302,12 +302,7 @@ class TailGeometry(TailPart):
 
     @model_validator(mode="after")
     def _fits_together(self) -> TailGeometry:
-        names = [plate.name for plate in self.plates]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise ValueError(
-                f"tail {self.name!r}: plate name {twice[0]!r} is used twice; allowed: a name each"
-            )
+        require_unique([plate.name for plate in self.plates], f"tail {self.name!r}: plate name")
         for one, other in combinations(self.plates, 2):
             if any(
                 overlap(a, b) and abs(gap(a, b)) < SAME_PLANE

@@ -239,8 +239,7 @@ class TailAerodynamics(LeafSystem):
                 load = (*load[:3], *(m + d for m, d in zip(load[3:], shift, strict=True)))
             loads.append(load)
         total = [sum(parts) for parts in zip(*loads, strict=True)]
-        force = generalised_force(sail, total[:3], total[3:])
-        output.SetFromVector(np.array(force))
+        output.SetFromVector(np.array(generalised_force(sail, total[:3], total[3:])))
 
     def _calc_wind_direction(self, context: Context, output: BasicVector) -> None:
         sail, wind = self._sail(context)

@@ -73,11 +73,10 @@ def default_build(
 
     def build(builder: DiagramBuilder, station: Diagram) -> None:
         law = tail_law or law_of_scenario(scenario)
-        rate = scenario.controller.rate
         driver = TurnDriver.add_to_builder(
             builder,
             schedule or make_driver(scenario),
-            rate,
+            scenario.controller.rate,
             station=station,
             controller_rate=law.rate,
         )

@@ -246,12 +246,11 @@ def _add_sensors(
     builder: DiagramBuilder, scenario: Scenario, ports: PlantPorts, tail: TailDrives | None
 ) -> dict[str, OutputPort]:
     """Adds what the car measures; returns the station's ports of sensors and status."""
-    step = scenario.simulation.step
     imu = Imu(
         scenario.imu,
         p_BoImu_B=(scenario.imu.x, 0.0, scenario.imu.z),
         seed=scenario.seed,
-        step=step,
+        step=scenario.simulation.step,
         discrete=True,
         gravity=scenario.environment.gravity,
     )

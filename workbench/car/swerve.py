@@ -225,9 +225,9 @@ def centre_aside(swerve: Swerve, after: float = SOON) -> FloatArray:
     return places[1] - places[0]
 
 
-def course_change(swerve: Swerve, after: float = LATER) -> FloatArray:
-    """Returns the change of course (n,), rad, `after` s."""
-    return swerve.at(swerve.course, after) - swerve.at(swerve.course, 0.0)
+def course_change(swerve: Swerve) -> FloatArray:
+    """Returns the change of course (n,), rad, `LATER` s."""
+    return swerve.at(swerve.course, LATER) - swerve.at(swerve.course, 0.0)
 
 
 def sustained(swerve: Swerve) -> FloatArray:
@@ -251,8 +251,7 @@ def energy(swerve: Swerve) -> FloatArray:
 
 def max_side_lift(swerve: Swerve) -> FloatArray:
     """Returns the largest `verdict.side_lift` from the start of the steering on (n,), m."""
-    lifts = np.moveaxis(swerve.lifts[swerve.steered], 1, 0)
-    return np.asarray(np.max(side_lift(lifts), axis=0))
+    return np.asarray(np.max(side_lift(np.moveaxis(swerve.lifts[swerve.steered], 1, 0)), axis=0))
 
 
 def is_upright(swerve: Swerve) -> BoolArray:

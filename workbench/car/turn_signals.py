@@ -10,7 +10,7 @@ positive outwards (to the right in a left turn: a positive rotation about x of B
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -50,6 +50,8 @@ _SENSORS = {
     "yaw": "imu_yaw_rad",
 }
 """Signals of the sensors by field of `TurnSignals`."""
+SENSOR_COLUMNS = (*_SENSORS.values(), "imu_pitch_rad", "imu_gyro_x_rad_per_s")
+"""Columns of the sensors that signals of a turn are made of."""
 _STATE = "controller_state"
 _TILT = "tilt_truth_rad"
 
@@ -101,11 +103,11 @@ class TurnSignals:
         last = math.floor(self.time[-1] * rate + _TIME_MARGIN)
         instants = np.arange(first, last + 1) / rate + _TIME_MARGIN
         rows = np.searchsorted(self.time, instants, side="right") - 1
-        sampled: dict[str, Any] = {}
-        for field in fields(self):
-            values = getattr(self, field.name)
-            if isinstance(values, np.ndarray):
-                sampled[field.name] = values[rows]
+        sampled: dict[str, Any] = {
+            name: values[rows]
+            for name, values in vars(self).items()
+            if isinstance(values, np.ndarray)
+        }
         return replace(self, **sampled)
 
     @property
@@ -121,11 +123,11 @@ class TurnSignals:
 
 def turn_signals(run_log: RunLog, source: Literal["truth", "sensors"] | None = None) -> TurnSignals:
     """Returns signals of a run's turn, from the given source; by default from the truth where the
-    log has it.
+    log has it. What a column of nothing but NaN goes into is NaN.
 
     Raises:
-        LogError: a column or scenario key is missing, NaN, unsorted time or a gap, the log ends
-            before the turn does.
+        LogError: a column or scenario key is missing, single NaN, unsorted time or a gap, the log
+            ends before the turn does.
     """
     if run_log.kind == PLANT_RUN:
         raise LogError(
@@ -138,7 +140,8 @@ def turn_signals(run_log: RunLog, source: Literal["truth", "sensors"] | None = N
     window = turn_window(run_log)
     source = source or ("truth" if run_log.has_truth else "sensors")
     named = _read(run_log, source, window[0])
-    check_signals(time, {f"{name} ({source})": values for name, values in named.items()})
+    logged = {name: values for name, values in named.items() if not np.isnan(values).all()}
+    check_signals(time, {f"{name} ({source})": values for name, values in logged.items()})
     if time[0] > window[0] + _TIME_MARGIN or time[-1] < window[1] - _TIME_MARGIN:
         raise LogError(
             f"{run_log.name}: holds {time[0]:g} to {time[-1]:g} s, the turn is {window[0]:g} to "
@@ -282,7 +285,7 @@ def _without_bias(run_log: RunLog, column: str, turn_start: float) -> FloatArray
     car goes straight.
     """
     time = run_log.time
-    rate = checked_signals(run_log, [column])[column]
+    rate = run_log.signal(column)
     straight = (time >= 0.5 * (time[0] + turn_start)) & (time < turn_start)
     if np.any(straight):
         return rate - float(np.mean(rate[straight]))

@@ -116,9 +116,7 @@ def side_lift(lifts: Any) -> Any:
         lifts: heights of the wheels (4, ...), m, in the order of `signal_table.WHEELS`.
     """
     front_left, front_right, rear_left, rear_right = lifts
-    left = np.minimum(front_left, rear_left)
-    right = np.minimum(front_right, rear_right)
-    return np.maximum(left, right)
+    return np.maximum(np.minimum(front_left, rear_left), np.minimum(front_right, rear_right))
 
 
 def keeps_sides_down(lift: Any) -> Any:

@@ -12,6 +12,7 @@ from aerodima import workbench
 from aerodima.workbench.cli import options as cli
 from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.core.errors import LogError, UserError
+from aerodima.workbench.core.key_errors import require_unique
 from aerodima.workbench.core.text_table import text_table, value_rows
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def metrics(
 
     Example: aerodima log metrics none.parquet swing.parquet --out metrics.csv
     """
-    _refuse_twice(runs)
+    require_unique(runs, "run", LogError)
     run_logs = [workbench.read_run_log(path) for path in runs]
     import pandas as pd
 
@@ -140,8 +141,7 @@ def export(
     run_log = workbench.read_run_log(log)
     form: Any = to
     scene = _scene(run_log) if to == "mcap" else ()
-    written = export_log(run_log, path, form, force, scene)
-    typer.echo("\n".join(map(str, written)))
+    typer.echo("\n".join(map(str, export_log(run_log, path, form, force, scene))))
 
 
 def _scene(run_log: RunLog) -> Iterable[SceneMessage]:
@@ -247,15 +247,9 @@ def _refuse_raw(out: Path, log: Path) -> None:
         raise LogError(f"--out {out}: must not be the log that is read; raw logs are kept")
 
 
-def _refuse_twice(runs: list[Path]) -> None:
-    for path in runs:
-        if runs.count(path) > 1:
-            raise LogError(f"{path}: duplicate")
-
-
 def run_names(runs: list[Path]) -> list[str]:
     """List file names without ending; whole paths if these are not unique."""
-    _refuse_twice(runs)
+    require_unique(runs, "run", LogError)
     stems = [path.stem for path in runs]
     if len(set(stems)) == len(stems):
         return stems

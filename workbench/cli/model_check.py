@@ -64,8 +64,7 @@ def check_shipped_models() -> Iterator[CheckResult]:
         yield _attempt(f"coefficients/{name}.yaml: reads and makes a law", _make_law, name)
     for model in nominal_models():
         name = str(model.path.relative_to(root))
-        problems = tuple(sdf_differences(model))
-        yield CheckResult(f"{name}: numbers equal the parameters", problems)
+        yield CheckResult(f"{name}: numbers equal the parameters", tuple(sdf_differences(model)))
         if name == CAR_SDF:
             subject = f"{name}: chassis' own centre of mass inside its drawn parts"
             yield _attempt(subject, require_mass_where_drawn, model)

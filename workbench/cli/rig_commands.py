@@ -82,9 +82,8 @@ def rig(
     settings = cli.settings_of(options)
     if options.angle is not None:
         settings.insert(0, f"experiment.angle={radians(options.angle)!r}")
-    experiment = workbench.load_rig_scenario(scenario, settings)
     log = workbench.simulate(
-        experiment,
+        workbench.load_rig_scenario(scenario, settings),
         options.out,
         force=options.force,
         meshcat=live_view() if options.live else None,

@@ -187,8 +187,7 @@ def turn_length(
         repeats, gap: as for `TurnSchedule`.
     """
     left = maximum(steer_angle, first_angle - rate * (hold - first_hold))
-    angle = where(first_hold > 0.0, left, steer_angle)
-    return repeats * hold + (repeats - 1) * gap + angle / rate
+    return repeats * hold + (repeats - 1) * gap + where(first_hold > 0.0, left, steer_angle) / rate
 
 
 def turn_start(scenario: Any) -> float:

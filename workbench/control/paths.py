@@ -154,8 +154,7 @@ class Corner:
     def centre(self, station: Any) -> tuple[Any, Any]:
         """Returns the place (x, y) of the centre line."""
         length = 0.5 * math.pi * self.radius
-        bent = np.clip(station - self.bend, 0.0, length)
-        angle = bent / self.radius
+        angle = np.clip(station - self.bend, 0.0, length) / self.radius
         after = np.maximum(station - self.bend - length, 0.0)
         x = np.minimum(station, self.bend) + self.radius * np.sin(angle)
         return x, self.side * (self.radius * (1.0 - np.cos(angle)) + after)

@@ -2,7 +2,7 @@
 
 import difflib
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -20,6 +20,13 @@ def nearest(name: str, known: Collection[str]) -> str:
     if close:
         return f"did you mean {close[0]!r}?"
     return "must be one of: " + ", ".join(sorted(known))
+
+
+def require_unique(names: Sequence[object], what: str, error: type[Exception] = ValueError) -> None:
+    """Raise `error` where one of these is named twice; it would be taken for the other."""
+    for name in names:
+        if names.count(name) > 1:
+            raise error(f"{what} {str(name)!r}: duplicate; must be named once")
 
 
 def lines_of(report: ValidationError, model: Model) -> list[str]:

@@ -34,8 +34,7 @@ def limits_of(interval: str) -> dict[str, float]:
     """Read an interval such as `(0, 30]` as pydantic's limits: `{"gt": 0, "le": 30}`."""
     low, high = interval[1:-1].split(", ")
     lower = {"(": "gt", "[": "ge"}[interval[0]]
-    upper = {")": "lt", "]": "le"}[interval[-1]]
-    return {lower: literal_eval(low), upper: literal_eval(high)}
+    return {lower: literal_eval(low), {")": "lt", "]": "le"}[interval[-1]]: literal_eval(high)}
 
 
 class QuantityModel(BaseModel):

@@ -181,8 +181,7 @@ class AngleEncoder(SampledSensor):
     def take(self, context: Context, discrete_state: DiscreteValues) -> FloatArray:
         """Take a sample; keeps the angle for the rate of later samples."""
         row = super().take(context, discrete_state)
-        past = self._past.read(context)
-        self._past.write(discrete_state, np.concatenate((past[1:], row[:1])))
+        self._past.write(discrete_state, np.concatenate((self._past.read(context)[1:], row[:1])))
         return row
 
 

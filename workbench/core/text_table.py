@@ -9,7 +9,7 @@ _ZERO_TOLERANCE = 1e-12
 
 def shown_value(value: Any) -> str:
     """Format a cell: four digits, a dash for an unknown value, `none` for an empty text."""
-    if value is None:
+    if value is None or value != value:  # NaN
         return "–"
     if isinstance(value, float):
         return f"{0.0 if abs(value) < _ZERO_TOLERANCE else value:.4g}"

@@ -48,14 +48,22 @@ def shipped_names(folder: str) -> list[str]:
 
 
 def find_file(
-    name_or_path: str | Path, folder: str, kind: str, error: type[UserError] = ScenarioError
+    name_or_path: str | Path,
+    folder: str,
+    kind: str,
+    error: type[UserError] = ScenarioError,
+    *,
+    start: Path = Path(),
 ) -> Path:
     """Return the path itself, or the file of that name in a folder of `models/`.
+
+    A relative path is one from `start`, the folder of the file that names it; by default from the
+    working folder.
 
     Raises:
         UserError (of the class `error`): a bare name that is not there; names the nearest.
     """
-    path = Path(name_or_path)
+    path = start / name_or_path
     if path.suffix or path.name != str(name_or_path) or path.exists():
         return path
     names = shipped_names(folder)

@@ -15,8 +15,9 @@ import numpy as np
 import pandas as pd
 
 from aerodima.workbench.core.array_types import FloatArray, IntArray
-from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.core.errors import LogError, ScenarioError
 from aerodima.workbench.core.file_reading import Json, reading
+from aerodima.workbench.core.yaml_files import find_file
 from aerodima.workbench.logs.foreign_files import (
     ForeignLog,
     joined,
@@ -29,9 +30,9 @@ from aerodima.workbench.logs.foreign_files import (
 from aerodima.workbench.logs.log_findings import (
     LogFinding,
     gap_findings,
+    implausible_values,
+    inconsistent_rates,
     nan_findings,
-    refuse_implausible,
-    refuse_inconsistent_rates,
     table_findings,
 )
 from aerodima.workbench.logs.mapping import (
@@ -47,8 +48,8 @@ from aerodima.workbench.logs.signals import (
     hold_last,
     median_step,
 )
-from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
-from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.rig_scenario import RigScenario
+from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import RIG_KINDS, TIME
 
 Findings = list[LogFinding]
@@ -61,6 +62,8 @@ _READERS: dict[str, Callable[[Path], ForeignLog]] = {
     ".db3": read_bag,
     "/": read_bag,
 }
+_LEFT_OUT = "left out"
+"""Begins the findings of columns that are not in the log."""
 _REMEDY = "; is it cut off or damaged? Of a text: is it written as `csv` in the mapping says?"
 _EQUAL_TIMES = " (`time.repeated: first`, or last, in the mapping keeps one of equal times)"
 
@@ -82,8 +85,9 @@ def import_log(paths: Sequence[Path | str] | Path | str, mapping: Mapping) -> Im
         mapping: which column is which.
 
     Raises:
-        LogError: a file cannot be read, the times are not increasing, a needed column is missing, a
-            value betrays a wrong unit; names file, column and time.
+        LogError: a file cannot be read, the times are not increasing, no column is there; or all
+            at once what else is wrong: a needed column is missing, a cell is no number, a value
+            betrays a wrong unit, the scenario. Names file, column and time.
     """
     if isinstance(paths, str | Path):
         paths = [paths]
@@ -93,12 +97,20 @@ def import_log(paths: Sequence[Path | str] | Path | str, mapping: Mapping) -> Im
             raise LogError(f"mapping: time.offsets: {number}: must be from 2 to {len(files)} files")
     foreign = joined([read_foreign_log(file, mapping.csv) for file in files])
     foreign = foreign.combined(mapping.stamps, mapping.quaternions)
-    table, findings = mapped_table(foreign, mapping)
+    table, findings, problems = mapped_table(foreign, mapping)
     units = {name: column.unit for name, column in known_columns().items()}
     largest = {name: source.largest for name, source in mapping.columns.items()}
-    refuse_implausible(table, units, largest, foreign.path)
+    problems += implausible_values(table, units, largest)
     if mapping.check_rates:
-        refuse_inconsistent_rates(table, foreign.path)
+        problems += inconsistent_rates(table)
+    scenario: Json = {}
+    try:
+        scenario = _scenario(mapping)
+    except ScenarioError as error:
+        problems.append(str(error))
+    if problems:
+        problems += [str(finding) for finding in findings if finding.text.startswith(_LEFT_OUT)]
+        raise LogError("; ".join(f"{foreign.path}: {problem}" for problem in problems))
     findings = [*findings, *table_findings(table, mapping.kind)]
     facts = mapping.facts
     if "tail" in facts:
@@ -108,7 +120,7 @@ def import_log(paths: Sequence[Path | str] | Path | str, mapping: Mapping) -> Im
         "mapping": mapping.model_dump(mode="json", by_alias=True, exclude_defaults=True),
         "findings": [str(finding) for finding in findings],
     }
-    metadata = run_metadata(_scenario(mapping), seed=0, kind=mapping.kind, extra=facts)
+    metadata = run_metadata(scenario, seed=0, kind=mapping.kind, extra=facts)
     return Imported(run_log_from_metadata(table, metadata, source=foreign.path), tuple(findings))
 
 
@@ -135,13 +147,17 @@ def read_foreign_log(path: Path, csv: CsvFormat) -> ForeignLog:
     return foreign
 
 
-def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, Findings]:
+def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, Findings, list[str]]:
     """Makes the table of a run log from foreign columns: SI units, one time grid, `time_s` first.
 
+    Returns:
+        The table, findings, and what is wrong with columns, which the table lacks.
+
     Raises:
-        LogError: as for `import_log`, apart from the checks of units.
+        LogError: the times cannot be read or are not increasing, no column is there.
     """
     findings: Findings = []
+    problems = []
     time, rows = _times(foreign, mapping, mapping.time.from_, mapping.time.unit, findings)
     columns = {TIME: time}
     held = []
@@ -149,22 +165,25 @@ def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, F
     there = ", ".join(foreign.columns)
     for name, source in mapping.columns.items():
         if source.from_ not in known:
-            text = f"left out: the file has no column {source.from_!r}; it has {there}"
+            text = f"{_LEFT_OUT}: the file has no column {source.from_!r}; it has {there}"
             findings.append(LogFinding(name, None, text))
             continue
-        values, other_times = _column(foreign, mapping, name, (time, rows), findings)
+        try:
+            values, other_times = _column(foreign, mapping, name, (time, rows), findings)
+        except LogError as error:
+            problems.append(str(error).removeprefix(f"{foreign.path}: "))
+            continue
         if not np.isfinite(values).any():
-            findings.append(LogFinding(name, None, "left out: not one sample is a number"))
+            findings.append(LogFinding(name, None, f"{_LEFT_OUT}: not one sample is a number"))
             continue
         columns[name] = values
         if other_times:
             held.append(name)
-    if mapping.kind != "car_log" and "angle_rad" in mapping.columns and "angle_rad" not in columns:
-        raise LogError(
-            f"{foreign.path}: no column {mapping.columns['angle_rad'].from_!r}, which angle_rad "
-            "comes from"
-        )
-    if all(mapping.columns[name].constant is not None for name in columns if name != TIME):
+    angle = mapping.columns.get("angle_rad")
+    if mapping.kind != "car_log" and angle is not None and angle.from_ not in known:
+        problems.append(f"no column {angle.from_!r}, which angle_rad comes from")
+    constant = all(mapping.columns[name].constant is not None for name in columns if name != TIME)
+    if constant and not problems:
         raise LogError(f"{foreign.path}: none of the mapped columns is there; it has {there}")
     findings += _unused(foreign, mapping)
     table = pd.DataFrame(columns)
@@ -176,7 +195,7 @@ def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, F
         table = table.iloc[start:].reset_index(drop=True)
     if mapping.time.starts_at is not None:
         table[TIME] += mapping.time.starts_at - table[TIME].iloc[0]
-    return table, findings
+    return table, findings, problems
 
 
 def _column(
@@ -288,11 +307,10 @@ def _scenario(mapping: Mapping) -> Json:
     """
     if mapping.scenario is None:
         return {}
-    base = mapping.scenario.base
-    settings = list(mapping.scenario.set)
-    if mapping.kind not in RIG_KINDS:
-        return load_scenario(base, settings).resolved()
-    rig = load_rig_scenario(base, settings).resolved()
-    for key in ("experiment", "schema", "name", "seed"):
-        del rig[key]
-    return rig
+    kind = RigScenario if mapping.kind in RIG_KINDS else Scenario
+    path = find_file(mapping.scenario.base, kind.folder, "scenario", start=mapping.folder)
+    content = kind.load(path, mapping.scenario.set).resolved()
+    if kind is RigScenario:
+        for key in ("experiment", "schema", "name", "seed"):
+            del content[key]
+    return content

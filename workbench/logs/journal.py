@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike
 from aerodima.workbench.core.atomic_write import make_folder, refuse_existing
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.core.file_reading import Facts
+from aerodima.workbench.core.key_errors import require_unique
 from aerodima.workbench.logs.journal_frames import (
     END,
     HEAD,
@@ -260,9 +261,7 @@ class JournalWriter:
             self.abandon()
 
     def _refuse(self, columns: Sequence[str]) -> None:
-        twice = sorted({name for name in columns if list(columns).count(name) > 1})
-        if twice:
-            raise LogError(f"{self.path}: column(s) named twice: {', '.join(twice)}")
+        require_unique(columns, f"{self.path}: column", LogError)
         refuse_missing(columns, self._metadata, str(self.path))
         refuse_existing(self.path, self._force, LogError)
         if self.journal.exists() and not self._force:

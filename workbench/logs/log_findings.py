@@ -14,7 +14,6 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.signal import detrend
 
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.signals import gaps_in, median_step
 from aerodima.workbench.scenario.signal_table import TIME
 
@@ -48,11 +47,10 @@ _MAX_OF_UNIT = {
     "m/s2": 300.0,
     "rad": 2.1 * np.pi,
 }
-"""Largest plausible magnitudes. An angle stays within a turn, apart from `_TURNING`."""
-_TURNING = ("yaw", "sail")
-"""Words in the names of angles that may pass a turn."""
-_MAX_TURNED = 100.0
-"""Largest plausible angle of these, rad."""
+"""Largest plausible magnitudes. An angle stays within a turn, apart from `_MAX_ANGLES`."""
+_MAX_ANGLES = {"yaw": 100.0, "sail": 100.0, "steering": 0.5 * np.pi}
+"""Word in the name of an angle -> its largest plausible magnitude, rad: two may pass a turn, and no
+road wheel stands across its car."""
 _MEASURED = ("angle", "angular_velocity", "current", "force_", "torque_", "imu_", "tail_", "speed")
 
 
@@ -119,53 +117,56 @@ def table_findings(table: pd.DataFrame, kind: str) -> list[LogFinding]:
     return findings
 
 
-def refuse_implausible(
-    table: pd.DataFrame, units: Mapping[str, str], largest: Mapping[str, float | None], where: str
-) -> None:
-    """Raises LogError for values that betray a wrong unit.
+def implausible_values(
+    table: pd.DataFrame, units: Mapping[str, str], largest: Mapping[str, float | None]
+) -> list[str]:
+    """Finds values that betray a wrong unit; says each column with its first one.
 
     Args:
         table: SI units.
         units: SI unit of each column.
         largest: largest plausible magnitude per column where the mapping states one.
-        where: file named in the message.
     """
+    problems = []
     time = table[TIME].to_numpy(float)
     step = median_step(time)
     if not STEP_RANGE[0] <= step <= STEP_RANGE[1]:
-        raise LogError(
-            f"{where}: column {TIME!r}: steps of {step:.3g} s; {STEP_RANGE[0]:g} to "
+        problems.append(
+            f"column {TIME!r}: steps of {step:.3g} s; {STEP_RANGE[0]:g} to "
             f"{STEP_RANGE[1]:g} s is plausible. Is the unit of the times right?"
         )
     for name in table.columns:
         unit = units.get(name, "")
         limit = _MAX_OF_UNIT.get(unit, np.inf)
-        if unit == "rad" and any(word in name for word in _TURNING):
-            limit = _MAX_TURNED
+        for word, angle in _MAX_ANGLES.items():
+            if unit == "rad" and word in name:
+                limit = angle
         limit = largest.get(name) or limit
         values = table[name].to_numpy(float)
         beyond = np.flatnonzero(np.abs(values) > limit)
         if beyond.size:
             first = beyond[0]
-            raise LogError(
-                f"{where}: column {name!r}: {values[first]:.6g} {unit} at {time[first]:g} s; up to "
+            problems.append(
+                f"column {name!r}: {values[first]:.6g} {unit} at {time[first]:g} s; up to "
                 f"{limit:.4g} is plausible. Is the unit in the mapping right? If the value is "
                 "real, state `largest` there"
             )
+    return problems
 
 
-def refuse_inconsistent_rates(table: pd.DataFrame, where: str) -> None:
-    """Raises LogError when a rate is plainly not the derivative of its angle, or an acceleration
-    not that of the car: other unit, other sign, or gravity in it.
+def inconsistent_rates(table: pd.DataFrame) -> list[str]:
+    """Finds rates that are plainly not the derivative of their angle, and accelerations that are
+    not those of the car: other unit, other sign, or gravity in it.
 
     Compared are the angle and the integral of the rate, without their straight lines (bias of a
     gyro). Signals that have little to do with each other (noise, a car that rolls) are left alone.
     """
+    problems = []
     off = "(`check_rates: false` in the mapping turns this check off)"
     vertical = table.get(_VERTICAL, pd.Series(0.0)).median()
     if abs(vertical) > MAX_MEDIAN_VERTICAL:
-        raise LogError(
-            f"{where}: column {_VERTICAL!r}: {vertical:.3g} m/s2 in the median; gravity must be "
+        problems.append(
+            f"column {_VERTICAL!r}: {vertical:.3g} m/s2 in the median; gravity must be "
             f"taken out of all accelerations {off}"
         )
     if {_SPEED, _YAW_RATE} <= {*table}:
@@ -178,10 +179,11 @@ def refuse_inconsistent_rates(table: pd.DataFrame, where: str) -> None:
         # A car that slides accelerates by other than its speed and yaw rate say.
         low, high = (0.3, 3.0) if "acceleration" in rate else (0.6, 1.6)
         if ratio is not None and not low <= ratio <= high:
-            raise LogError(
-                f"{where}: column {rate!r}: {ratio:.3g} times the derivative of {angle!r}; one of "
+            problems.append(
+                f"column {rate!r}: {ratio:.3g} times the derivative of {angle!r}; one of "
                 f"the two has a wrong unit or sign {off}"
             )
+    return problems
 
 
 def _rate_ratio(time: FloatArray, angle: FloatArray, rate: FloatArray) -> float | None:

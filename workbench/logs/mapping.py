@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, StrictBool, StrictFloat, StrictInt, model_validator
+from pydantic import Field, PrivateAttr, StrictBool, StrictFloat, StrictInt, model_validator
 
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.core.file_reading import Json
@@ -161,7 +161,7 @@ class ScenarioSource(StrictModel):
     `manoeuvre.speed=4`.
     """
 
-    base: str = Field(description="shipped scenario or YAML file")
+    base: str = Field(description="shipped scenario, or YAML file by its path from the mapping's")
     set: tuple[str, ...] = Field((), description="overrides, section.key=value")
 
 
@@ -204,21 +204,28 @@ class Mapping(StrictModel):
     scenario: ScenarioSource | None = Field(
         None, description="what was driven; for a rig log, the rig"
     )
+    _folder: Path = PrivateAttr(Path())
 
     @model_validator(mode="after")
     def _columns_and_units_are_known(self) -> Self:
-        known = known_columns()
+        problems = []
         for name in self.columns:
-            if name == TIME:
-                raise ValueError(f"columns.{name}: times are mapped under `time`")
-            if name not in known:
-                raise ValueError(f"columns.{name}: no such column; {nearest(name, known)}")
-            self.unit_factor(name)
+            try:
+                self.unit_factor(name)
+            except LogError as error:
+                problems.append(str(error))
+        if self.kind in RIG_KINDS and "angle_rad" not in self.columns:
+            problems.append(f"columns: a log of kind {self.kind!r} needs angle_rad")
+        if problems:
+            raise ValueError("; ".join(problems))
         time_factor(self.time.unit, "time")
         _ = self.facts
-        if self.kind in RIG_KINDS and "angle_rad" not in self.columns:
-            raise ValueError(f"columns: a log of kind {self.kind!r} needs angle_rad")
         return self
+
+    @property
+    def folder(self) -> Path:
+        """Folder of its file; the working folder without one."""
+        return self._folder
 
     @property
     def facts(self) -> Json:
@@ -231,11 +238,18 @@ class Mapping(StrictModel):
         return facts
 
     def unit_factor(self, name: str) -> float:
-        """Looks up the SI value of one foreign unit of our column `name`."""
+        """Looks up the SI value of one foreign unit of our column `name`; LogError where there is
+        no such column or unit.
+        """
+        known = known_columns()
+        if name == TIME:
+            raise LogError(f"columns.{name}: times are mapped under `time`")
+        if name not in known:
+            raise LogError(f"columns.{name}: no such column; {nearest(name, known)}")
         unit = self.columns[name].unit
         if unit is None:
             return 1.0
-        return unit_factor(unit, known_columns()[name].unit, f"columns.{name}")
+        return unit_factor(unit, known[name].unit, f"columns.{name}")
 
 
 def known_columns() -> dict[str, Column]:
@@ -252,7 +266,9 @@ def load_mapping(path: Path | str) -> Mapping:
         LogError: missing, not YAML, unknown key or column, unit of another quantity; names file,
             key and what is allowed.
     """
-    return mapping_from(read_yaml(Path(path), LogError), str(path))
+    mapping = mapping_from(read_yaml(Path(path), LogError), str(path))
+    mapping._folder = Path(path).parent
+    return mapping
 
 
 def mapping_from(data: Json, where: str = "mapping") -> Mapping:

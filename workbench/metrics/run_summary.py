@@ -7,13 +7,13 @@ it.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.integrate import trapezoid
 
 from aerodima.workbench.car.tail_impulses import CAUSES, Impulses, tail_impulses
-from aerodima.workbench.car.turn_signals import turn_window
+from aerodima.workbench.car.turn_signals import SENSOR_COLUMNS, turn_window
 from aerodima.workbench.car.verdict import FLIP_TILT
 from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.control.swing_library import NO_SWING
@@ -28,6 +28,9 @@ from aerodima.workbench.scenario.ensemble import BUILT
 
 TAILS = "tails"
 """Key in `extra` of a `plant_run`: name and body of each tail force."""
+STOP = ("stop_time_s", "stop_reason")
+"""Keys in `extra` of a drive of the car that was stopped before its end: when, s after its start,
+and why. A drive that came to its end has the reason alone."""
 KM_PER_H = 3.6
 """km/h per m/s."""
 PUBLISHED_RUNS: dict[tuple[str, int], tuple[tuple[Platform, str], ...]] = {
@@ -163,13 +166,35 @@ def metrics_of_runs(run_logs: Sequence[RunLog]) -> list[Json]:
     """Returns a flat row of metrics per run: of the car (`RunMetrics.as_row`), or of other plants
     (`plant_metrics`).
 
+    The row of a drive that was stopped begins with `STOP`. That of a `car_log` begins with
+    `not_logged`, the columns of sensors that it lacks; their metrics are NaN. Where such a log
+    ended before its turn did, it has `not_measured`, the reason, in place of metrics.
+
     Raises:
         LogError: runs of a car and of another plant together; or as for `metrics_of` and
             `plant_metrics`.
     """
     if of_plants(run_logs):
         return [plant_metrics(run_log) for run_log in run_logs]
-    return [metrics_of(run_log).as_row() for run_log in run_logs]
+    return [_car_metrics(run_log) for run_log in run_logs]
+
+
+def _car_metrics(run_log: RunLog) -> Json:
+    """Returns the row of a run of the car, as `metrics_of_runs` has it."""
+    row: Json = {}
+    if STOP[0] in run_log.extra:
+        row = {key: run_log.extra.get(key) for key in STOP}
+    absent = [name for name in SENSOR_COLUMNS if name not in run_log.table]
+    if absent and run_log.kind == "car_log":
+        row["not_logged"] = ", ".join(absent)
+        table = run_log.table.assign(**dict.fromkeys(absent, math.nan))
+        run_log = replace(run_log, table=table)
+    try:
+        return row | metrics_of(run_log).as_row()
+    except LogError as error:
+        if not row:
+            raise
+        return row | {"not_measured": str(error)}
 
 
 @dataclass(frozen=True)

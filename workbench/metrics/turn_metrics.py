@@ -40,7 +40,7 @@ class Outcome:
     Attributes:
         result: `flipped` if the tilt passed 75 degrees at any time, or the run ended beyond 20
             degrees with fewer than four wheels loaded (without wheel loads in the log: beyond 20
-            degrees); else `survived`.
+            degrees); else `survived`, or `unknown` where the log has no attitude.
         clean: survived, and neither cage nor tail touched the ground, nor the board from the start
             of the turn on; None when the log cannot tell.
         max_tilt_rad: largest tilt of the body's z axis, rad.
@@ -51,7 +51,7 @@ class Outcome:
             it is meant to be while the car gathers speed, s; None when the log cannot tell.
     """
 
-    result: Literal["flipped", "survived"]
+    result: Literal["flipped", "survived", "unknown"]
     clean: bool | None
     max_tilt_rad: float
     end_tilt_rad: float
@@ -136,7 +136,7 @@ class RunMetrics:
 
 
 def metrics_of(run_log: RunLog) -> RunMetrics:
-    """Returns all metrics of a run.
+    """Returns all metrics of a run; those of a column of nothing but NaN are NaN.
 
     Raises:
         LogError: a column or scenario key is missing, NaN, unsorted time or a gap, the log ends
@@ -188,7 +188,7 @@ def turn_metrics(signals: TurnSignals, filtered: bool = False) -> TurnMetrics:
 
     def prepared(name: str, column: FloatArray) -> FloatArray:
         design = GPS_FILTER if name == "speed" else IMU_FILTER
-        if filtered:
+        if filtered and not np.isnan(column).all():
             return low_pass(signals.time, column, design, name)
         return column
 
@@ -253,8 +253,11 @@ def outcome_from(
         clean = not touched
     if flipped:
         clean = False
+    result: Literal["flipped", "survived", "unknown"] = "flipped" if flipped else "survived"
+    if math.isnan(end_tilt):
+        result = "unknown"
     return Outcome(
-        result="flipped" if flipped else "survived",
+        result=result,
         clean=clean,
         max_tilt_rad=float(np.max(tilt)),
         end_tilt_rad=end_tilt,

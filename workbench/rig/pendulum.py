@@ -314,8 +314,7 @@ class StaticBalance:
             )
         pendulum = PendulumModel.from_scenario(scenario, _UNIT_DRAG, sections=1)
         bar, drag = pendulum.strips
-        lift = replace(drag, law=_UNIT_LIFT)
-        return cls(scenario, replace(pendulum, strips=(bar, drag, lift)))
+        return cls(scenario, replace(pendulum, strips=(bar, drag, replace(drag, law=_UNIT_LIFT))))
 
     @property
     def torque_constant(self) -> float:
@@ -346,8 +345,7 @@ class StaticBalance:
             wind_speed: m/s.
             psi: direction of the wind, rad.
         """
-        jet = rig_jet(self.scenario, psi)
-        pendulum = replace(self.pendulum, jet=jet, wind_speed=wind_speed)
+        pendulum = replace(self.pendulum, jet=rig_jet(self.scenario, psi), wind_speed=wind_speed)
         rows = []
         for strip in pendulum.strips:
             load = strip_load(pendulum, strip, angle, 0.0)
@@ -371,6 +369,5 @@ class StaticBalance:
         self, angle: float, wind_speed: float, cd: float, cl: float, psi: float
     ) -> float:
         """The current that holds the tail still, A."""
-        torques = self.wind_effect(angle, wind_speed, psi)[:, 6]
-        wind = float(np.array([1.0, cd, cl]) @ torques)
+        wind = float(np.array([1.0, cd, cl]) @ self.wind_effect(angle, wind_speed, psi)[:, 6])
         return (self.pendulum.weight_torque(angle) + wind) / self.torque_constant

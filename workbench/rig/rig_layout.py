@@ -57,9 +57,7 @@ def _measured_law(name: str, lift_blend: float) -> tuple[SectionLaw, float | Non
     coefficients = load_coefficients(name)
     law = coefficients.law()
     if isinstance(coefficients, PolarTable):
-        drag = coefficients.table("cd")
-        lift = coefficients.table("cl")
-        law = PolarLaw(drag, lift, lift_blend=lift_blend)
+        law = PolarLaw(coefficients.table("cd"), coefficients.table("cl"), lift_blend=lift_blend)
     return law, coefficients.quasi_steady_limit
 
 

@@ -86,8 +86,7 @@ def cheetah_rig_sdf(scenario: RigScenario) -> SdfModel:
     side = tail.minor_axis / 2
     if scenario.experiment.axis == "minor":
         facing, side = side, facing
-    radii = (facing, side, tail.length / 2)
-    model.set_shape("tail", "tail", (0, 0, -tail.length / 2), radii=radii)
+    model.set_shape("tail", "tail", (0, 0, -tail.length / 2), radii=(facing, side, tail.length / 2))
     return model
 
 
@@ -97,8 +96,7 @@ def robot_rig_sdf(scenario: RigScenario) -> SdfModel:
     tail = scenario.robot_tail
     motor = scenario.robot_motor
     model.place_link("mount", mount_properties(scenario.mount), (0.0, 0.0, 0.0), 0.0)
-    pivot = pivot_position(scenario.mount)
-    model.place_link("tail", robot_tail_properties(tail), [*pivot], 0.0)
+    model.place_link("tail", robot_tail_properties(tail), [*pivot_position(scenario.mount)], 0.0)
     model.set_shape("tail", "rod", (0, 0, -tail.length / 2), length=tail.length)
     scale = (tail.sail_width, tail.sail_width, tail.sail_length)
     model.set_shape("tail", "sail", (0, 0, -tail.length + tail.sail_length / 2), scale=scale)

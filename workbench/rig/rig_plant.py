@@ -184,8 +184,7 @@ class Rig:
         """
         self.set_state(angle, rate, torque)
         acceleration = vector_of(self._acceleration, self._plant_context)
-        wrench = vector_of(self._wrench, self._context)
-        return RigReaction(float(acceleration[0]), np.array(wrench))
+        return RigReaction(float(acceleration[0]), np.array(vector_of(self._wrench, self._context)))
 
     def torque_of(self, current: float) -> float:
         """Motor torque along the joint axis (N m) at a current (A); positive pushes upstream.

@@ -110,8 +110,7 @@ class RigSensor(SampledSensor):
     def measure(self, context: Context, index: int) -> FloatArray:
         """Takes one sample (n,)."""
         value = vector_of(self._value, context)
-        noise = self._errors.stream.at(index)
-        return self._errors.readings(value, index / self.rate, noise)
+        return self._errors.readings(value, index / self.rate, self._errors.stream.at(index))
 
 
 def quantise(angle: float, count: float) -> float:

@@ -19,7 +19,7 @@ from pydantic.dataclasses import dataclass as pydantic_dataclass
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import EnsembleError, ScenarioError
 from aerodima.workbench.core.file_reading import Json
-from aerodima.workbench.core.key_errors import nearest
+from aerodima.workbench.core.key_errors import nearest, require_unique
 from aerodima.workbench.core.yaml_files import StrictModel, checked, find_file, read_yaml
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 
@@ -188,8 +188,5 @@ class _EnsembleFile(StrictModel):
 
     @model_validator(mode="after")
     def _names_differ(self) -> Self:
-        names = [member.name for member in self.members]
-        for name in names:
-            if names.count(name) > 1:
-                raise ValueError(f"members: duplicate name {name!r}")
+        require_unique([member.name for member in self.members], "members: name")
         return self

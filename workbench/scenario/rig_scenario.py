@@ -343,8 +343,7 @@ class RigScenario(ScenarioFile):
     @property
     def cheetah_tail(self) -> CheetahTailParameters:
         """The tail of the experiment."""
-        tails = (self.tail_1, self.tail_2, self.tail_3)
-        return tails[self.experiment.tail - 1]
+        return (self.tail_1, self.tail_2, self.tail_3)[self.experiment.tail - 1]
 
     @property
     def joint_friction(self) -> FrictionParameters:

@@ -235,7 +235,8 @@ class ScenarioFile(StrictModel):
         """Load a scenario by path, or by name from `models/scenarios`, with overrides such as
         `car.com_height=0.21`.
 
-        A file may name a scenario as its `base`, of which it then holds only what differs.
+        A file may name a scenario as its `base`, of which it then holds only what differs: a name,
+        or a path from its own folder.
 
         Args:
             name_or_path: a YAML file, or the name of a scenario that ships.
@@ -245,23 +246,25 @@ class ScenarioFile(StrictModel):
             ScenarioError: no such file or name; or as `from_dict`.
         """
         path = find_file(name_or_path, cls.folder, "scenario")
-        data = cls._with_base(read_yaml(path))
+        data = cls._with_base(read_yaml(path), path.parent)
         where = str(path)
         if settings:
             where += f" with --set {' '.join(settings)}"
         return cls.from_dict(data, where, settings)
 
     @classmethod
-    def _with_base(cls, data: dict[str, Any]) -> dict[str, Any]:
-        """Join the content of a file with that of the scenario that it names as `base`."""
+    def _with_base(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
+        """Join the content of a file in a folder with that of the scenario that it names as
+        `base`.
+        """
         base = data.pop("base", None)
         if base is None:
             return data
-        path = find_file(str(base), cls.folder, "base")
+        path = find_file(str(base), cls.folder, "base", start=folder)
         below = read_yaml(path)
         if "base" in below:
             raise ScenarioError(f"{path}: base: a scenario that is a base must not have one")
-        return _merged(below, data)
+        return merged(below, data)
 
     @classmethod
     def names(cls) -> list[str]:
@@ -311,7 +314,7 @@ class ScenarioFile(StrictModel):
     def _resolve(cls, below: Facts, overrides: Json, where: str) -> Self:
         schema = cls.model_fields["schema_"].default
         unnamed = {"schema": schema, "name": cls.default_name, **below}
-        return checked(cls, _merged(unnamed, overrides), where, schema=schema)
+        return checked(cls, merged(unnamed, overrides), where, schema=schema)
 
     @classmethod
     def _with_new_keys(cls, overrides: Json) -> Json:
@@ -335,7 +338,7 @@ class ScenarioFile(StrictModel):
         return result
 
 
-def _merged(below: Facts, above: Facts) -> Json:
+def merged(below: Facts, above: Facts) -> Json:
     """Join two scenarios section by section; where both have a value, that of `above` holds."""
     merged = dict(below)
     for key, value in above.items():

@@ -297,13 +297,12 @@ def swing_at(swing: SwingFile, time: ArrayLike, direction: Direction | None = No
     side = 1.0 if direction in (None, swing.direction) else -1.0
     roll, roll_rate = hermite(t, times, *swing.knots.states("roll"))
     pitch, pitch_rate = hermite(t, times, *swing.knots.states("pitch"))
-    roll_torque = _torque(t, times, swing.knots.roll_torque_n_m)
     return SwingPoint(
         roll_position=side * roll,
         roll_velocity=side * roll_rate,
         pitch_position=pitch,
         pitch_velocity=pitch_rate,
-        roll_torque=side * roll_torque,
+        roll_torque=side * _torque(t, times, swing.knots.roll_torque_n_m),
         pitch_torque=_torque(t, times, swing.knots.pitch_torque_n_m),
     )
 

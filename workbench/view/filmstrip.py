@@ -28,6 +28,8 @@ _AFTER = 0.75
 """Time shown after the turn, s."""
 _TIPPING = np.radians(35.0)
 """Tilt from which a car is shown as tipping, rad."""
+_ASIDE = np.radians(20.0)
+"""Roll of a tail that is on one side, rad; one that plays about the middle passes over nothing."""
 _MIN_DISTANCE = 0.05
 """Shortest time between two pictures, s, where the run leaves the room."""
 FRAME = (440, 470)
@@ -66,12 +68,15 @@ def key_frames(run_log: RunLog) -> dict[str, int]:
 
 
 def _tail_on_top(run_log: RunLog, signals: TurnSignals) -> float | None:
-    """Finds when a tail that swings stands straight up, s; None if it does not."""
-    side = np.sign(run_log.signal("tail_roll_angle_rad"))
-    changes = side[1:] * side[:-1] < 0
-    passes = np.flatnonzero(changes & signals.from_start[1:])
+    """Finds when a tail that swings from one side to the other stands straight up, s; None if it
+    does not.
+    """
+    angle = run_log.signal("tail_roll_angle_rad")
+    aside = np.flatnonzero((np.abs(angle) > _ASIDE) & signals.from_start)
+    passes = np.flatnonzero(np.diff(np.sign(angle[aside])))
     if passes.size:
-        return float(signals.time[passes[0] + 1])
+        first, last = aside[passes[0] : passes[0] + 2]
+        return float(signals.time[first + np.argmin(np.abs(angle[first:last]))])
     return None
 
 
@@ -98,8 +103,7 @@ def _kept_upright(run_log: RunLog, signals: TurnSignals) -> dict[str, float]:
 def _rollover(run_log: RunLog, signals: TurnSignals) -> dict[str, float]:
     """Gives the time (s) of each label for a car that rolls over."""
     start = signals.window[0]
-    highest = float(signals.time[np.argmax(signals.tilt)])
-    over = _first(signals, signals.tilt > np.pi / 2, highest)
+    over = _first(signals, signals.tilt > np.pi / 2, float(signals.time[np.argmax(signals.tilt)]))
     return {
         "before the turn": start - _BEFORE,
         "turning in": _turning_in(run_log, signals),
@@ -125,8 +129,7 @@ def _first(signals: TurnSignals, condition: BoolArray, otherwise: float) -> floa
 
 def _spread(times: FloatArray, first: float, last: float) -> FloatArray:
     """Moves ordered times (s) inside the log, and apart as far as it has room."""
-    gap = min(_MIN_DISTANCE, (last - first) / times.size)
-    shifts = gap * np.arange(times.size)
+    shifts = min(_MIN_DISTANCE, (last - first) / times.size) * np.arange(times.size)
     apart = np.maximum.accumulate(np.maximum(times - shifts, first))
     return np.minimum(apart, last - shifts[-1]) + shifts
 
@@ -142,8 +145,7 @@ def write_strip(run_log: RunLog, path: Path | str, *, force: bool = False) -> Pa
         UserError: the file exists or cannot be written, or there is no renderer (`check_renderer`).
         LogError: the log cannot be replayed, see `add_logged_run`.
     """
-    figure = filmstrip_figure(run_log)
-    write = partial(figure.savefig, format="png", metadata={"Software": None})
+    write = partial(filmstrip_figure(run_log).savefig, format="png", metadata={"Software": None})
     return write_atomically(Path(path), write, force, UserError)
 
 
@@ -171,8 +173,7 @@ def filmstrip_figure(run_log: RunLog) -> Figure:
     )
     margin = 2 * _GAP / width
     title(margin, s=f"{caption.name}: {caption.facts}", ha="left")
-    colour = RESULT_COLOURS[caption.result]
-    title(1 - margin, s=caption.outcome, ha="right", color=colour)
+    title(1 - margin, s=caption.outcome, ha="right", color=RESULT_COLOURS[caption.result])
     return figure
 
 

@@ -17,6 +17,7 @@ from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.atomic_write import refuse_existing
 from aerodima.workbench.core.errors import LogError, UserError
 from aerodima.workbench.core.file_reading import Facts, Json
+from aerodima.workbench.core.key_errors import require_unique
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.logs.recorder import (
     LogSink,
@@ -111,15 +112,10 @@ class ObservedRun:
     ) -> None:
         """Adds the recorder of these ports; LogError when two columns have one name."""
         # What cannot be read is not written.
-        encoded = encode_metadata(metadata)
-        decode_metadata({METADATA_KEY: encoded}, "observe")
+        decode_metadata({METADATA_KEY: encode_metadata(metadata)}, "observe")
         self._columns = recorded_columns(signals)
         self._metadata = metadata
-        twice = sorted({name for name in self._columns if self._columns.count(name) > 1})
-        if twice:
-            raise LogError(
-                f"observe: column(s) named twice: {', '.join(twice)}; give the ports other names"
-            )
+        require_unique(self._columns, "observe: column of a port", LogError)
         RunRecorder.add_to_builder(builder, self, signals, rate, step)
 
 

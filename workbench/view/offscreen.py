@@ -203,8 +203,7 @@ class OffscreenRun:
         self.logged = logged
         light = partial(LightParameter, type="directional")
         sun = light(direction=-_SUN, frame="world", intensity=_SUNLIGHT)
-        ahead = np.array([0.0, 0.0, 1.0])
-        lamp = light(direction=ahead, frame="camera", intensity=_LAMP)
+        lamp = light(direction=np.array([0.0, 0.0, 1.0]), frame="camera", intensity=_LAMP)
         parameters = RenderEngineVtkParams(default_clear_color=_CLEAR / 255.0, lights=[sun, lamp])
         logged.scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(parameters))
         self._diagram = builder.Build()
@@ -235,8 +234,7 @@ class OffscreenRun:
         self.logged.move(self._plant_context, row)
         picture, floor = floor_picture(camera, self.logged.floor)
         if floor.size:
-            shadow = self._shadow(row, floor)
-            picture[-len(floor) :] *= 1.0 - (1.0 - _SHADOW) * shadow[..., None]
+            picture[-len(floor) :] *= 1.0 - (1.0 - _SHADOW) * self._shadow(row, floor)[..., None]
         pixels = np.round(255.0 * picture).astype(np.uint8)
         drawn = self._robot(camera)
         seen = np.any(drawn != _CLEAR, axis=-1)
@@ -270,8 +268,7 @@ class OffscreenRun:
         sun = Camera(middle + _SUN_DISTANCE * _SUN, middle, focal_length, _SUN_PIXELS, _SUN_PIXELS)
         hidden = np.any(self._robot(sun) != _CLEAR, axis=-1).astype(float)
         columns, rows, _ = np.moveaxis(sun.project(floor), -1, 0)
-        places = [rows - 0.5, columns - 0.5]
-        return np.asarray(map_coordinates(hidden, places, order=1, cval=0.0))
+        return np.asarray(map_coordinates(hidden, [rows - 0.5, columns - 0.5], order=1, cval=0.0))
 
 
 def _draw_line(

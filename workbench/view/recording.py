@@ -94,8 +94,7 @@ def frame_rows(time: FloatArray, rate: float) -> tuple[IntArray, float]:
     length = float(time[-1] - time[0]) / rate
     steps = min(round(length * FRAMES_PER_SECOND), MAX_FRAMES)
     count = max(2, steps + 1)
-    frames = np.linspace(time[0], time[-1], count)
-    return nearest_rows(time, frames), (count - 1) / length
+    return nearest_rows(time, np.linspace(time[0], time[-1], count)), (count - 1) / length
 
 
 def nearest_rows(time: FloatArray, wanted: FloatArray) -> IntArray:
@@ -176,16 +175,14 @@ def tube(points: FloatArray) -> tuple[FloatArray, NDArray[np.int32]]:
         along = np.gradient(points, axis=0)
     side = _unit(np.cross(along, [0.0, 0.0, 1.0]), [0.0, 1.0, 0.0])
     up = _unit(np.cross(side, along), [0.0, 0.0, 1.0])
-    corners = np.stack([side, up, -side, -up], axis=1)
-    rings = points[:, None, :] + _TRACE_RADIUS * corners
+    rings = points[:, None, :] + _TRACE_RADIUS * np.stack([side, up, -side, -up], axis=1)
     corner = np.arange(4)
     first = 4 * np.arange(len(points) - 1)[:, None]
     a = first + corner
     b = first + (corner + 1) % 4
     next_b = b + 4
     faces = np.stack([a, a + 4, next_b, a, next_b, b], axis=-1).reshape(-1, 3)
-    vertices = rings.reshape(-1, 3)
-    return np.asfortranarray(vertices.T), np.asfortranarray(faces.T.astype(np.int32))
+    return np.asfortranarray(rings.reshape(-1, 3).T), np.asfortranarray(faces.T.astype(np.int32))
 
 
 def _unit(vectors: FloatArray, otherwise: list[float]) -> FloatArray:

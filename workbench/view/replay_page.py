@@ -228,8 +228,7 @@ def replays_in_step(
 def _library(page: str) -> str:
     """Cuts out the first script of Drake's page, which is equal in all: Meshcat itself."""
     start = page.index("<script")
-    end = page.index("</script>", start)
-    return page[start:end] + "</script>"
+    return page[start : page.index("</script>", start)] + "</script>"
 
 
 def _settings(

@@ -184,9 +184,7 @@ def thinned(values: FloatArray, count: int) -> FloatArray:
     length = _stretch_length(values.size, count)
     padding = np.full(-values.size % length, values[-1])
     stretches = np.concatenate([values, padding]).reshape(-1, length)
-    smallest = np.argmin(stretches, axis=1)
-    largest = np.argmax(stretches, axis=1)
-    extremes = np.column_stack([smallest, largest])
+    extremes = np.column_stack([np.argmin(stretches, axis=1), np.argmax(stretches, axis=1)])
     return np.take_along_axis(stretches, np.sort(extremes, axis=1), axis=1).ravel()
 
 

@@ -93,8 +93,7 @@ def plant_shapes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Json]:
             continue
         for kind, size, X_GS in parts:
             X_BS = inspector.GetPoseInFrame(geometry) @ X_GS
-            quaternion = X_BS.rotation().ToQuaternion()
-            pose = [*quaternion.wxyz(), *X_BS.translation()]
+            pose = [*X_BS.rotation().ToQuaternion().wxyz(), *X_BS.translation()]
             scene.append({**look, "kind": kind, "size": size, "pose": list(map(float, pose))})
     return scene
 
@@ -151,8 +150,7 @@ def _outermost(points: FloatArray) -> FloatArray:
     """
     if len(points) <= MAX_POINTS:
         return points
-    farthest = np.argmax(_directions() @ points.T, axis=1)
-    return np.asarray(points[np.unique(farthest)])
+    return np.asarray(points[np.unique(np.argmax(_directions() @ points.T, axis=1))])
 
 
 def shape_points(entry: Facts) -> FloatArray:
@@ -164,8 +162,7 @@ def shape_points(entry: Facts) -> FloatArray:
     elif entry["kind"] == "cylinder":
         across = _directions()[:, :2]
         across /= np.linalg.norm(across, axis=1, keepdims=True)
-        ends = np.resize((-0.5, 0.5), MAX_POINTS)
-        points = np.column_stack([size[0] * across, size[1] * ends])
+        points = np.column_stack([size[0] * across, size[1] * np.resize((-0.5, 0.5), MAX_POINTS)])
     elif entry["kind"] != "hull":
         points = size * _directions()
     X_BS = shape_pose(entry)

@@ -143,8 +143,7 @@ class Film:
         shown = self._shown[index]
         picture = shown.picture(row, shown.camera(row, self._azimuth, self._place, self._panel))
         text = state_caption(shown.logged.run_log, row)
-        place = (10, self._panel[1] - 26)
-        ImageDraw.Draw(picture).text(place, text, fill=_INK, font=_font(14))
+        ImageDraw.Draw(picture).text((10, self._panel[1] - 26), text, fill=_INK, font=_font(14))
         return picture
 
 

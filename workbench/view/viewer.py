@@ -133,14 +133,11 @@ def draw_ground(meshcat: Meshcat, area: Area, height: float = 0.0) -> None:
     """
     x0, x1, y0, y1 = area
     meshcat.SetTransform(GROUND, RigidTransform(np.array([0.0, 0.0, height])))
-    floor = Box(x1 - x0, y1 - y0, 0.01)
-    meshcat.SetObject(f"{GROUND}/floor", floor, _FLOOR)
+    meshcat.SetObject(f"{GROUND}/floor", Box(x1 - x0, y1 - y0, 0.01), _FLOOR)
     middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, -0.012])
     meshcat.SetTransform(f"{GROUND}/floor", RigidTransform(middle))
-    fine = _grid_lines(area, _FINE_STEP, -0.004)
-    meshcat.SetLineSegments(f"{GROUND}/fine", *fine, 1.0, _FINE)
-    metre = _grid_lines(area, 1.0, -0.001)
-    meshcat.SetLineSegments(f"{GROUND}/metre", *metre, 1.0, _METRE)
+    meshcat.SetLineSegments(f"{GROUND}/fine", *_grid_lines(area, _FINE_STEP, -0.004), 1.0, _FINE)
+    meshcat.SetLineSegments(f"{GROUND}/metre", *_grid_lines(area, 1.0, -0.001), 1.0, _METRE)
 
 
 def _grid_lines(area: Area, step: float, height: float) -> tuple[FloatArray, FloatArray]:
@@ -153,9 +150,7 @@ def _grid_lines(area: Area, step: float, height: float) -> tuple[FloatArray, Flo
     along_y = np.array(list(product(across_x, np.arange(y0, y1), [height])))
     along_x = np.array(list(product(across_y, np.arange(x0, x1), [height])))[:, [1, 0, 2]]
     x, y, _ = np.eye(3)
-    start = np.vstack([along_y, along_x])
-    end = np.vstack([along_y + y, along_x + x])
-    return start.T, end.T
+    return np.vstack([along_y, along_x]).T, np.vstack([along_y + y, along_x + x]).T
 
 
 class ChaseCamera:
@@ -190,10 +185,8 @@ class ChaseCamera:
         heading = math.atan2(ahead[1], ahead[0])
         if self._meshcat is not None:
             place = np.array([*X_WB.translation()[:2], 0.0])
-            turn = RotationMatrix.MakeZRotation(-heading)
-            turned = RigidTransform(turn, np.zeros(3))
+            turned = RigidTransform(RotationMatrix.MakeZRotation(-heading), np.zeros(3))
             self._meshcat.SetTransform(WORLD, turned @ RigidTransform(-place))
             # The ground moves by whole metres: its lines stay in place.
             self._meshcat.SetTransform(GROUND, RigidTransform(np.round(place)))
-        speed = float(np.hypot(velocity[0], velocity[1]))
-        return speed, heading
+        return float(np.hypot(velocity[0], velocity[1])), heading

@@ -80,6 +80,7 @@ WRONG = {
     "profile": ({"firmware_profile": "ak70_10_v9"}, "ak70_10_v9"),
     "ids": ({"tail_roll": {"motor_id": 1}}, "id 1"),
     "id": ({"tail_roll": {"motor_id": 64}}, "tail_roll.motor_id", "64"),
+    "degrees": ({"tail_roll": {"motor_id": 2, "zero": 90.0}}, "tail_roll.zero", "90", "rad"),
     "v3": ({"firmware_profile": "V3.0"}, "V3.0"),
     "rate": ({"imu": {"path": "/dev/b", "rate": 0}}, "imu.rate", "0"),
 }

@@ -69,6 +69,13 @@ REFUSED = {
 }  # fmt: skip
 
 
+def test_a_proposed_watchdog_test_has_the_scenario_and_the_ports_of_the_user():
+    Path("my car.yaml").write_text("base: field\nmanoeuvre: {kind: auto_turn}\n")
+    command = "`aerodima drive watchdog-test 'my car.yaml' --ports ports.json --wiring"
+    for words in (["run"], ["motor-test", "--joint", "tail_pitch", "--arm"]):
+        refused(words[0], "my car.yaml", *words[1:], "--ports", ports(), named=[command])
+
+
 @pytest.mark.parametrize("row", REFUSED.values(), ids=REFUSED)
 def test_what_is_wrong_is_named_in_the_last_line_and_nothing_is_written(row):
     words, changes, *named = row

@@ -136,6 +136,42 @@ def test_a_fault_ends_the_run_with_a_log_up_to_it(tmp_path, run):
     assert all(command.throttle == 0.0 for command in wiring.commands[51:])
 
 
+@pytest.mark.parametrize("run", [plain, diagram], ids=["plain", "diagram"])
+def test_the_log_has_the_commands_that_were_sent_also_of_a_stopped_drive(tmp_path, run):
+    wiring = FakeWiring()
+    real = wiring.read
+
+    def read(now):
+        if len(wiring.commands) == 90:  # while the sequence steers and drives
+            wiring.faults["operator"] = SourceFault.STOPPED
+        return real(now)
+
+    wiring.read = read
+    _, stopped = run(tmp_path / "run.parquet", wiring)
+    log = read_run_log(tmp_path / "run.parquet")
+    sent = wiring.commands[-len(log.time) - 1 : -1]
+    assert log.time[-1] > stopped + 0.05
+    assert log.signal("throttle_command") == pytest.approx([one.throttle for one in sent])
+    steering = log.signal("steering_command_rad")
+    assert steering == pytest.approx([one.steering_angle for one in sent])
+    after = log.time > stopped + PERIOD
+    assert steering[~after].max() > 0.1
+    assert log.signal("throttle_command")[~after].max() > 0.1
+    assert not steering[after].any()
+    assert not log.signal("throttle_command")[after].any()
+
+
+def test_a_dry_run_logs_what_the_pilot_commands(tmp_path):
+    clock = Time()
+    wiring = FakeWiring()
+    guard = CarGuard(wiring, SAFETY)
+    journal = open_run_journal(tmp_path / "run.parquet", SCENARIO, "watched_can")
+    run_loop(guard, AutoPilot(SCENARIO), SCENARIO, 2.0, journal, clock, clock.wait)
+    log = read_run_log(journal.close())
+    assert log.signal("steering_command_rad").max() > 0.1
+    assert not any(command.throttle for command in wiring.commands)
+
+
 def test_the_operator_drives_by_radio_within_the_servo():
     pilot = ManualPilot(SCENARIO)
     operator = OperatorCommand(RadioMode.MANUAL, 0.2, -0.9, 0.1, 0.4)

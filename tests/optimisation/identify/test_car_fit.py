@@ -4,6 +4,7 @@ the intervals.
 
 import math
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 
 from aerodima.optimisation.identify.car_fit import fit_car, prior_range, unknowns
 from aerodima.optimisation.identify.car_log import TAIL, CarDrive, LoggedCommands, car_drive
+from aerodima.optimisation.identify.fit_report import format_estimate, write_report
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.logs.schema import RunLog, write_run_log
 from aerodima.workbench.scenario.scenario import load_scenario
@@ -172,14 +174,21 @@ class Stepped(Formula):
     per_step = 0.02
 
 
+class Gentle(Formula):
+    def run(self, *arguments):
+        motion = super().run(*arguments)
+        return {**motion, "lateral_acceleration": 0.5 * motion["lateral_acceleration"]}
+
+
 TRUTH = {"tyre_friction": 0.61, "tyre_slip_angle": 0.12}
 
 
-def fit_of_formula(kind, noise):
+@cache
+def fit_of_formula(kind, noise, delay=0.03):
     """Of a log of a formula without steps, with noise in units of what its sensors have."""
     base = car_drive(still_log())
     drive = kind(**vars(base))
-    sampled = drive.sampled(drive.run(TRUTH, 3.0, 3.2, 0.0, 0.0), 0.03)
+    sampled = drive.sampled(drive.run(TRUTH, 3.0, 3.2, 0.0, 0.0), delay)
     rng = np.random.default_rng(5)
     channels = {}
     for name, channel in drive.channels.items():
@@ -213,6 +222,37 @@ def test_what_the_step_of_the_plant_does_is_taken_off_and_in_the_interval():
     friction = fit_of_formula(Stepped, 0.3)["tyre_friction"]
     assert friction.value == pytest.approx(0.61, abs=0.007)
     assert friction.standard_deviation == pytest.approx(0.005, rel=0.3)
+
+
+def test_friction_is_a_lower_bound_where_the_tyres_use_little_of_it():
+    """7 and 3.5 m/s2 per friction are 0.71 and 0.36 of it; the limit is 0.6."""
+    hard = fit_of_formula(Formula, 0.3)
+    assert hard.facts["friction_used"] == pytest.approx(7.0 / 9.81, abs=0.006)
+    assert math.isfinite(hard["tyre_friction"].upper)
+    gentle = fit_of_formula(Gentle, 0.3)
+    assert gentle.facts["friction_used"] == pytest.approx(3.5 / 9.81, abs=0.006)
+    friction = gentle["tyre_friction"]
+    assert friction.lower == pytest.approx(0.61, abs=0.05)
+    assert friction.upper == math.inf
+    assert format_estimate(friction).endswith(" .. inf)")
+    (warning,) = [text for text in gentle.warnings if "lower bound" in text]
+    assert_named(warning, ["tyre_friction", "0.36", "0.6"])
+
+
+def test_a_delay_is_not_below_zero_and_stopping_there_is_a_warning():
+    found = fit_of_formula(Formula, 0.3, delay=-0.02)
+    assert found["delay"].value == 0.0
+    assert found["delay"].bound == "lower"
+    assert any("delay" in warning for warning in found.warnings)
+
+
+def test_the_report_draws_log_and_model_of_every_channel(tmp_path):
+    found = fit_of_formula(Formula, 0.3)
+    assert set(found.curves) == {"yaw_rate", "roll_rate", "lateral_acceleration", "speed"}
+    curve = found.curves["yaw_rate"]
+    assert curve["labels"][1] == "yaw rate, rad/s"
+    assert curve["model"] == pytest.approx(curve["measured"], abs=0.1)
+    assert tmp_path / "curves.png" in write_report(tmp_path, "Cars", [found])
 
 
 UNKNOWNS = ("tyre_friction", "tyre_slip_angle", "com_height", "delay", "gyro_bias_z")

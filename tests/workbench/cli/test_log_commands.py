@@ -1,6 +1,7 @@
 """`aerodima log metrics` and `aerodima log recover`."""
 
-from dataclasses import asdict
+import math
+from dataclasses import asdict, replace
 
 import numpy as np
 import pandas as pd
@@ -8,7 +9,7 @@ import pytest
 
 from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.logs.journal import journal_path
-from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.logs.schema import read_run_log, write_run_log
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.scenario.scenario import scenario_from_dict
 from tests.commands import done
@@ -27,6 +28,24 @@ def test_metrics_prints_and_writes_the_eight_raw_and_filtered(tailless, tmp_path
             assert written[prefix + name] == pytest.approx(value, rel=1e-12)
     assert written["outcome"] == "survived"
     assert shown["touched"] == "none"
+
+
+@pytest.mark.parametrize("measured", [True, False])
+def test_metrics_and_comparison_name_the_stop_of_a_drive(tailless, tmp_path, measured):
+    """Where the drive ended before its turn did, that is said in place of its metrics."""
+    start = tailless.scenario["manoeuvre"]["turn_start"]
+    kept = tailless.time < (math.inf if measured else start + 0.1)
+    facts = {"stop_time_s": 2.05, "stop_reason": "the operator asked for an emergency stop"}
+    table = tailless.table[kept].reset_index(drop=True)
+    path = tmp_path / "stopped.parquet"
+    write_run_log(replace(tailless, table=table, extra=facts), path)
+    for command in (["metrics", path], ["compare", path, tailless.source]):
+        told = done("log", *command)
+        lines = {line.split()[0]: line for line in told.splitlines() if line}
+        assert "2.05" in lines["stop_time_s"]
+        assert facts["stop_reason"] in lines["stop_reason"]
+        assert ("not_measured" in lines) is not measured
+        assert measured == ("survived" in lines.get("outcome", "").split()[1:2])
 
 
 def test_metrics_names_the_file_that_is_no_log(refused, untouched):

@@ -12,7 +12,7 @@ from scipy.io import savemat
 
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.importers import import_log, read_foreign_log
-from aerodima.workbench.logs.log_findings import refuse_implausible, refuse_inconsistent_rates
+from aerodima.workbench.logs.log_findings import implausible_values, inconsistent_rates
 from aerodima.workbench.logs.mapping import CsvFormat, mapping_from
 from tests.refusals import assert_named, assert_refused
 
@@ -342,6 +342,24 @@ def test_what_makes_every_figure_wrong_is_named(tmp_path, table, mapping, named)
     assert_refused(lambda: import_log(path, swing_mapping(**mapping)), LogError, "log.csv", *named)
 
 
+def test_all_that_is_wrong_is_named_at_once(tmp_path):
+    """Text, two wrong units, a sign, a name that is not there, and the scenario."""
+    columns = {
+        "force_y_n": {"from": "Fy"},
+        "current_a": {"from": "I", "unit": "A"},
+        "force_x_n": {"from": "Fx"},
+        "angular_velocity_rad_per_s": TURNED,
+        "torque_x_n_m": {"from": "mx"},
+    }
+    table = with_cell(7, "Fy", "OVERLOAD").assign(I=1500.0, Fx=2000.0)
+    mapping = swing_mapping(columns=columns, scenario={"base": "cheetha"})
+    assert_refused(
+        lambda: import_log(write_csv(tmp_path, table), mapping),
+        LogError,
+        *("OVERLOAD", "1500 A", "2000 N", "-1 times", "'mx'", "'cheetha'"),
+    )
+
+
 def test_a_column_of_another_length_needs_times_of_its_own(tmp_path):
     savemat(tmp_path / "a.mat", {**foreign(), "g": np.ones(10)})
     mapping = swing_mapping(columns={"current_a": {"from": "g"}})
@@ -353,6 +371,7 @@ def test_a_column_of_another_length_needs_times_of_its_own(tmp_path):
     [
         ("angle_rad", "rad", 6.5, 7.0),
         ("imu_yaw_rad", "rad", 99.0, 101.0),
+        ("steering_command_rad", "rad", 1.5, 3.0),
         ("sail_angle_rad", "rad", 99.0, 101.0),
         ("angular_velocity_rad_per_s", "rad/s", 59.0, 61.0),
         ("imu_acceleration_y_m_per_s2", "m/s2", 299.0, 301.0),
@@ -366,12 +385,13 @@ def test_values_beyond_what_is_plausible_betray_a_wrong_unit(column, unit, plaus
 
     def check(value, largest=None):
         table = pd.DataFrame({"time_s": [0.0, 0.01, 0.02], column: [0.0, value, np.nan]})
-        refuse_implausible(table, {column: unit}, {column: largest}, "log.csv")
+        return implausible_values(table, {column: unit}, {column: largest})
 
-    check(plausible)
-    check(-wrong, largest=1.1 * wrong)
+    assert not check(plausible)
+    assert not check(-wrong, largest=1.1 * wrong)
     for value in (wrong, -wrong):
-        assert_refused(lambda value=value: check(value), LogError, column, f"{value:g}", "0.01 s")
+        (problem,) = check(value)
+        assert_named(problem, [column, f"{value:g} {unit}", "0.01 s"])
 
 
 @pytest.mark.parametrize(
@@ -403,9 +423,10 @@ def test_an_acceleration_that_is_not_that_of_the_car_is_named(axis, scale, offse
     table = pd.DataFrame({"time_s": TIMES, "speed_m_per_s": 4.0 + ANGLE})
     table["imu_gyro_z_rad_per_s"] = RATE
     right = {"x": RATE, "y": table.speed_m_per_s * RATE, "z": 0.1 * RATE}[axis]
-    refuse_inconsistent_rates(table.assign(**{name: right}), "log.csv")
+    assert not inconsistent_rates(table.assign(**{name: right}))
     table[name] = scale * right + offset
-    assert_refused(lambda: refuse_inconsistent_rates(table, "log.csv"), LogError, name)
+    (problem,) = inconsistent_rates(table)
+    assert name in problem
 
 
 def test_the_checks_of_units_give_way_when_told(tmp_path):

@@ -1,9 +1,13 @@
 import math
 
+import numpy as np
+import pandas as pd
 import pytest
 
-from aerodima.workbench.core.errors import LogError
+from aerodima.workbench.core.errors import LogError, UserError
+from aerodima.workbench.logs.importers import import_log
 from aerodima.workbench.logs.mapping import load_mapping, mapping_from, unit_factor, unit_in_name
+from aerodima.workbench.scenario.scenario import load_scenario
 from tests.refusals import assert_refused
 
 MAPPING = {
@@ -106,6 +110,10 @@ ANGLE = {"from": "a"}
         ({"columns": {"time_s": {"from": "t"}}}, ["columns.time_s", "`time`"]),
         ({"columns": {"current_a": {"from": "I"}}}, ["'swing'", "angle_rad"]),
         (
+            {"columns": {"angle_deg": ANGLE, "time_s": ANGLE, "current_a": {**ANGLE, "unit": "m"}}},
+            ["columns.angle_deg", "columns.time_s", "columns.current_a", "needs angle_rad"],
+        ),
+        (
             {"metadata": {"wind_speed_m_per_s": {"value": 1, "unit": "mA"}}},
             ["metadata.wind_speed_m_per_s", "'mA'"],
         ),
@@ -113,6 +121,30 @@ ANGLE = {"from": "a"}
 )
 def test_a_wrong_mapping_names_the_place(change, named):
     assert_refused(lambda: mapping_from(changed(**change), "f.yaml"), LogError, "f.yaml", *named)
+
+
+def test_a_scenario_file_is_found_from_the_mapping_that_names_it(tmp_path, monkeypatch):
+    """Also from another working folder, where a file of that name is another car."""
+    folder = tmp_path / "logs"
+    elsewhere = tmp_path / "elsewhere"
+    for place, mass in ((folder / "cars", 3.9), (elsewhere / "cars", 2.0)):
+        place.mkdir(parents=True)
+        (place / "mine.yaml").write_text(f"base: f1tenth\ncar: {{mass: {mass}}}\n")
+    pd.DataFrame({"t": np.arange(50) / 50.0, "v": 3.0}).to_csv(folder / "log.csv", index=False)
+    head = "schema: aerodima/log-mapping/1\nkind: car_log\ntime: {from: t}\n"
+    columns = "columns: {speed_m_per_s: {from: v}}\n"
+    mapping = folder / "mapping.yaml"
+    monkeypatch.chdir(elsewhere)
+
+    def mass_of(base):
+        mapping.write_text(f"{head}{columns}scenario: {{base: {base}}}\n")
+        log = import_log(folder / "log.csv", load_mapping(mapping)).run_log
+        return log.scenario["car"]["mass"]
+
+    assert mass_of("cars/mine.yaml") == 3.9
+    assert mass_of(elsewhere / "cars/mine.yaml") == 2.0
+    assert mass_of("f1tenth") == load_scenario("f1tenth").car.mass
+    assert_refused(lambda: mass_of("none.yaml"), UserError, str(folder / "none.yaml"))
 
 
 def test_a_file_that_is_missing_or_not_yaml_is_named(tmp_path):

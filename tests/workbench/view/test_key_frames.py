@@ -57,6 +57,16 @@ def test_swing_shows_the_tail_on_top():
     assert moments["tail over the top"] == pytest.approx(2.4, abs=0.004)
 
 
+@pytest.mark.parametrize(
+    "angle",
+    [np.radians(5.0 * np.sin(30.0 * times())), hump(2.4, 1.2) - 0.05],
+    ids=["about the middle", "to one side and back"],
+)
+def test_a_tail_that_does_not_change_sides_does_not_go_over_the_top(angle):
+    moments = told(run_with(roll_truth_rad=hump(2.6, 0.2), tail_roll_angle_rad=angle))
+    assert list(moments)[2:4] == ["peak roll", "recovering"]
+
+
 def test_rollover():
     tilt = np.clip((times() - 2.2) * np.radians(90.0), 0.0, np.pi)  # 90 deg/s from 2.2 s on
     moments = told(run_with(tilt_truth_rad=tilt, roll_truth_rad=tilt))
