@@ -273,6 +273,10 @@ def train(
     ],
     work: cli.WorkOptions,
     options: CaseOptions,
+    candidate: Annotated[
+        str,
+        typer.Option(help="feedback, rollover-control or feedback-rollover-control."),
+    ] = "feedback",
     cars: Annotated[int, typer.Option(help="So many of the training cars.", min=1)] = 6,
     laws: Annotated[int, typer.Option(help="Of a generation.", min=4)] = 16,
     generations: Annotated[int, typer.Option(help="Of a round.", min=1)] = 60,
@@ -284,9 +288,10 @@ def train(
         typer.Option(help="Spread of the first generation, as a share of the ranges."),
     ] = 0.1,
 ) -> None:
-    """Search the numbers of the feedback law.
+    """Search the numbers of the feedback law or of a rollover control.
 
-    For swerves of reduced training cars; they are written as candidates.yaml.
+    For swerves of reduced training cars; they are written as candidates.yaml. A rollover control is
+    trained for a driver at full lock, without tail or together with the law.
 
     Example: aerodima swing train --cars 2 --laws 4 --generations 1 --rounds 1 --out out/train
     """
@@ -294,7 +299,13 @@ def train(
     search = optimisation.LawSearch(laws, generations, options.seed, around, rounds)
     with _new_file(path, work) as runs:
         optimisation.train_law(
-            out, search, cars=cars, runs=runs, force=work.force, **options.arguments()
+            out,
+            search,
+            candidate=candidate,
+            cars=cars,
+            runs=runs,
+            force=work.force,
+            **options.arguments(),
         )
     typer.echo(f"found: {path}")
     typer.echo(f"judge it: aerodima swing judge --candidate {path} --out {out / 'judge'}")

@@ -27,7 +27,7 @@ from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 
 SCHEMA = "aerodima/candidates/1"
 Settings = tuple[str, ...]
-ALLOWED_SECTIONS = ("tail.", "controller.", "feedback.")
+ALLOWED_SECTIONS = ("tail.", "controller.", "feedback.", "rollover_control.")
 """A setting of a candidate begins with one of these."""
 SWINGING = ("tail.mode=swing", "controller.swing_file=none")
 SWERVE = "swerve"
@@ -58,6 +58,11 @@ class Candidate:
     ballasts: tuple[Callable[[Scenario], Settings], ...] = ()
     limit: float = math.inf
     law: str = ""
+
+    @property
+    def is_at_full_lock(self) -> bool:
+        """Whether its driver turns the wheels to the stop: it has a rollover control."""
+        return any(setting.startswith("rollover_control.gain=") for setting in self.settings)
 
     def at(self, speed: float) -> Settings:
         """Returns the settings of a turn at a speed, m/s."""
@@ -104,7 +109,7 @@ def _check_section(setting: str) -> str:
     if not setting.strip().startswith(ALLOWED_SECTIONS) or "=" not in setting:
         raise ValueError(
             f"{setting!r} is no setting of a candidate; must be KEY=... of tail, controller, "
-            "feedback"
+            "feedback, rollover_control"
         )
     return setting
 

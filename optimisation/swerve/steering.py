@@ -14,6 +14,7 @@ from aerodima.optimisation.swerve.aims import score
 from aerodima.optimisation.swerve.evolution import evolve
 from aerodima.workbench.car.reduced.swerves import LEVELS, STEERING
 from aerodima.workbench.car.swerve import Swerve
+from aerodima.workbench.control.rollover_control import max_angle
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
@@ -139,8 +140,8 @@ def limited_angle(scenario: Scenario, acceleration: float | FloatArray) -> Float
     """Returns the angle (rad) at which the kinematic car has a lateral acceleration, m/s2, at most
     the servo's limit.
     """
-    curvature = acceleration / scenario.manoeuvre.speed**2
-    return np.minimum(np.arctan(scenario.car.wheelbase * curvature), scenario.servo.limit)
+    angle = max_angle(scenario.car.wheelbase, acceleration, scenario.manoeuvre.speed)
+    return np.minimum(angle, scenario.servo.limit)
 
 
 def limited_steering(scenario: Scenario, acceleration: float | FloatArray) -> FloatArray:

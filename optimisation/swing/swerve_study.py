@@ -21,7 +21,10 @@ from aerodima.optimisation.swerve.steering_limit import tune_limit
 from aerodima.optimisation.swerve.suite import SUITE, ensemble_cases, select_candidates
 from aerodima.optimisation.swing.bound import BoundEffort
 from aerodima.optimisation.swing.comparison import compare_swerves
+from aerodima.optimisation.swing.control_training import train_rollover_control
 from aerodima.optimisation.swing.feedback_training import LawSearch, train_feedback
+from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.core.key_errors import nearest
 
 DEFAULT_AIMS = ("aside-0.5",)
 """Aims of a comparison unless others are asked for."""
@@ -31,6 +34,8 @@ TUNING_CARS = 6
 """Training cars on which the limit of the steering is tuned."""
 TRAINED = "candidates.yaml"
 """File of a trained law."""
+TRAINABLE = ("feedback", "rollover-control", "feedback-rollover-control")
+"""Candidates whose numbers can be searched."""
 
 
 def judge(
@@ -114,6 +119,7 @@ def train_law(
     folder: Path,
     search: LawSearch | None = None,
     *,
+    candidate: str = "feedback",
     ensemble: str = "physical",
     cars: int = 6,
     tail: str = "built",
@@ -122,11 +128,14 @@ def train_law(
     runs: CachedRunner | None = None,
     force: bool = False,
 ) -> pd.DataFrame:
-    """Trains the feedback law on training cars; it is written as a file of candidates.
+    """Trains the numbers of a candidate on training cars; they are written as a file of
+    candidates.
 
     Args:
         folder: of that file and of the runs.
         search: how much.
+        candidate: of `TRAINABLE`: the feedback law, or the rollover control of a driver at full
+            lock, without tail or together with the law.
         ensemble: name or path; `cars` so many of its training cars, split by the search's seed.
         tail, floors, speeds, runs: as of `judge`.
         force: replaces the file.
@@ -134,13 +143,19 @@ def train_law(
     Returns:
         A row per number: key and value.
     """
+    if candidate not in TRAINABLE:
+        raise SweepError(f"candidate {candidate!r}: {nearest(candidate, TRAINABLE)}")
     search = search or LawSearch()
     cases = ensemble_cases(ensemble, "training", cars, tail, floors, search.seed)
     with _runs_in(folder, runs) as runner:
-        trained = train_feedback(cases, speeds, search, runner)
+        if candidate == "feedback":
+            trained = train_feedback(cases, speeds, search, runner)
+        else:
+            has_tail = candidate.startswith("feedback")
+            trained = train_rollover_control(has_tail, cases, speeds, search, runner)
     chosen = (
-        f"aerodima swing train: {search}, {cars} training cars of {ensemble}, {tail} tail, floors "
-        f"{list(floors)}, speeds {list(speeds)}"
+        f"aerodima swing train --candidate {candidate}: {search}, {cars} training cars of "
+        f"{ensemble}, {tail} tail, floors {list(floors)}, speeds {list(speeds)}"
     )
     write_candidate(folder / TRAINED, trained, chosen, force=force)
     return pd.DataFrame([one.split("=") for one in trained.settings], columns=["key", "value"])
