@@ -47,9 +47,9 @@ Standard = Annotated[
 Candidates = Annotated[
     list[str] | None,
     typer.Option(
-        help="none, limited, low-ballast, folded, held, published, feedback, bound, a swing, "
-        "or a file of candidates; may be repeated; by default the first eight. The car without "
-        "tail always takes part.",
+        help="none, low-ballast, folded, held, published, feedback, bound, rollover-control, "
+        "feedback-rollover-control, a swing, or a file of candidates; may be repeated; by default "
+        "the first nine. The car without tail always takes part.",
         autocompletion=_candidate_names,
     ),
 ]
@@ -253,16 +253,14 @@ def _standard(
     runs: CachedRunner,
 ) -> pd.DataFrame:
     """Drives the manoeuvres of the standard with all candidates but the bound, which has no law."""
-    from aerodima.optimisation.swerve.standard_manoeuvres import SPEEDS, compare_standard
-    from aerodima.optimisation.swerve.suite import ensemble_cases
-    from aerodima.optimisation.swing.swerve_study import tuned_candidates
+    from aerodima.optimisation.swerve.standard_manoeuvres import compare_standard
+    from aerodima.optimisation.swerve.suite import ensemble_cases, select_candidates
 
     where = options.arguments() | {"seed": options.seed}
     where.pop("speeds", None)
     cases = ensemble_cases(part="test", number=cars, conditions=conditions, **where)
     without_bound = [name for name in names if name != "bound"]
-    chosen = tuned_candidates(without_bound, laws, speeds=SPEEDS, **where)
-    return compare_standard(chosen, cases, runs)
+    return compare_standard(select_candidates(without_bound, laws), cases, runs)
 
 
 @cli.grouped

@@ -5,7 +5,6 @@ A list (schema `aerodima/candidates/1`) names settings as `aerodima run --set` t
 and controller alone: a candidate may not bring another car, floor or driver.
 """
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -48,7 +47,6 @@ class Candidate:
         by_speed: further settings by speed of the turn, m/s; those of the nearest speed are taken.
         ballasts: further settings of a car, from its scenario, of which the best are taken; none
             changes nothing.
-        limit: lateral acceleration of the kinematic car at which the wheels turn no further, m/s2.
         law: `FILE:CLASS` of the law that drives the tail instead of the scenario's; empty for that.
     """
 
@@ -56,7 +54,6 @@ class Candidate:
     settings: Settings
     by_speed: Mapping[float, Settings] = field(default_factory=dict, hash=False)
     ballasts: tuple[Callable[[Scenario], Settings], ...] = ()
-    limit: float = math.inf
     law: str = ""
 
     @property
@@ -95,8 +92,6 @@ def low_ballast(scenario: Scenario, back: float = 0.0) -> Settings:
 
 
 NO_TAIL = Candidate("no tail", ("tail.mode=none",))
-LIMITED = Candidate("no tail, steering limit", NO_TAIL.settings, limit=0.0)
-"""The limit is tuned on training cars before a comparison."""
 LOW_BALLAST = Candidate(
     "low ballast",
     NO_TAIL.settings,

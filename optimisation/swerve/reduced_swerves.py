@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -14,8 +13,7 @@ from aerodima.optimisation.swerve.aims import find_aim, score
 from aerodima.optimisation.swerve.candidate import SWERVE, Settings
 from aerodima.optimisation.swerve.steering import (
     SearchEffort,
-    limited_angle,
-    limited_steering,
+    full_lock,
     search_steering,
 )
 from aerodima.workbench.car.reduced.parameters import VehicleParams
@@ -118,13 +116,11 @@ class SteeringItem:
         variants: settings of the car, of which the best is taken.
         aim: name.
         effort: of the search; None for a driver at full lock.
-        limit: of the wheels, see `Candidate`.
     """
 
     variants: tuple[Settings, ...]
     aim: str
     effort: SearchEffort | None
-    limit: float = math.inf
 
 
 def best_steering(item: SteeringItem) -> dict[str, Any]:
@@ -134,12 +130,12 @@ def best_steering(item: SteeringItem) -> dict[str, Any]:
     for settings in item.variants:
         car = ReducedSwerve(load_scenario(SWERVE, settings))
         if item.effort is None:
-            steering = limited_steering(car.scenario, item.limit)
-            (value,) = score(car.drive(steering[:, None]), aim)
-            results.append((float(value), steering))
+            steering = full_lock(car.scenario, 1)
+            (value,) = score(car.drive(steering), aim)
+            results.append((float(value), steering[:, 0]))
         else:
-            angle = float(limited_angle(car.scenario, item.limit))
-            results.append(search_steering(car.drive, aim, angle, item.effort))
+            limit = car.scenario.servo.limit
+            results.append(search_steering(car.drive, aim, limit, item.effort))
     index = int(np.argmax([value for value, _ in results]))
     value, steering = results[index]
     return {"score": value, "steering": steering.tolist(), "variant": index}

@@ -14,7 +14,6 @@ from aerodima.optimisation.swerve.aims import score
 from aerodima.optimisation.swerve.evolution import evolve
 from aerodima.workbench.car.reduced.swerves import LEVELS, STEERING
 from aerodima.workbench.car.swerve import Swerve
-from aerodima.workbench.control.rollover_control import max_angle
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
@@ -136,15 +135,7 @@ def steering_settings(steering: FloatArray) -> tuple[str, ...]:
     return tuple(f"manoeuvre.{key}={float(f'{value:.9g}')!r}" for key, value in numbers)
 
 
-def limited_angle(scenario: Scenario, acceleration: float | FloatArray) -> FloatArray:
-    """Returns the angle (rad) at which the kinematic car has a lateral acceleration, m/s2, at most
-    the servo's limit.
-    """
-    angle = max_angle(scenario.car.wheelbase, acceleration, scenario.manoeuvre.speed)
-    return np.minimum(angle, scenario.servo.limit)
-
-
-def limited_steering(scenario: Scenario, acceleration: float | FloatArray) -> FloatArray:
-    """Returns the steering (`STEERING`, ...) of a driver at full lock under a limit, m/s2."""
-    angle = limited_angle(scenario, acceleration)
-    return np.stack([angle, angle, angle, *(end + 0.0 * angle for end in CONSTANT_ENDS)])
+def full_lock(scenario: Scenario, count: int) -> FloatArray:
+    """Returns the steering (`STEERING`, count) of drivers who turn the wheels to the stop."""
+    steering = [*[scenario.servo.limit] * LEVELS, *CONSTANT_ENDS]
+    return np.repeat(np.array(steering)[:, None], count, axis=1)

@@ -145,7 +145,7 @@ def _search_steerings(
             searched = options if known else candidate_settings(FOLDED, case, speed)
             variants.append(options)
             own = None if candidate.is_at_full_lock else effort
-            items.append(SteeringItem(searched, aim, own, candidate.limit))
+            items.append(SteeringItem(searched, aim, own))
             descents.append(Descent(candidate, case, speed, aim, (), {}))
     results = runs.map(best_steering, items, [_key("steering", item) for item in items])
     for descent, options, result in zip(descents, variants, results, strict=True):

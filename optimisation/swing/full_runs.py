@@ -22,7 +22,6 @@ from aerodima.optimisation.swerve.aims import FAILED, find_aim
 from aerodima.optimisation.swerve.candidate import SWERVE, Candidate, Settings
 from aerodima.optimisation.swerve.steering import (
     STEERING_KEYS,
-    limited_angle,
     scaled_steering,
     steering_settings,
 )
@@ -125,7 +124,7 @@ class Descent:
     @property
     def max_angle(self) -> float:
         """Largest angle of the wheels, rad."""
-        return float(limited_angle(load_scenario(SWERVE, self.settings), self.candidate.limit))
+        return load_scenario(SWERVE, self.settings).servo.limit
 
     def next_shares(self) -> list[float]:
         """Returns the next share of the angles; none at the end."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -15,9 +14,8 @@ from aerodima.optimisation.studies.runs import (
     cached_runs,
     open_run_engine,
 )
-from aerodima.optimisation.swerve.candidate import LIMITED, Candidate, write_candidate
+from aerodima.optimisation.swerve.candidate import write_candidate
 from aerodima.optimisation.swerve.steering import SearchEffort
-from aerodima.optimisation.swerve.steering_limit import tune_limit
 from aerodima.optimisation.swerve.suite import SUITE, ensemble_cases, select_candidates
 from aerodima.optimisation.swing.bound import BoundEffort
 from aerodima.optimisation.swing.comparison import compare_swerves
@@ -30,8 +28,6 @@ DEFAULT_AIMS = ("aside-0.5",)
 """Aims of a comparison unless others are asked for."""
 DEFAULT_FOLDER = Path("out/judge")
 """Folder of a comparison."""
-TUNING_CARS = 6
-"""Training cars on which the limit of the steering is tuned."""
 TRAINED = "candidates.yaml"
 """File of a trained law."""
 TRAINABLE = ("feedback", "rollover-control", "feedback-rollover-control")
@@ -79,7 +75,7 @@ def judge(
         The table of `compare_swerves`; `summarise_swerves` makes medians and intervals of it.
     """
     cases = ensemble_cases(ensemble, "test", cars, tail, floors, seed, tuple(conditions))
-    chosen = tuned_candidates(candidates, laws, ensemble, tail, floors, speeds, seed)
+    chosen = select_candidates(candidates, laws)
     with _runs_in(folder, runs) as runner:
         return compare_swerves(
             chosen,
@@ -93,26 +89,6 @@ def judge(
             step=step,
             further=further,
         )
-
-
-def tuned_candidates(
-    names: Sequence[str],
-    laws: Sequence[str],
-    ensemble: str,
-    tail: str,
-    floors: Sequence[float],
-    speeds: Sequence[float],
-    seed: int,
-) -> list[Candidate]:
-    """Returns candidates by name, the limit of a limited one tuned on training cars; arguments as
-    of `judge`.
-    """
-    chosen = select_candidates(names, laws)
-    if LIMITED in chosen:
-        training = ensemble_cases(ensemble, "training", TUNING_CARS, tail, floors, seed)
-        limit = tune_limit(training, speeds)
-        chosen[chosen.index(LIMITED)] = replace(LIMITED, limit=limit)
-    return chosen
 
 
 def train_law(

@@ -11,7 +11,7 @@ from aerodima.optimisation.swerve.aims import AIMS
 from aerodima.optimisation.swerve.candidate import NO_TAIL
 from aerodima.optimisation.swerve.car_conditions import UNLIKE, Condition
 from aerodima.optimisation.swerve.reduced_swerves import ReducedSwerve
-from aerodima.optimisation.swerve.steering import limited_steering, steering_settings
+from aerodima.optimisation.swerve.steering import full_lock, steering_settings
 from aerodima.optimisation.swerve.suite import FEEDBACK, ensemble_cases, select_candidates
 from aerodima.optimisation.swing.control_training import (
     CONTROL_RANGES,
@@ -33,10 +33,6 @@ NONE = CONTROL_START | {"rollover_control.start": 0.25}
 """A control that comes too late for any car."""
 
 
-def full_lock(scenario):
-    return limited_steering(scenario, np.inf)
-
-
 def test_a_condition_changes_the_car_that_it_is_asked_of():
     heavy = Condition(delay=0.044, mass=1.1, com_height=1.05, friction=0.8, torque_error=-0.3)
     car = load_scenario("swerve", CASES[0].settings()).car
@@ -53,7 +49,7 @@ def test_numbers_are_worth_how_far_a_car_at_full_lock_goes_aside_if_it_stays_upr
     batch = ControlBatch(place[:1], (CONTROL_START, NONE))
     ((worth, tipped),) = score_control_batch(batch)
     scenario = load_scenario("swerve", (*place[0], *law_settings(CONTROL_START)))
-    swerve = ReducedSwerve(scenario).drive(full_lock(scenario)[:, None])
+    swerve = ReducedSwerve(scenario).drive(full_lock(scenario, 1))
     shares = [float(aim(swerve)[0]) / aim.size for aim in (AIMS["aside-0.5"], AIMS["aside-1.0"])]
     assert worth == pytest.approx(np.mean(shares))
     assert worth > 0.4
@@ -66,9 +62,9 @@ def test_reduced_cars_swerve_as_full_ones_with_rollover_control(base):
     ((settings, *_),) = control_places(base, CASES, [6.0])
     settings = (*settings, *law_settings(CONTROL_START))
     scenario = load_scenario("swerve", settings)
-    steering = full_lock(scenario)
-    reduced = swerve_row(ReducedSwerve(scenario).drive(steering[:, None]))
-    full = drive_full(FullRun((*settings, *steering_settings(steering)), "aside-0.5"))
+    steering = full_lock(scenario, 1)
+    reduced = swerve_row(ReducedSwerve(scenario).drive(steering))
+    full = drive_full(FullRun((*settings, *steering_settings(steering[:, 0])), "aside-0.5"))
     assert full["error"] == ""
     assert reduced["aside_soon_m"] == pytest.approx(full["aside_soon_m"], rel=0.03)
     assert reduced["aside_later_m"] == pytest.approx(full["aside_later_m"], rel=0.08)
