@@ -47,9 +47,9 @@ Standard = Annotated[
 Candidates = Annotated[
     list[str] | None,
     typer.Option(
-        help="none, limited, low-ballast, folded, held, published, feedback, bound, a swing, "
-        "or a file of candidates; may be repeated; by default the first eight. The car without "
-        "tail always takes part.",
+        help="none, low-ballast, folded, held, published, feedback, bound, rollover-control, "
+        "feedback-rollover-control, a swing, or a file of candidates; may be repeated; by default "
+        "the first nine. The car without tail always takes part.",
         autocompletion=_candidate_names,
     ),
 ]
@@ -253,16 +253,14 @@ def _standard(
     runs: CachedRunner,
 ) -> pd.DataFrame:
     """Drives the manoeuvres of the standard with all candidates but the bound, which has no law."""
-    from aerodima.optimisation.swerve.standard_manoeuvres import SPEEDS, compare_standard
-    from aerodima.optimisation.swerve.suite import ensemble_cases
-    from aerodima.optimisation.swing.swerve_study import tuned_candidates
+    from aerodima.optimisation.swerve.standard_manoeuvres import compare_standard
+    from aerodima.optimisation.swerve.suite import ensemble_cases, select_candidates
 
     where = options.arguments() | {"seed": options.seed}
     where.pop("speeds", None)
     cases = ensemble_cases(part="test", number=cars, conditions=conditions, **where)
     without_bound = [name for name in names if name != "bound"]
-    chosen = tuned_candidates(without_bound, laws, speeds=SPEEDS, **where)
-    return compare_standard(chosen, cases, runs)
+    return compare_standard(select_candidates(without_bound, laws), cases, runs)
 
 
 @cli.grouped
@@ -273,6 +271,10 @@ def train(
     ],
     work: cli.WorkOptions,
     options: CaseOptions,
+    candidate: Annotated[
+        str,
+        typer.Option(help="feedback, rollover-control or feedback-rollover-control."),
+    ] = "feedback",
     cars: Annotated[int, typer.Option(help="So many of the training cars.", min=1)] = 6,
     laws: Annotated[int, typer.Option(help="Of a generation.", min=4)] = 16,
     generations: Annotated[int, typer.Option(help="Of a round.", min=1)] = 60,
@@ -284,9 +286,10 @@ def train(
         typer.Option(help="Spread of the first generation, as a share of the ranges."),
     ] = 0.1,
 ) -> None:
-    """Search the numbers of the feedback law.
+    """Search the numbers of the feedback law or of a rollover control.
 
-    For swerves of reduced training cars; they are written as candidates.yaml.
+    For swerves of reduced training cars; they are written as candidates.yaml. A rollover control is
+    trained for a driver at full lock, without tail or together with the law.
 
     Example: aerodima swing train --cars 2 --laws 4 --generations 1 --rounds 1 --out out/train
     """
@@ -294,7 +297,13 @@ def train(
     search = optimisation.LawSearch(laws, generations, options.seed, around, rounds)
     with _new_file(path, work) as runs:
         optimisation.train_law(
-            out, search, cars=cars, runs=runs, force=work.force, **options.arguments()
+            out,
+            search,
+            candidate=candidate,
+            cars=cars,
+            runs=runs,
+            force=work.force,
+            **options.arguments(),
         )
     typer.echo(f"found: {path}")
     typer.echo(f"judge it: aerodima swing judge --candidate {path} --out {out / 'judge'}")

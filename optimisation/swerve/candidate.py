@@ -5,7 +5,6 @@ A list (schema `aerodima/candidates/1`) names settings as `aerodima run --set` t
 and controller alone: a candidate may not bring another car, floor or driver.
 """
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -27,7 +26,7 @@ from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 
 SCHEMA = "aerodima/candidates/1"
 Settings = tuple[str, ...]
-ALLOWED_SECTIONS = ("tail.", "controller.", "feedback.")
+ALLOWED_SECTIONS = ("tail.", "controller.", "feedback.", "rollover_control.")
 """A setting of a candidate begins with one of these."""
 SWINGING = ("tail.mode=swing", "controller.swing_file=none")
 SWERVE = "swerve"
@@ -48,7 +47,6 @@ class Candidate:
         by_speed: further settings by speed of the turn, m/s; those of the nearest speed are taken.
         ballasts: further settings of a car, from its scenario, of which the best are taken; none
             changes nothing.
-        limit: lateral acceleration of the kinematic car at which the wheels turn no further, m/s2.
         law: `FILE:CLASS` of the law that drives the tail instead of the scenario's; empty for that.
     """
 
@@ -56,8 +54,12 @@ class Candidate:
     settings: Settings
     by_speed: Mapping[float, Settings] = field(default_factory=dict, hash=False)
     ballasts: tuple[Callable[[Scenario], Settings], ...] = ()
-    limit: float = math.inf
     law: str = ""
+
+    @property
+    def is_at_full_lock(self) -> bool:
+        """Whether its driver turns the wheels to the stop: it has a rollover control."""
+        return any(setting.startswith("rollover_control.gain=") for setting in self.settings)
 
     def at(self, speed: float) -> Settings:
         """Returns the settings of a turn at a speed, m/s."""
@@ -90,8 +92,6 @@ def low_ballast(scenario: Scenario, back: float = 0.0) -> Settings:
 
 
 NO_TAIL = Candidate("no tail", ("tail.mode=none",))
-LIMITED = Candidate("no tail, steering limit", NO_TAIL.settings, limit=0.0)
-"""The limit is tuned on training cars before a comparison."""
 LOW_BALLAST = Candidate(
     "low ballast",
     NO_TAIL.settings,
@@ -104,7 +104,7 @@ def _check_section(setting: str) -> str:
     if not setting.strip().startswith(ALLOWED_SECTIONS) or "=" not in setting:
         raise ValueError(
             f"{setting!r} is no setting of a candidate; must be KEY=... of tail, controller, "
-            "feedback"
+            "feedback, rollover_control"
         )
     return setting
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -10,12 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.swerve.aims import find_aim
+from aerodima.optimisation.swerve.aims import find_aim, score
 from aerodima.optimisation.swerve.candidate import SWERVE, Settings
-from aerodima.optimisation.swerve.steering import SearchEffort, limited_angle, search_steering
+from aerodima.optimisation.swerve.steering import (
+    SearchEffort,
+    full_lock,
+    search_steering,
+)
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.swerves import (
     FeedbackSwerve,
+    LimitedSwerve,
     PlayedSwerve,
     SwerveRollout,
     drive_swerves,
@@ -43,27 +47,45 @@ class ReducedSwerve:
         if not reduced_car_knows(scenario):
             raise SweepError(
                 f"{scenario.name}: the reduced car knows no tail, the feedback law, or a swing "
-                "that the steering releases"
+                "that the steering releases; rollover control with the first two"
             )
         self.scenario = scenario
         self._car = VehicleParams.from_scenarios([scenario])
         self._swing = swing_of_scenario(scenario)
 
-    def drive(self, steering: FloatArray, law: Mapping[str, FloatArray] | None = None) -> Swerve:
+    def drive(
+        self, steering: FloatArray, numbers: Mapping[str, FloatArray] | None = None
+    ) -> Swerve:
         """Drives one car for each steering (`STEERING`, n), with other numbers (n) of the feedback
-        law if asked.
+        law and the rollover control by their keys, such as `feedback.kp`, if asked.
         """
         n = steering.shape[1]
         cars = self._car.take(np.zeros(n, int))
         rollout: SwerveRollout
         if self._swing is None:
-            gains = {name: value * np.ones(n) for name, value in self.scenario.feedback}
-            gains |= law or {}
-            rollout = FeedbackSwerve(cars, self.scenario, steering, SimpleNamespace(**gains))
+            others = numbers or {}
+            gains = _numbers("feedback", self.scenario.feedback, others, n)
+            control = _numbers("rollover_control", self.scenario.rollover_control, others, n)
+            if np.any(control.gain):
+                rollout = LimitedSwerve(cars, self.scenario, steering, gains, control)
+            else:
+                rollout = FeedbackSwerve(cars, self.scenario, steering, gains)
         else:
             pitch = self._swing.knots.pitch_position_rad[0] * np.ones(n)
             rollout = PlayedSwerve(cars, self.scenario, steering, pitch, knots_of(self._swing, n))
         return drive_swerves(rollout, self.scenario)
+
+
+def _numbers(
+    section: str, parameters: Any, others: Mapping[str, FloatArray], count: int
+) -> SimpleNamespace:
+    """Returns the numbers of a section as arrays (count), those of others in their place."""
+    return SimpleNamespace(
+        **{
+            name: others.get(f"{section}.{name}", value) * np.ones(count)
+            for name, value in parameters
+        }
+    )
 
 
 def reduced_car_knows(scenario: Scenario) -> bool:
@@ -71,6 +93,8 @@ def reduced_car_knows(scenario: Scenario) -> bool:
     swing = swing_of_scenario(scenario)
     if swing is None:
         return scenario.tail.mode == "none" or scenario.follows_state
+    if scenario.rollover_control.gain:
+        return False
     return swing.trigger.kind == "steering" and swing.trigger.delay_s == 0.0
 
 
@@ -91,14 +115,12 @@ class SteeringItem:
     Attributes:
         variants: settings of the car, of which the best is taken.
         aim: name.
-        effort: of the search.
-        limit: of the wheels, see `Candidate`.
+        effort: of the search; None for a driver at full lock.
     """
 
     variants: tuple[Settings, ...]
     aim: str
-    effort: SearchEffort
-    limit: float = math.inf
+    effort: SearchEffort | None
 
 
 def best_steering(item: SteeringItem) -> dict[str, Any]:
@@ -107,8 +129,13 @@ def best_steering(item: SteeringItem) -> dict[str, Any]:
     results = []
     for settings in item.variants:
         car = ReducedSwerve(load_scenario(SWERVE, settings))
-        angle = float(limited_angle(car.scenario, item.limit))
-        results.append(search_steering(car.drive, aim, angle, item.effort))
+        if item.effort is None:
+            steering = full_lock(car.scenario, 1)
+            (value,) = score(car.drive(steering), aim)
+            results.append((float(value), steering[:, 0]))
+        else:
+            limit = car.scenario.servo.limit
+            results.append(search_steering(car.drive, aim, limit, item.effort))
     index = int(np.argmax([value for value, _ in results]))
     value, steering = results[index]
     return {"score": value, "steering": steering.tolist(), "variant": index}

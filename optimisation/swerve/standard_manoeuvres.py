@@ -21,7 +21,6 @@ from aerodima.optimisation.studies.runs import (
     step_settings,
 )
 from aerodima.optimisation.swerve.candidate import Candidate
-from aerodima.optimisation.swerve.steering import limited_angle
 from aerodima.optimisation.swerve.suite import Case
 from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.car.verdict import keeps_sides_down
@@ -91,9 +90,7 @@ def compare_standard(
                 ballast = candidate.ballasts[0](car) if candidate.ballasts else ()
                 for speed in SPEEDS:
                     settings = (*base, *candidate.at(speed), *ballast, f"manoeuvre.speed={speed!r}")
-                    there = load_scenario(manoeuvre.scenario, settings)
-                    steered = min(angle, float(limited_angle(there, candidate.limit)))
-                    settings += (f"manoeuvre.steer_angle={steered!r}", *step_settings(FINE_STEP))
+                    settings += (f"manoeuvre.steer_angle={angle!r}", *step_settings(FINE_STEP))
                     words = " ".join((name, candidate.name, *case.names.values(), f"{speed:g}"))
                     tasks.append(RunTask(words, manoeuvre.scenario, settings, law=candidate.law))
     runs.stage = "standard manoeuvres"

@@ -134,15 +134,7 @@ def steering_settings(steering: FloatArray) -> tuple[str, ...]:
     return tuple(f"manoeuvre.{key}={float(f'{value:.9g}')!r}" for key, value in numbers)
 
 
-def limited_angle(scenario: Scenario, acceleration: float | FloatArray) -> FloatArray:
-    """Returns the angle (rad) at which the kinematic car has a lateral acceleration, m/s2, at most
-    the servo's limit.
-    """
-    curvature = acceleration / scenario.manoeuvre.speed**2
-    return np.minimum(np.arctan(scenario.car.wheelbase * curvature), scenario.servo.limit)
-
-
-def limited_steering(scenario: Scenario, acceleration: float | FloatArray) -> FloatArray:
-    """Returns the steering (`STEERING`, ...) of a driver at full lock under a limit, m/s2."""
-    angle = limited_angle(scenario, acceleration)
-    return np.stack([angle, angle, angle, *(end + 0.0 * angle for end in CONSTANT_ENDS)])
+def full_lock(scenario: Scenario, count: int) -> FloatArray:
+    """Returns the steering (`STEERING`, count) of drivers who turn the wheels to the stop."""
+    steering = [*[scenario.servo.limit] * LEVELS, *CONSTANT_ENDS]
+    return np.repeat(np.array(steering)[:, None], count, axis=1)

@@ -9,7 +9,6 @@ from typing import Literal
 from pydantic import Field
 
 from aerodima.optimisation.swerve.candidate import (
-    LIMITED,
     LOW_BALLAST,
     NO_TAIL,
     SWERVE,
@@ -50,7 +49,6 @@ BOUND = Candidate("bound", ("tail.mode=swing",))
 """Stands for the best motion of the tail; it is searched for every car."""
 NAMED_CANDIDATES = {
     "none": NO_TAIL,
-    "limited": LIMITED,
     "low-ballast": LOW_BALLAST,
     "bound": BOUND,
     **{name: one.candidate() for name, one in SUITE.candidates.items()},

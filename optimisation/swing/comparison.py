@@ -120,7 +120,8 @@ def compare_swerves(
         descent.step = step
     drive_shares(descents, runs)
     if further:
-        search_full(descents, further, runs, folder / "further", effort.seed)
+        searched = [one for one in descents if not one.candidate.is_at_full_lock]
+        search_full(searched, further, runs, folder / "further", effort.seed)
     confirm_best(descents, runs)
     return make_frame([one.as_row() for one in descents])
 
@@ -131,8 +132,8 @@ def _search_steerings(
     effort: SearchEffort,
     runs: CachedRunner,
 ) -> list[Descent]:
-    """Searches the steering of each candidate in each case; a law that reduced cars cannot follow
-    has that of the folded tail.
+    """Searches the steering of each candidate in each case, but for a driver at full lock; a law
+    that reduced cars cannot follow has that of the folded tail.
     """
     descents = []
     items = []
@@ -143,7 +144,8 @@ def _search_steerings(
             known = not candidate.law and reduced_car_knows(load_scenario(SWERVE, options[0]))
             searched = options if known else candidate_settings(FOLDED, case, speed)
             variants.append(options)
-            items.append(SteeringItem(searched, aim, effort, candidate.limit))
+            own = None if candidate.is_at_full_lock else effort
+            items.append(SteeringItem(searched, aim, own))
             descents.append(Descent(candidate, case, speed, aim, (), {}))
     results = runs.map(best_steering, items, [_key("steering", item) for item in items])
     for descent, options, result in zip(descents, variants, results, strict=True):

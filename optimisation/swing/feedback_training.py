@@ -45,7 +45,9 @@ from aerodima.workbench.core.extras import require
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.scenario.scenario import load_scenario
 
-RANGES = {
+Ranges = Mapping[str, tuple[float, float]]
+"""Key of a number -> its lowest and highest value."""
+RANGES: Ranges = {
     "feedback.lean_gain": (-8.0, 1.0),
     "feedback.roll_gain": (-20.0, 30.0),
     "feedback.roll_rate_gain": (-1.0, 4.0),
@@ -104,7 +106,7 @@ worth in a swerve."""
 FISHHOOK = load_scenario(MANOEUVRES["fishhook"].scenario)
 """Scenario of the fishhook, with what its driver waits for."""
 Law = Mapping[str, float]
-"""Numbers of a law by the keys of `RANGES`."""
+"""Numbers of a law by their keys."""
 
 
 @dataclass(frozen=True)
@@ -278,6 +280,7 @@ def search_laws(
     start: Law,
     score_laws: Callable[[Sequence[Law]], FloatArray],
     progress: ProgressLine,
+    ranges: Ranges = RANGES,
 ) -> Law:
     """Searches the law of the largest score.
 
@@ -286,6 +289,7 @@ def search_laws(
         start: a law that the first generation has, beside those that are drawn.
         score_laws: returns the scores (n,) of laws.
         progress: receives a line for each generation.
+        ranges: of the numbers that are free.
 
     Raises:
         UserError: no score is above 0.
@@ -295,7 +299,7 @@ def search_laws(
 
     rng = np.random.default_rng(search.seed)
     strategy = cma.CMAEvolutionStrategy(
-        shares_of(start),
+        shares_of(start, ranges),
         search.around,
         {
             "bounds": [0.0, 1.0],
@@ -310,7 +314,7 @@ def search_laws(
     bar = ProgressBar(progress, search.generations)
     for generation in range(search.generations):
         shares = np.array(strategy.ask())
-        laws = laws_at(shares)
+        laws = laws_at(shares, ranges)
         scores = score_laws(laws)
         strategy.tell(shares, -scores)
         first = int(np.argmax(scores))
@@ -323,19 +327,19 @@ def search_laws(
     return best
 
 
-def laws_at(shares: FloatArray) -> list[Law]:
-    """Returns the laws at shares (n, numbers) of the `RANGES`, to four digits."""
-    low, high = np.array(list(RANGES.values())).T
+def laws_at(shares: FloatArray, ranges: Ranges = RANGES) -> list[Law]:
+    """Returns the laws at shares (n, numbers) of ranges, to four digits."""
+    low, high = np.array(list(ranges.values())).T
     laws: list[Law] = []
     for row in low + shares * (high - low):
         numbers = [float(f"{value:.4g}") for value in row]
-        laws.append(dict(zip(RANGES, numbers, strict=True)))
+        laws.append(dict(zip(ranges, numbers, strict=True)))
     return laws
 
 
-def shares_of(law: Law) -> FloatArray:
-    """Returns the position of a law in the `RANGES` (numbers,), clipped to their ends."""
-    shares = [(law[name] - low) / (high - low) for name, (low, high) in RANGES.items()]
+def shares_of(law: Law, ranges: Ranges = RANGES) -> FloatArray:
+    """Returns the position of a law in ranges (numbers,), clipped to their ends."""
+    shares = [(law[name] - low) / (high - low) for name, (low, high) in ranges.items()]
     return np.clip(shares, 0.0, 1.0)
 
 
@@ -357,7 +361,7 @@ def score_law_batch(batch: LawBatch) -> list[float]:
     count = len(place.steerings)
     limit = car.scenario.servo.limit
     steerings = possible_steering(np.tile(place.steerings, (len(laws), 1)), limit)
-    numbers = {name.split(".")[1]: np.repeat([law[name] for law in laws], count) for name in RANGES}
+    numbers = repeated(laws, count)
     if place.reference is None:
         steerings[::count] = counter_steer(steerings, car.drive(steerings.T, numbers), car)[::count]
     values = score_swerves(car.drive(steerings.T, numbers), AIMS[AIM]).reshape(len(laws), count)
@@ -367,6 +371,11 @@ def score_law_batch(batch: LawBatch) -> list[float]:
         worth = np.maximum(values.max(axis=1), 0.0) / place.reference
     ratios: list[float] = worth.tolist()
     return ratios
+
+
+def repeated(laws: Sequence[Law], count: int) -> dict[str, FloatArray]:
+    """Returns the numbers of laws by their keys, each law so many times in a row."""
+    return {name: np.repeat([law[name] for law in laws], count) for name in laws[0]}
 
 
 def counter_steer(steerings: FloatArray, driven: Swerve, car: ReducedSwerve) -> FloatArray:

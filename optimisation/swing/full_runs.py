@@ -22,7 +22,6 @@ from aerodima.optimisation.swerve.aims import FAILED, find_aim
 from aerodima.optimisation.swerve.candidate import SWERVE, Candidate, Settings
 from aerodima.optimisation.swerve.steering import (
     STEERING_KEYS,
-    limited_angle,
     scaled_steering,
     steering_settings,
 )
@@ -125,11 +124,15 @@ class Descent:
     @property
     def max_angle(self) -> float:
         """Largest angle of the wheels, rad."""
-        return float(limited_angle(load_scenario(SWERVE, self.settings), self.candidate.limit))
+        return load_scenario(SWERVE, self.settings).servo.limit
 
     def next_shares(self) -> list[float]:
         """Returns the next share of the angles; none at the end."""
-        if self.result["score"] <= FAILED or self.step is None:
+        if self.step is None:
+            return []
+        if self.candidate.is_at_full_lock:
+            return [] if self.rows else [1.0]
+        if self.result["score"] <= FAILED:
             return []
         return SHARE_SEARCH.next_values(1.0, {one: row["counts"] for one, row in self.rows.items()})
 
@@ -166,6 +169,8 @@ class Descent:
         """Returns the next share of the best run's angles at the finer step; none at the end."""
         known = any(row["counts"] for row in self.confirmed.values())
         if known or self.best_run is None or not self.has_finer_step:
+            return []
+        if self.confirmed and self.candidate.is_at_full_lock:
             return []
         share = rounded(1.0 - SHARE_SEARCH.tolerance * (2 ** len(self.confirmed) - 1))
         return [share] if share >= MIN_CONFIRMED_SHARE else []

@@ -25,10 +25,8 @@ DEFAULT_SPEED = 6.0
 """Speed of a motion unless another is asked for, m/s."""
 
 
-NOT_COMPARED = ("bound", "limited")
-"""Candidates of the suite that a motion is not compared with: itself, and one that is tuned on
-training cars.
-"""
+NOT_COMPARED = ("bound", "rollover-control", "feedback-rollover-control")
+"""Candidates of the suite that a motion is not compared with: itself, and drivers at full lock."""
 
 
 def search_motion(

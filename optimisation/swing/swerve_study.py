@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -15,22 +14,24 @@ from aerodima.optimisation.studies.runs import (
     cached_runs,
     open_run_engine,
 )
-from aerodima.optimisation.swerve.candidate import LIMITED, Candidate, write_candidate
+from aerodima.optimisation.swerve.candidate import write_candidate
 from aerodima.optimisation.swerve.steering import SearchEffort
-from aerodima.optimisation.swerve.steering_limit import tune_limit
 from aerodima.optimisation.swerve.suite import SUITE, ensemble_cases, select_candidates
 from aerodima.optimisation.swing.bound import BoundEffort
 from aerodima.optimisation.swing.comparison import compare_swerves
+from aerodima.optimisation.swing.control_training import train_rollover_control
 from aerodima.optimisation.swing.feedback_training import LawSearch, train_feedback
+from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.core.key_errors import nearest
 
 DEFAULT_AIMS = ("aside-0.5",)
 """Aims of a comparison unless others are asked for."""
 DEFAULT_FOLDER = Path("out/judge")
 """Folder of a comparison."""
-TUNING_CARS = 6
-"""Training cars on which the limit of the steering is tuned."""
 TRAINED = "candidates.yaml"
 """File of a trained law."""
+TRAINABLE = ("feedback", "rollover-control", "feedback-rollover-control")
+"""Candidates whose numbers can be searched."""
 
 
 def judge(
@@ -74,7 +75,7 @@ def judge(
         The table of `compare_swerves`; `summarise_swerves` makes medians and intervals of it.
     """
     cases = ensemble_cases(ensemble, "test", cars, tail, floors, seed, tuple(conditions))
-    chosen = tuned_candidates(candidates, laws, ensemble, tail, floors, speeds, seed)
+    chosen = select_candidates(candidates, laws)
     with _runs_in(folder, runs) as runner:
         return compare_swerves(
             chosen,
@@ -90,29 +91,11 @@ def judge(
         )
 
 
-def tuned_candidates(
-    names: Sequence[str],
-    laws: Sequence[str],
-    ensemble: str,
-    tail: str,
-    floors: Sequence[float],
-    speeds: Sequence[float],
-    seed: int,
-) -> list[Candidate]:
-    """Returns candidates by name, the limit of a limited one tuned on training cars; arguments as
-    of `judge`.
-    """
-    chosen = select_candidates(names, laws)
-    if LIMITED in chosen:
-        training = ensemble_cases(ensemble, "training", TUNING_CARS, tail, floors, seed)
-        chosen[chosen.index(LIMITED)] = replace(LIMITED, limit=tune_limit(training, speeds))
-    return chosen
-
-
 def train_law(
     folder: Path,
     search: LawSearch | None = None,
     *,
+    candidate: str = "feedback",
     ensemble: str = "physical",
     cars: int = 6,
     tail: str = "built",
@@ -121,11 +104,14 @@ def train_law(
     runs: CachedRunner | None = None,
     force: bool = False,
 ) -> pd.DataFrame:
-    """Trains the feedback law on training cars; it is written as a file of candidates.
+    """Trains the numbers of a candidate on training cars; they are written as a file of
+    candidates.
 
     Args:
         folder: of that file and of the runs.
         search: how much.
+        candidate: of `TRAINABLE`: the feedback law, or the rollover control of a driver at full
+            lock, without tail or together with the law.
         ensemble: name or path; `cars` so many of its training cars, split by the search's seed.
         tail, floors, speeds, runs: as of `judge`.
         force: replaces the file.
@@ -133,13 +119,19 @@ def train_law(
     Returns:
         A row per number: key and value.
     """
+    if candidate not in TRAINABLE:
+        raise SweepError(f"candidate {candidate!r}: {nearest(candidate, TRAINABLE)}")
     search = search or LawSearch()
     cases = ensemble_cases(ensemble, "training", cars, tail, floors, search.seed)
     with _runs_in(folder, runs) as runner:
-        trained = train_feedback(cases, speeds, search, runner)
+        if candidate == "feedback":
+            trained = train_feedback(cases, speeds, search, runner)
+        else:
+            has_tail = candidate.startswith("feedback")
+            trained = train_rollover_control(has_tail, cases, speeds, search, runner)
     chosen = (
-        f"aerodima swing train: {search}, {cars} training cars of {ensemble}, {tail} tail, floors "
-        f"{list(floors)}, speeds {list(speeds)}"
+        f"aerodima swing train --candidate {candidate}: {search}, {cars} training cars of "
+        f"{ensemble}, {tail} tail, floors {list(floors)}, speeds {list(speeds)}"
     )
     write_candidate(folder / TRAINED, trained, chosen, force=force)
     return pd.DataFrame([one.split("=") for one in trained.settings], columns=["key", "value"])

@@ -34,8 +34,8 @@ def bench_step() -> list[BenchRow]:
     Peers: the same plant with its tail alone in a diagram, idle (all inputs zero) and driven
     (through the same turn, by the recorded torques, forces and steering angles of the station). The
     rest of the ratio is what the station adds. With Coulomb tyres a driven plant costs half as much
-    again, since its contact solver works harder, and the ratio is smaller. Each is stepped through the whole published turn
-    at 3.33 m/s. The least of all repeats counts, kind by kind.
+    again, since its contact solver works harder, and the ratio is smaller. Each is stepped through
+    the whole published turn at 3.33 m/s. The least of all repeats counts, kind by kind.
     """
     scenario = load_scenario("turn_swing")
     inputs = _recorded_inputs(scenario)

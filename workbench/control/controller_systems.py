@@ -269,7 +269,7 @@ class TurnDriver(LeafSystem):
         view = DriverView(nominal_time(context.get_time(), self._rate))
         if "imu" in self._sources:
             imu = IMU.read(vector_of(self._sources["imu"], context))
-            view = view._replace(yaw_rate=imu.gyro_z, roll_rate=imu.gyro_x)
+            view = view._replace(yaw_rate=imu.gyro_z, roll=imu.roll, roll_rate=imu.gyro_x)
         if "pose" in self._sources:
             pose = POSE.read(vector_of(self._sources["pose"], context))
             sine = 2.0 * (pose.qw * pose.qz + pose.qx * pose.qy)

@@ -20,8 +20,10 @@ from aerodima.workbench.control.manoeuvre import (
     speed_ramp,
 )
 from aerodima.workbench.control.paths import Path, path_of
+from aerodima.workbench.control.rollover_control import RolloverMemory, limit_by_roll, max_angle
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.scenario.law_parameters import RolloverControlParameters
 
 Source = Literal["imu", "pose"]
 """What a driver may look at: the IMU of the station, and the pose and speed of a simulated car."""
@@ -41,7 +43,7 @@ class DriverView(NamedTuple):
             that stands.
         speed: over ground, m/s.
         yaw_rate: rad/s, positive to the left.
-        roll_rate: rad/s, positive to the right.
+        roll, roll_rate: of the car, rad and rad/s, positive to the right.
     """
 
     time: float
@@ -50,6 +52,7 @@ class DriverView(NamedTuple):
     course: float = math.nan
     speed: float = math.nan
     yaw_rate: float = math.nan
+    roll: float = math.nan
     roll_rate: float = math.nan
 
 
@@ -228,7 +231,64 @@ class PathDriver:
         )
 
 
+@dataclass(frozen=True)
+class LimitedDriver:
+    """A driver whose steering the rollover control of the car limits (`rollover_control`).
+
+    While the roll is not known the wheels keep their share.
+
+    Args:
+        driver: who steers.
+        control: numbers of the control.
+        max_angle: to which the control limits the steering by speed, rad.
+        rate: ticks per second, Hz.
+    """
+
+    driver: DriverLaw
+    control: RolloverControlParameters
+    max_angle: float
+    rate: float
+
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        """See `DriverLaw`: the IMU, too."""
+        return tuple(dict.fromkeys((*self.driver.sources, "imu")))
+
+    def start(self) -> FloatArray:
+        """See `DriverLaw`: `RolloverMemory`, the zero NaN until a roll is known; then the memory of
+        the driver.
+        """
+        return np.array([1.0, math.nan, *self.driver.start()])
+
+    def step(self, memory: FloatArray, view: DriverView) -> tuple[FloatArray, DriverInput]:
+        """See `DriverLaw`."""
+        drivers, given = self.driver.step(memory[2:], view)
+        known = RolloverMemory(*memory[:2].tolist())
+        if math.isnan(known.zero):
+            known = known._replace(zero=view.roll)
+        asked = float(np.clip(given.steering_angle, -self.max_angle, self.max_angle))
+        if math.isfinite(view.roll) and math.isfinite(view.roll_rate):
+            known = limit_by_roll(self.control, self.rate, known, asked, view.roll, view.roll_rate)
+        limited = given._replace(steering_angle=float(known.share) * asked)
+        return np.array([*known, *drivers]), limited
+
+
 def make_driver(scenario: Any) -> DriverLaw:
+    """Returns the driver of a scenario, with the rollover control if that is on.
+
+    Raises:
+        UserError: speed out of reach, times that do not fit together.
+    """
+    driver = driver_of_manoeuvre(scenario)
+    control = scenario.rollover_control
+    if control.gain == 0.0:
+        return driver
+    speed = scenario.manoeuvre.speed
+    angle = float(max_angle(scenario.car.wheelbase, control.acceleration, speed))
+    return LimitedDriver(driver, control, angle, scenario.controller.rate)
+
+
+def driver_of_manoeuvre(scenario: Any) -> DriverLaw:
     """Returns the driver of `scenario.manoeuvre`: a schedule where the manoeuvre is a function of
     time, else a law of its own.
 

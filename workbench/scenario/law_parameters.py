@@ -51,6 +51,22 @@ class ControllerParameters(QuantityModel):
     )
 
 
+class RolloverControlParameters(QuantityModel):
+    """Limit of the steering by speed and roll of the car (`control.rollover_control`)."""
+
+    gain: float = quantity(
+        "1/rad", "share of the steering that is lost per roll beyond start; 0 is off", "[0, 1000]"
+    )
+    start: float = quantity("rad", "roll from which steering is lost", "[0, 1.5708]")
+    lead: float = quantity("s", "how far ahead the roll is taken, by the roll rate", "[0, 5]")
+    acceleration: float = quantity(
+        "m/s2", "lateral acceleration of the kinematic car at which the wheels stop", "(0, 1000]"
+    )
+    zero_time: float = quantity(
+        "s", "time constant with which the zero of the roll follows the roll", "(0, 100]"
+    )
+
+
 class FeedbackParameters(QuantityModel):
     """Tail law that follows the state of the car (`control.feedback_law`, design section 8)."""
 

@@ -14,7 +14,11 @@ from aerodima.workbench.scenario.car_parameters import (
     DriveParameters,
     ServoParameters,
 )
-from aerodima.workbench.scenario.law_parameters import ControllerParameters, FeedbackParameters
+from aerodima.workbench.scenario.law_parameters import (
+    ControllerParameters,
+    FeedbackParameters,
+    RolloverControlParameters,
+)
 from aerodima.workbench.scenario.manoeuvre_parameters import (
     EnvironmentParameters,
     ManoeuvreParameters,
@@ -64,6 +68,7 @@ class Scenario(ScenarioFile):
     wind: WindParameters
     controller: ControllerParameters
     feedback: FeedbackParameters
+    rollover_control: RolloverControlParameters
     manoeuvre: ManoeuvreParameters
     simulation: SimulationParameters
 

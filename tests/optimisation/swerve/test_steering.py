@@ -16,16 +16,14 @@ from aerodima.optimisation.swerve.standard_manoeuvres import (
 from aerodima.optimisation.swerve.steering import (
     MIN_FIRST_LEVEL,
     draw_steering,
-    limited_steering,
+    full_lock,
     possible_steering,
     scaled_steering,
     search_steering,
     steering_settings,
 )
-from aerodima.optimisation.swerve.steering_limit import ACCELERATIONS, tune_limit
 from aerodima.optimisation.swerve.suite import ensemble_cases, select_candidates
 from aerodima.workbench.car.reduced.swerves import LEVELS
-from aerodima.workbench.car.swerve import swerve_counts
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.scenario.scenario import load_scenario
 from tests.refusals import assert_refused
@@ -96,20 +94,11 @@ def test_motions_of_the_thesis_begin_in_the_middle_when_the_steering_does(name, 
     assert np.abs(np.diff(roll)).max() < 0.002 * 12.0  # it follows 8 rad/s
 
 
-def test_a_limit_of_the_steering_holds_on_every_car_and_the_next_one_does_not():
-    cases = ensemble_cases("physical", "training", 2, "built", [1.2])
-    limit = tune_limit(cases, [6.0])
-    index = list(ACCELERATIONS).index(limit)
-    assert 0 < index < len(ACCELERATIONS) - 1
-    counting = []
-    for case in cases:
-        settings = (*case.settings(), "tail.mode=none", "manoeuvre.speed=6.0")
-        scenario = load_scenario("swerve", settings)
-        steering = limited_steering(scenario, ACCELERATIONS[: index + 2])
-        angle = np.arctan(scenario.car.wheelbase * limit / 36.0)
-        assert steering[:LEVELS, index] == pytest.approx(angle)
-        counting.append(swerve_counts(ReducedSwerve(scenario).drive(steering)))
-    assert np.all(counting, axis=0).tolist() == [True] * (index + 1) + [False]
+def test_a_driver_at_full_lock_turns_the_wheels_to_the_stop():
+    scenario = load_scenario("swerve")
+    steering = full_lock(scenario, 3)
+    assert steering.shape == (2 * LEVELS - 1, 3)
+    assert np.all(steering[:LEVELS] == scenario.servo.limit)
 
 
 @pytest.mark.parametrize(("factor", "degrees"), [(6.5, 8.2), (8.0, 10.1)])

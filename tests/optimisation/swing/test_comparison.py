@@ -3,7 +3,6 @@ to a verified motion.
 """
 
 import json
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +12,6 @@ import yaml
 
 from aerodima.optimisation import BoundEffort, SearchEffort, judge
 from aerodima.optimisation.studies.runs import CachedRunner
-from aerodima.optimisation.swerve.candidate import LIMITED
 from aerodima.optimisation.swerve.suite import FOLDED, ensemble_cases
 from aerodima.optimisation.swing.full_runs import CLIMB_STEP, Descent, FullRun, drive_full
 from aerodima.workbench.scenario.scenario import load_scenario
@@ -60,13 +58,26 @@ def test_angles_are_scaled_to_where_the_swerve_just_counts(limit, expected):
     assert "manoeuvre.level_1_end=0.2" in settings
 
 
-def test_no_share_turns_wheels_beyond_a_limit_of_the_steering():
+def test_no_share_turns_wheels_beyond_the_limit_of_the_servo():
     one = descent()
-    one.candidate = replace(LIMITED, limit=6.0)
+    one.result = {**one.result, "steering": [0.4, 0.1, 0.02, 0.2, 0.4]}
     scenario = load_scenario("swerve", one.run(1.6).settings)
-    angle = math.atan(6.0 * scenario.car.wheelbase / 36.0)
-    assert scenario.manoeuvre.level_1 == pytest.approx(angle)
+    assert scenario.manoeuvre.level_1 == pytest.approx(scenario.servo.limit)
     assert scenario.manoeuvre.level_3 == pytest.approx(0.02 * 1.6)
+
+
+def test_a_driver_at_full_lock_is_driven_once_and_not_with_less():
+    one = descent()
+    control = ("rollover_control.gain=10.0",)
+    one.candidate = replace(one.candidate, settings=(*one.candidate.settings, *control))
+    one.result = {**one.result, "score": -1e4}
+    assert one.next_shares() == [1.0], "what tips on the reduced car is driven, too"
+    one.rows[1.0] = {"counts": True, "value": 0.4}
+    assert one.next_shares() == []
+    one.step = 0.0005
+    assert one.next_confirmations() == [1.0]
+    one.confirmed[1.0] = {"counts": False, "value": 0.0}
+    assert one.next_confirmations() == []
 
 
 def test_the_best_run_is_driven_at_the_finer_step_with_angles_that_count_there():

@@ -26,6 +26,7 @@ from aerodima.workbench.car.reduced.states import RATES, SPIN, STATES, TAIL_RATE
 from aerodima.workbench.car.swerve import Swerve
 from aerodima.workbench.control.feedback_law import OVER, FeedbackSignals, LawMemory, respond
 from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE, level_angle, slewed_angle
+from aerodima.workbench.control.rollover_control import RolloverMemory, limit_by_roll, max_angle
 from aerodima.workbench.control.swing_player import RollTrajectory
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.scenario.scenario import Scenario
@@ -73,19 +74,24 @@ class SwerveRollout(Rollout):
         self._servo_rate = scenario.servo.rate * np.ones(n)
         self._rate = scenario.controller.rate
 
+    def _commanded(self, since: Any) -> Any:
+        """Returns the steering command at a time since the start of the steering (n), rad."""
+        return level_angle([*self._levels], [*self._ends], since)
+
     def _seen_steering(self, time: Any) -> Any:
         """Returns the steering that a controller sees at a tick (n), rad: that of the last one."""
-        since = time - 1.0 / self._rate + TICK_TOLERANCE
-        return level_angle([*self._levels], [*self._ends], since)
+        return self._commanded(time - 1.0 / self._rate + TICK_TOLERANCE)
+
+    def _wheels(self, time: Any) -> Any:
+        """Returns the mean angle of the wheels in a step (n), rad."""
+        within = time + STEP * WITHIN
+        angles = slewed_angle([*self._levels], [*self._ends], self._servo_rate, within)
+        return np.sum(angles, axis=0) / len(WITHIN)
 
     def step(self, time: Any) -> tuple[FloatArray, ...]:
         """Drives one step and returns what `Swerve` holds of it."""
         cars = self._cars
-        levels = [*self._levels]
-        ends = [*self._ends]
-        within = time + STEP * WITHIN
-        angles = slewed_angle(levels, ends, self._servo_rate, within)
-        steering = np.sum(angles, axis=0) / len(WITHIN)
+        steering = self._wheels(time)
         self._drive(steering, cars.speed / cars.rolling_radius)
         state = self.state
         course, speed = over_ground(state, cars.com_x)
@@ -96,7 +102,7 @@ class SwerveRollout(Rollout):
         asked = pd_torque(joints, rates, target, target_rate, scale * kp, scale * kd)
         low, high = torque_bounds(rates, cars.torque_limit, cars.stall_torque, cars.no_load_speed)
         torques = np.clip(asked, low, high)
-        commanded = level_angle(levels, ends, time + STEP) + 0.0 * speed
+        commanded = self._commanded(time + STEP) + 0.0 * speed
         body = [state[0], state[1], state[3], course, speed, state[RATES][W][2], state[5]]
         lag = cars.has_tail * (state[7] - self._tail[1, 0])
         body += [commanded, lag, np.sum(torques * rates, axis=0)]
@@ -162,6 +168,52 @@ class FeedbackSwerve(SwerveRollout):
         self._memory = np.stack(respond(gains, self._wheelbase, self._rate, memory, seen))
         reference = self._memory[0]
         self._command(self._pitch, np.stack([reference, 0.0 * reference, gains.kp, gains.kd]))
+
+
+class LimitedSwerve(FeedbackSwerve):
+    """Cars with the feedback law, or without tail, whose rollover control limits the steering; the
+    wheels follow the levels from tick to tick.
+
+    Args:
+        cars, scenario, steering, gains: as of `FeedbackSwerve`.
+        control: fields of `RolloverControlParameters` as arrays (n).
+    """
+
+    def __init__(
+        self,
+        cars: VehicleParams,
+        scenario: Scenario,
+        steering: FloatArray,
+        gains: Any,
+        control: Any,
+    ) -> None:
+        super().__init__(cars, scenario, steering, gains)
+        straight = np.zeros(cars.count)
+        self._control = control
+        self._max_angle = max_angle(self._wheelbase, control.acceleration, cars.speed)
+        self._limited = np.stack([1.0 + straight, straight])
+        self._asked = straight
+        self._angle = straight
+
+    def tick(self, time: Any) -> None:
+        """Asks the law, then the control."""
+        super().tick(time)
+        driver = super()._commanded(time + TICK_TOLERANCE)
+        asked = np.clip(driver, -self._max_angle, self._max_angle)
+        roll, roll_rate, _ = self._imu[0]
+        memory = RolloverMemory(*self._limited)
+        limited = limit_by_roll(self._control, self._rate, memory, asked, roll, roll_rate)
+        self._limited = np.stack(limited)
+        self._asked = limited.share * asked
+
+    def _commanded(self, since: Any) -> Any:
+        return self._asked
+
+    def _wheels(self, time: Any) -> Any:
+        before = self._angle
+        step = STEP * self._servo_rate
+        self._angle = before + np.clip(self._asked - before, -step, step)
+        return 0.5 * (before + self._angle)
 
 
 def drive_swerves(rollout: SwerveRollout, scenario: Scenario) -> Swerve:

@@ -1,0 +1,48 @@
+"""Conditions of a car that is not as modelled, in which rollover controls are trained."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from aerodima.optimisation.swerve.candidate import SWERVE, Settings
+from aerodima.optimisation.swerve.suite import Case
+from aerodima.workbench.scenario.scenario import load_scenario
+
+
+class Condition(NamedTuple):
+    """How a car differs from its model.
+
+    Attributes:
+        delay: of the IMU, s.
+        mass, com_height, friction: over those of the car.
+        torque_error: of the motors, as a share.
+    """
+
+    delay: float = 0.024
+    mass: float = 1.0
+    com_height: float = 1.0
+    friction: float = 1.0
+    torque_error: float = 0.0
+
+    def settings(self, case: Case) -> Settings:
+        """Returns the settings that make it on the car of a case."""
+        car = load_scenario(SWERVE, case.settings()).car
+        return (
+            f"imu.delay={self.delay}",
+            f"car.mass={self.mass * car.mass:.6g}",
+            f"car.com_height={self.com_height * car.com_height:.6g}",
+            f"car.tyre_friction={self.friction * car.tyre_friction:.6g}",
+            f"tail_motor.torque_error={self.torque_error}",
+        )
+
+
+UNLIKE = (
+    Condition(),
+    Condition(delay=0.064),
+    Condition(mass=1.1, com_height=1.1),
+    Condition(com_height=1.15),
+    Condition(friction=0.8),
+    Condition(torque_error=-0.3),
+)
+"""As modelled, then not. A centre of mass that is 15 % higher stands for a bank of 3 degrees or a
+gust, either of which takes a tenth of what holds the car down, and for what the model lacks."""

@@ -1,0 +1,131 @@
+"""Training of the rollover control for a driver at full lock, without tail or together with the
+feedback law.
+
+Numbers are scored by how far the last point of the outline has moved aside after 0.5 s and after
+1 s, both over their usual size, on training cars that are as modelled and not: half the mean over
+all runs, half the mean of the worst fifth. A run that does not count is worth nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from aerodima.optimisation.studies.runs import CachedRunner
+from aerodima.optimisation.swerve.aims import AIMS, FAILED
+from aerodima.optimisation.swerve.aims import score as score_swerves
+from aerodima.optimisation.swerve.candidate import NO_TAIL, SWERVE, Candidate, Settings
+from aerodima.optimisation.swerve.car_conditions import UNLIKE
+from aerodima.optimisation.swerve.reduced_swerves import ReducedSwerve
+from aerodima.optimisation.swerve.steering import full_lock
+from aerodima.optimisation.swerve.suite import FEEDBACK, Case
+from aerodima.optimisation.swing.feedback_training import (
+    RANGES,
+    Law,
+    LawSearch,
+    law_settings,
+    repeated,
+    score,
+    search_laws,
+)
+from aerodima.workbench.batch.row_store import content_key
+from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.scenario.scenario import load_scenario
+
+CONTROL_RANGES = {
+    "rollover_control.gain": (0.5, 60.0),
+    "rollover_control.start": (0.0, 0.25),
+    "rollover_control.lead": (0.0, 0.3),
+    "rollover_control.acceleration": (2.0, 80.0),
+}
+"""Numbers of the control that are free, in the units of `RolloverControlParameters`."""
+CONTROL_START = {
+    "rollover_control.gain": 30.0,
+    "rollover_control.start": 0.05,
+    "rollover_control.lead": 0.1,
+    "rollover_control.acceleration": 20.0,
+}
+"""Control that the search starts from, chosen by hand."""
+SCORED = ("aside-0.5", "aside-1.0")
+"""Aims of a run."""
+
+
+class ControlBatch(NamedTuple):
+    """Numbers on a car at its speed in several conditions: small enough to send to a worker."""
+
+    settings: tuple[Settings, ...]
+    numbers: tuple[Law, ...]
+
+
+def train_rollover_control(
+    has_tail: bool,
+    cases: Sequence[Case],
+    speeds: Sequence[float],
+    search: LawSearch,
+    runs: CachedRunner,
+) -> Candidate:
+    """Searches the rollover control with the best score on training cars.
+
+    Args:
+        has_tail: whether the numbers of the feedback law are searched with it; else the cars have
+            no tail.
+        cases: training cars with their tail and floor.
+        speeds: at which they swerve, m/s.
+        search: how much; rounds follow each other, each from the best of the one before.
+        runs: where the runs are made.
+
+    Raises:
+        UserError: no control keeps a car upright.
+    """
+    base = NO_TAIL
+    ranges = dict(CONTROL_RANGES)
+    best: Law = CONTROL_START
+    if has_tail:
+        base = FEEDBACK
+        ranges |= RANGES
+        shipped = load_scenario(SWERVE).feedback
+        best |= {key: getattr(shipped, key.removeprefix("feedback.")) for key in RANGES}
+    places = control_places(base, cases, speeds)
+    runs.stage = "rollover control"
+
+    def score_numbers(numbers: Sequence[Law]) -> FloatArray:
+        batches = [ControlBatch(place, tuple(numbers)) for place in places]
+        keys = [content_key("control scores", repr(batch)) for batch in batches]
+        worth = np.concatenate(runs.map(score_control_batch, batches, keys))
+        return score(worth.T)
+
+    for number in range(search.rounds):
+        one = replace(search, seed=search.seed + number)
+        best = search_laws(one, best, score_numbers, runs.say, ranges)
+    name = f"trained {base.name}, rollover control"
+    return Candidate(name, (*base.settings, *law_settings(best)))
+
+
+def control_places(
+    base: Candidate, cases: Sequence[Case], speeds: Sequence[float]
+) -> list[tuple[Settings, ...]]:
+    """Returns the settings of cars at their speeds, each in all of `UNLIKE`."""
+    places = []
+    for case in cases:
+        conditions = [condition.settings(case) for condition in UNLIKE]
+        for speed in speeds:
+            driven = (*base.settings, f"manoeuvre.speed={speed!r}")
+            places.append(tuple((*case.settings(), *one, *driven) for one in conditions))
+    return places
+
+
+def score_control_batch(batch: ControlBatch) -> list[list[float]]:
+    """Returns what numbers are worth to a driver at full lock (conditions, numbers)."""
+    worth = []
+    for settings in batch.settings:
+        car = ReducedSwerve(load_scenario(SWERVE, settings))
+        steerings = full_lock(car.scenario, len(batch.numbers))
+        swerves = car.drive(steerings, repeated(batch.numbers, 1))
+        values = [score_swerves(swerves, AIMS[aim]) / AIMS[aim].size for aim in SCORED]
+        counts = score_swerves(swerves, AIMS[SCORED[0]]) > FAILED
+        row: list[float] = np.where(counts, np.mean(values, axis=0), 0.0).tolist()
+        worth.append(row)
+    return worth
