@@ -38,11 +38,12 @@ class Condition(NamedTuple):
 
 UNLIKE = (
     Condition(),
-    Condition(delay=0.064),
-    Condition(mass=1.1, com_height=1.1),
-    Condition(com_height=1.15),
+    Condition(delay=0.044),
+    Condition(mass=1.1, com_height=1.05),
+    Condition(com_height=1.1),
     Condition(friction=0.8),
     Condition(torque_error=-0.3),
 )
-"""As modelled, then not. A centre of mass that is 15 % higher stands for a bank of 3 degrees or a
-gust, either of which takes a tenth of what holds the car down, and for what the model lacks."""
+"""As modelled, then not. A centre of mass that is 10 % higher stands for a bank of 3 degrees or a
+gust: either takes a tenth of what holds the car down. With 15 %, and an IMU 64 ms late, the search
+found controls that went less far on test cars and kept no more of them upright."""

@@ -241,7 +241,10 @@ def _write_page(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSumma
     lead = ""
     if first:
         title = f"One swerve, {len(first)} cars"
-        lead = "Same car, floor and speed; each candidate has its own best steering."
+        lead = (
+            "Same car, floor and speed; each candidate has its own best steering, but for a driver "
+            "at full lock."
+        )
         sections = [*swerve_chapter(load_shown_swerve(), first), *sections]
     write_files(out, {SUMMARY: numbers, PAGE: Page(title, lead, sections)})
 

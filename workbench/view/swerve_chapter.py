@@ -130,7 +130,8 @@ def swerve_chapter(shown: ShownSwerve, run_logs: Mapping[str, RunLog]) -> list[S
     sections = [Section(f"In step: a swerve at {case}", in_step)]
     explanation = (
         "Metres that the last point of the car's outline has moved aside 0.5 s after the start of "
-        "the steering, each candidate with its own best steering: medians over test cars, the "
+        "the steering, each candidate with its own best steering, those with rollover control with "
+        "a driver at full lock: medians over test cars, the "
         "median gain over the same cars without tail, and how many complete the swerve. A swerve "
         "counts when the car is straight at its start, stays upright to the end and goes straight "
         "again there."

@@ -28,7 +28,7 @@ def test_every_candidate_that_completes_the_shown_swerve_is_shown():
     rows = shown_rows()
     complete = rows.index[rows["counts"].astype(str) == "True"]
     assert list(CHOSEN.runs()) == list(complete)
-    for baseline in ("no tail", "no tail, steering limit", "low ballast", "bound"):
+    for baseline in ("no tail", "no tail, rollover control", "low ballast", "bound"):
         assert baseline in rows.index, "it was tried"
     assert set(CHOSEN.words) <= set(rows.index)
 
