@@ -20,9 +20,9 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import spearmanr
 
+from aerodima.optimisation.calibrate.calibration_plan import FRICTION
 from aerodima.optimisation.studies.limit_search import Bracket, LimitSearch, run_rounds
-from aerodima.optimisation.studies.rollover_threshold import FRICTION, is_clean
-from aerodima.optimisation.studies.runs import CachedRunner, RunTask, open_run_engine
+from aerodima.optimisation.studies.runs import CachedRunner, RunTask, is_clean, open_run_engine
 from aerodima.workbench import load_ensemble, load_scenario
 from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.car.reduced.parameters import VehicleParams
