@@ -19,7 +19,6 @@ from .identify.static_fit import fit_static_log as fit_static_log
 from .identify.swing_coefficients import fit_added_mass_log as fit_added_mass_log
 from .identify.swing_coefficients import fit_friction_log as fit_friction_log
 from .identify.swing_coefficients import fit_robot_tail_log as fit_robot_tail_log
-from .studies.rollover_threshold import critical_friction as critical_friction
 from .studies.run_study import run_study as run_study
 from .studies.runs import open_run_engine as open_run_engine
 from .studies.study import load_study as load_study

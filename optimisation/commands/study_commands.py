@@ -1,22 +1,19 @@
-"""`aerodima sweep run` and `sweep threshold`: studies of many runs, and where a car rolls over."""
+"""`aerodima sweep run` and `calibrate`: studies of many runs."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from aerodima import optimisation, workbench
+from aerodima import optimisation
 from aerodima.workbench.batch.dask_cluster import THREAD_VARIABLES
 from aerodima.workbench.cli import options as cli
-from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.core.extras import require
-from aerodima.workbench.core.text_table import text_table
 
 if TYPE_CHECKING:
     from aerodima.optimisation.studies.runs import CachedRunner
@@ -33,20 +30,19 @@ def register(app: typer.Typer) -> None:
         app, "sweep", "Run studies of many runs, on this computer or a cluster.", cli.SWINGS
     )
     sweep.command()(run)
-    sweep.command(no_args_is_help=True)(threshold)
     app.command(rich_help_panel=cli.THESIS)(calibrate)
 
 
 @contextmanager
 def engine_for(
-    out: Path | None, workers: int = 2, scheduler: str | None = None
+    out: Path, workers: int = 2, scheduler: str | None = None
 ) -> Iterator[tuple[Engine, ProgressLine]]:
     """Opens an engine whose workers record in a folder, and the terminal for lines of progress."""
     from aerodima.workbench.batch.row_store import WORKER_RECORD, terminal_progress
 
     progress = terminal_progress()
     with optimisation.open_run_engine(
-        workers, scheduler, progress=progress, record=None if out is None else out / WORKER_RECORD
+        workers, scheduler, progress=progress, record=out / WORKER_RECORD
     ) as engine:
         yield engine, progress
 
@@ -85,50 +81,6 @@ def run(
     print(f"table: {out / TABLE}")
     if table["error"].fillna("").ne("").any():
         raise typer.Exit(cli.Status.LEFT_OUT)
-
-
-def threshold(
-    factor: Annotated[
-        str, typer.Argument(metavar="speed|friction", autocompletion=lambda: ["speed", "friction"])
-    ],
-    scenario: cli.ScenarioArgument = "turn_swing",
-    settings: cli.Settings = None,
-    low: Annotated[
-        float | None, typer.Option("--from", help="Lowest value; 2.5 m/s, or 0.4.")
-    ] = None,
-    high: Annotated[
-        float | None, typer.Option("--to", help="Highest value; 6.5 m/s, or 1.1.")
-    ] = None,
-    scan: Annotated[
-        float | None,
-        typer.Option(help="Step of the scan, 0.25 m/s or 0.05; narrower islands may be missed."),
-    ] = None,
-    tolerance: Annotated[
-        float | None, typer.Option(help="Between survived and flipped, 0.05 m/s or 0.01.")
-    ] = None,
-    workers: cli.Workers = 2,
-    scheduler: cli.Scheduler = None,
-) -> None:
-    """Find where a car begins to roll over, by speed or friction.
-
-    Highest value survived, first at which it flips, and islands beyond.
-
-    Example: aerodima sweep threshold friction turn_swing --set manoeuvre.speed=4.44
-    """
-    from aerodima.optimisation.studies.rollover_threshold import SEARCHES, find_threshold
-    from aerodima.optimisation.studies.runs import CachedRunner
-
-    if factor not in SEARCHES:
-        raise SweepError(f"{factor}: must be one of {', '.join(SEARCHES)}")
-    changes: dict[str, Any] = {"low": low, "high": high, "scan": scan, "tolerance": tolerance}
-    given = {name: value for name, value in changes.items() if value is not None}
-    search = replace(SEARCHES[factor], **given)
-    workbench.load_scenario(scenario, settings or ())
-    with engine_for(None, workers, scheduler) as (engine, progress):
-        runs = CachedRunner(engine, progress=progress)
-        result = find_threshold(scenario, settings or (), search, runs)
-    row = result.summary
-    typer.echo("\n".join(text_table(list(row), [list(row.values())])))
 
 
 @cli.grouped

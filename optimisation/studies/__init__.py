@@ -1,1 +1,1 @@
-"""Studies of many runs, and thresholds."""
+"""Studies of many runs, and searches of a limit."""

@@ -1,12 +1,10 @@
 """Search of a limit: the highest value of a factor that holds, and the first one that is lost.
 
 What holds is not monotone (design section 7): beyond the first loss there may be islands that hold
-again. A limit is therefore the end of an unbroken row from below. It is searched in one of two
-ways, for one candidate or many:
-
-- A climb begins where the candidate is expected to hold, goes up in strides until a value is lost
-  (down first, if the first one is), and halves the last stride (`Bracket.next_value`).
-- A scan evaluates the whole range and narrows the step from held to the first loss.
+again. A limit is therefore the end of an unbroken row from below. It is searched by a climb, for
+one candidate or many: a climb begins where the candidate is expected to hold, goes up in strides
+until a value is lost (down first, if the first one is), and halves the last stride
+(`Bracket.next_value`).
 
 The values that are evaluated depend on their verdicts alone, so neither do the limits depend on the
 number of workers; rows that are kept are not made again.
@@ -17,20 +15,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
-from aerodima.workbench.core.errors import SweepError
-from aerodima.workbench.core.ranges import NO_UNIT, check_range
-
-_MIN_STEP = 1e-12
-"""Least step of a search, in the unit of its factor."""
-SCAN_SECTIONS = 3
-"""Parts of a bracket per round of a scan: two runs, one per core of a small computer."""
-
-Start = float | Literal["scan"]
-"""Value at which a climb begins, or `scan`."""
 Candidate = TypeVar("Candidate")
 
 
@@ -100,8 +88,7 @@ class LimitSearch:
         factor: number of the scenario that is varied.
         low: lowest value; the grid of a climb begins here.
         high: highest value.
-        scan: largest step of a scan, in which a narrower island may be missed; first stride of a
-            climb.
+        stride: first stride of a climb; at least the tolerance.
         tolerance: largest distance between the highest value held and the first lost; grid of a
             climb.
     """
@@ -109,45 +96,23 @@ class LimitSearch:
     factor: str
     low: float
     high: float
-    scan: float
+    stride: float
     tolerance: float
 
-    def __post_init__(self) -> None:
-        for name, low, high in (
-            ("low", -math.inf, self.high),
-            ("scan", _MIN_STEP, math.inf),
-            ("tolerance", _MIN_STEP, self.scan),
-        ):
-            where = f"threshold of {self.factor}: {name}"
-            check_range(where, getattr(self, name), low, high, NO_UNIT, error=SweepError)
-
-    def next_values(self, start: Start, verdicts: Mapping[float, bool | None]) -> list[float]:
-        """Returns the values that are needed next; none at the end.
+    def next_values(self, start: float, verdicts: Mapping[float, bool | None]) -> list[float]:
+        """Returns the value that is needed next; none at the end.
 
         Args:
-            start: of a climb, or `scan`.
+            start: of the climb.
             verdicts: value -> whether it holds, of all that was evaluated so far.
         """
-        bracket = Bracket.from_verdicts(verdicts)
-        if start == "scan":
-            values = self._scan(bracket, not verdicts)
-        else:
-            stride = self.tolerance * max(1, round(self.scan / self.tolerance))
-            value = bracket.next_value(start, stride)
-            index = math.floor((value - self.low) / self.tolerance + 1e-9)
-            last = round((self.high - self.low) / self.tolerance)
-            values = [rounded(self.low + min(max(index, 0), last) * self.tolerance)]
+        stride = self.tolerance * max(1, round(self.stride / self.tolerance))
+        wanted = Bracket.from_verdicts(verdicts).next_value(start, stride)
+        index = math.floor((wanted - self.low) / self.tolerance + 1e-9)
+        last = round((self.high - self.low) / self.tolerance)
+        value = rounded(self.low + min(max(index, 0), last) * self.tolerance)
         # A value that is known already ends a climb.
-        return [value for value in values if value not in verdicts]
-
-    def _scan(self, bracket: Bracket, is_new: bool) -> list[float]:
-        if is_new:
-            steps = math.ceil((self.high - self.low) / self.scan - 1e-9)
-            return [rounded(value) for value in np.linspace(self.low, self.high, steps + 1)]
-        if not self.tolerance + 1e-9 < bracket.lost - bracket.held < math.inf:
-            return []
-        cuts = np.linspace(bracket.held, bracket.lost, SCAN_SECTIONS + 1)[1:-1]
-        return [rounded(value) for value in cuts]
+        return [] if value in verdicts else [value]
 
 
 def rounded(value: float) -> float:

@@ -7,7 +7,7 @@ stopped and go on, or be widened.
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass
 from functools import lru_cache, partial
@@ -29,13 +29,11 @@ from aerodima.workbench.batch.row_store import (
 from aerodima.workbench.control.swing_library import NO_SWING, find_swing
 from aerodima.workbench.control.user_law import in_words, load_law
 from aerodima.workbench.core.errors import UserError
+from aerodima.workbench.core.file_reading import Facts
 from aerodima.workbench.core.yaml_files import read_yaml
 from aerodima.workbench.logs.schema import RunLog, read_run_log, software_versions
 from aerodima.workbench.scenario.rig_scenario import RigScenario
 from aerodima.workbench.scenario.scenario import Scenario, default_values
-
-MIN_SPEED_SHARE = 0.9
-"""Share of the commanded speed that a car must have reached when its turn begins."""
 
 FINE_STEP = 0.0005
 """Step of the plant at which claims are made, s; a fourth of that of ordinary runs."""
@@ -133,17 +131,9 @@ def evaluate(task: RunTask) -> Row:
         return failed_row(task, words, scenario)
 
 
-def tipped_before_turn(row: Mapping[Any, Any]) -> bool:
-    """Tells whether a run flipped before its turn, so that it says nothing about the turn.
-
-    A high car with its tail behind may tip over backwards while it gathers speed; it is slow, or
-    lies, when the turn begins.
-    """
-    speed = row.get("speed_m_per_s")
-    commanded = row.get("commanded_speed_m_per_s")
-    if row["outcome"] != "flipped" or speed is None or commanded is None:
-        return False
-    return speed < MIN_SPEED_SHARE * commanded
+def is_clean(row: Facts) -> bool:
+    """Tells whether a row of a run is that of clean survival."""
+    return row["outcome"] == "survived" and bool(row["clean"])
 
 
 def failed_row(task: RunTask, error: str, scenario: Scenario | RigScenario | None = None) -> Row:

@@ -14,8 +14,13 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from aerodima.optimisation.studies.rollover_threshold import is_clean
-from aerodima.optimisation.studies.runs import FINE_STEP, RunTask, measured_row, step_settings
+from aerodima.optimisation.studies.runs import (
+    FINE_STEP,
+    RunTask,
+    is_clean,
+    measured_row,
+    step_settings,
+)
 from aerodima.optimisation.swerve.aims import find_aim
 from aerodima.optimisation.swerve.candidate import swing_player
 from aerodima.optimisation.swing.solution import AIM, AIM_VALUE

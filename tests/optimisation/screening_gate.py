@@ -20,9 +20,9 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import spearmanr
 
+from aerodima.optimisation.calibrate.calibration_plan import FRICTION
 from aerodima.optimisation.studies.limit_search import Bracket, LimitSearch, run_rounds
-from aerodima.optimisation.studies.rollover_threshold import FRICTION, is_clean
-from aerodima.optimisation.studies.runs import CachedRunner, RunTask, open_run_engine
+from aerodima.optimisation.studies.runs import CachedRunner, RunTask, is_clean, open_run_engine
 from aerodima.workbench import load_ensemble, load_scenario
 from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.car.reduced.parameters import VehicleParams
@@ -31,6 +31,8 @@ from aerodima.workbench.car.reduced.turns import drive_turns
 
 SCENARIO, SPEED = "turn_designed", ("manoeuvre.speed=4.5",)
 SEARCH = LimitSearch(FRICTION, 0.3, 1.2, 0.1, 0.0125)
+GRID = np.round(np.arange(0.3, 1.2 + 1e-9, SEARCH.tolerance), 4)
+"""Of the values that `SEARCH` evaluates."""
 MIDDLE = 0.75
 SWING = ("tail.mode=swing", "controller.swing_file=none")
 CONTROLLERS = {
@@ -175,12 +177,13 @@ def best_ranks(engine, car, seed):
         return [bool(clean([order[0]], friction)) for _, friction in wanted]
 
     (limit,) = clean_limits(1, run)
-    place = -1 if np.isinf(limit) else SEARCH.index(limit)
     best = order[:1]
     left = order[1:]
-    while place < SEARCH.index(SEARCH.high) and (left := clean(left, SEARCH.value(place + 1))):
+    for friction in GRID[limit < GRID]:
+        left = clean(left, float(friction))
+        if not left:
+            break
         best = left
-        place = place + 1
     return [order.index(law) + 1 for law in best]
 
 

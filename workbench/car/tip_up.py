@@ -10,11 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import trapezoid
 
-from aerodima.workbench.car.turn_course import ground_velocity
 from aerodima.workbench.car.turn_signals import turn_signals
-from aerodima.workbench.car.verdict import LAST, is_loaded, side_lift, touches_ground
+from aerodima.workbench.car.verdict import is_loaded, side_lift, touches_ground
 from aerodima.workbench.control.paths import off_path, path_of
 from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.logs.schema import RunLog
@@ -30,13 +28,10 @@ Windows = Sequence[tuple[float, float, float]]
 """Start and end, s, and side, +1 left or -1 right, of each part of a run in which the car is
 steered to that side."""
 
-_TIME_MARGIN = 1e-6
-"""A sample this close to the edge of a window (s) belongs to it."""
-
 
 @dataclass(frozen=True)
 class TipUp:
-    """Lift, contacts and turning of a steered car.
+    """Lift and contacts of a steered car.
 
     Attributes:
         side_lift_m: largest value over time of the smaller lift of the two wheels of one side, m;
@@ -44,16 +39,10 @@ class TipUp:
         touched_when_steered: which of cage, board and tail touched the ground, the anti-ramp board
             while the car is steered alone: it is there to catch a car that gathers speed after a
             turn; None where the log cannot tell.
-        lateral_acceleration_m_per_s2: see `lateral_acceleration`; None where the log ends before
-            the steering.
-        last_yaw_rate_rad_per_s: mean of the last `LAST` seconds; None where the car is steered in
-            them.
     """
 
     side_lift_m: float | None
     touched_when_steered: str | None
-    lateral_acceleration_m_per_s2: float | None
-    last_yaw_rate_rad_per_s: float | None
 
 
 def tip_up(run_log: RunLog, windows: Windows) -> TipUp:
@@ -67,26 +56,14 @@ def tip_up(run_log: RunLog, windows: Windows) -> TipUp:
     contact = signals.ground_contact
     steered = signals.from_start
     lifts = [run_log.signal(name)[steered] for name in LIFT_COLUMNS if name in run_log.table]
-    last = signals.time[-1] - LAST
-    time = run_log.time
-    turning = in_parts(time, [(start, end) for start, end, _ in windows])
+    turning = in_parts(run_log.time, [(start, end) for start, end, _ in windows])
     largest_lift = None
     if len(lifts) == len(WHEELS):
         largest_lift = float(np.max(side_lift(lifts)))
     touched = None
     if contact is not None:
         touched = " ".join(_touched(contact[steered], turning[steered]))
-    last_yaw_rate = None
-    if not any(end > last for _, end, _ in windows):
-        last_yaw_rate = float(np.mean(signals.yaw_rate[signals.time >= last]))
-    return TipUp(
-        side_lift_m=largest_lift,
-        touched_when_steered=touched,
-        lateral_acceleration_m_per_s2=lateral_acceleration(
-            time, *ground_velocity(run_log), windows
-        ),
-        last_yaw_rate_rad_per_s=last_yaw_rate,
-    )
+    return TipUp(side_lift_m=largest_lift, touched_when_steered=touched)
 
 
 def _touched(contact: FloatArray, steered: BoolArray) -> list[str]:
@@ -101,35 +78,6 @@ def _touched(contact: FloatArray, steered: BoolArray) -> list[str]:
         if np.any(counts):
             touched.append(part)
     return touched
-
-
-def lateral_acceleration(
-    time: FloatArray, speed: FloatArray, course: FloatArray, windows: Windows
-) -> float | None:
-    """Returns the mean over all windows, and over time, of side times speed times rate of the
-    course, m/s2.
-
-    None where no window has two samples. The body's yaw rate would count a spin, which does not
-    turn the path.
-
-    A window that reaches beyond the samples counts as far as they go.
-
-    Args:
-        time: (n,), s.
-        speed: over the ground (n,), m/s.
-        course: (n,), rad, unwrapped, positive to the left.
-        windows: in which the car is steered.
-    """
-    turned = 0.0
-    length = 0.0
-    for start, end, side in windows:
-        inside = (time >= start - _TIME_MARGIN) & (time <= end + _TIME_MARGIN)
-        if np.count_nonzero(inside) > 1:
-            turned += side * float(trapezoid(speed[inside], course[inside]))
-            length += float(np.ptp(time[inside]))
-    if length:
-        return turned / length
-    return None
 
 
 def path_row(run_log: RunLog, scenario: Scenario) -> dict[str, float | bool]:

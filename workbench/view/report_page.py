@@ -205,18 +205,16 @@ class Page:
 def write_files(
     folder: Path,
     contents: Mapping[str, Content],
-    *,
-    force: bool = True,
     error: type[UserError] = UserError,
 ) -> list[Path]:
-    """Writes files into a folder, each in one step, and none of them before all are made.
+    """Writes files into a folder, each in one step, and none of them before all are made; those
+    that exist are replaced.
 
     Args:
         folder: made when it is not there.
         contents: name -> content; a table becomes CSV or Parquet by the name, a page brings the
             plots beside it.
-        force: replace files that exist.
-        error: class of the errors raised: a file exists, or cannot be written.
+        error: class of the error raised where a file cannot be written.
     """
     made: dict[str, str | bytes] = {}
     for name, content in contents.items():
@@ -231,9 +229,7 @@ def write_files(
             made[name] = content.to_csv(index=False)
         else:
             made[name] = content.to_parquet(index=False)
-    return [
-        write_atomically(folder / name, content, force, error) for name, content in made.items()
-    ]
+    return [write_atomically(folder / name, content, True, error) for name, content in made.items()]
 
 
 def percent(ratio: float) -> str:

@@ -1,12 +1,12 @@
-"""Lifts and courses made by hand, whose largest values and means are known."""
+"""Lifts and contacts made by hand, whose largest values are known."""
 
 import numpy as np
 import pytest
 
-from aerodima.workbench.car.tip_up import LIFT_COLUMNS, lateral_acceleration, tip_up
+from aerodima.workbench.car.tip_up import LIFT_COLUMNS, tip_up
 from aerodima.workbench.car.turn_signals import turn_signals
 from aerodima.workbench.car.verdict import side_lift
-from tests.workbench.made_up_runs import both_sides, made_up_run, times
+from tests.workbench.made_up_runs import made_up_run, times
 
 LEFT_FRONT, RIGHT_FRONT, LEFT_REAR, RIGHT_REAR = range(4)
 
@@ -29,37 +29,6 @@ def test_two_wheels_of_two_sides_are_no_tip_up(axle_or_diagonal):
     lifts = np.full((4, 2), -0.001)
     lifts[axle_or_diagonal, 1] = 0.05
     assert np.max(side_lift(lifts)) == -0.001
-
-
-def test_lateral_acceleration_is_speed_times_rate_of_the_course_into_each_turn():
-    time = np.arange(0.0, 4.001, 0.01)
-    course = np.interp(
-        time, [0.0, 1.0, 2.0, 2.5, 4.0], [0.0, 2.0, 11.0, 10.5, 24.0]
-    )  # rad/s: 2, 9, -1, 9
-    speed = np.where(time <= 1.0, 3.0, 2.0)
-    parts = [(0.0, 1.0, 1), (2.0, 2.5, -1)]
-    assert lateral_acceleration(time, speed, course, parts) == pytest.approx(
-        (3.0 * 2.0 + 2.0 * 0.5) / 1.5
-    )
-    assert lateral_acceleration(time, speed, course, [(0.0, 1.0, -1)]) == pytest.approx(-6.0)
-    assert lateral_acceleration(time, speed, course, [(3.5, 9.0, 1)]) == pytest.approx(18.0), (
-        "as far as samples go"
-    )
-    assert lateral_acceleration(time, speed, course, [(5.0, 6.0, 1)]) is None
-
-
-@both_sides
-def test_a_turned_path_is_lateral_acceleration_and_a_spin_is_none(direction, side):
-    yaw = side * 1.5 * np.clip(times() - 2.0, 0.0, 0.64)
-    assert tip_up_in_turn(
-        made_up_run({"yaw_truth_rad": yaw}, direction)
-    ).lateral_acceleration_m_per_s2 == pytest.approx(4.5)
-    spin = {
-        "velocity_x_truth_m_per_s": 3.0 * np.cos(yaw),
-        "velocity_y_truth_m_per_s": -3.0 * np.sin(yaw),
-    }
-    found = tip_up_in_turn(made_up_run({"yaw_truth_rad": yaw, **spin}, direction))
-    assert found.lateral_acceleration_m_per_s2 == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("direction", ["left", "right"])
@@ -86,12 +55,3 @@ def test_the_board_counts_while_the_car_is_steered_and_the_tail_always():
     run.table["ground_contact_tail_truth_n"] = after
     assert tip_up(run, [(2.0, 2.6, 1)]).touched_when_steered == "tail"
     assert tip_up(run, []).touched_when_steered == "tail", "a car that is never steered"
-
-
-def test_the_last_yaw_rate_is_that_of_the_end_where_nothing_is_steered():
-    end = times()[-1]
-    run = made_up_run(
-        {"gyro_z_truth_rad_per_s": np.where(times() > end - 0.201, -0.3, 2.0)}, "left"
-    )
-    assert tip_up_in_turn(run).last_yaw_rate_rad_per_s == pytest.approx(-0.3)
-    assert tip_up(run, [(end - 0.5, end - 0.1, 1)]).last_yaw_rate_rad_per_s is None

@@ -5,8 +5,8 @@ scenario survives.
 import numpy as np
 import pytest
 
+from aerodima.optimisation.calibrate.calibration_plan import FRICTION
 from aerodima.optimisation.studies.limit_search import LimitSearch
-from aerodima.optimisation.studies.rollover_threshold import FRICTION
 from aerodima.workbench import Observation, UserError, load_scenario, metrics_of, simulate
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.rollout import STEP, over_ground
