@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -12,7 +12,13 @@ import numpy as np
 
 from aerodima.optimisation.swerve.aims import find_aim
 from aerodima.optimisation.swerve.candidate import SWERVE, Settings
-from aerodima.optimisation.swerve.steering import SearchEffort, limited_angle, search_steering
+from aerodima.optimisation.swerve.steering import (
+    SearchEffort,
+    limited_angle,
+    limited_steering,
+    search_steering,
+)
+from aerodima.optimisation.swerve.suite import FOLDED
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.swerves import (
     FeedbackSwerve,
@@ -82,6 +88,20 @@ def knots_of(swing: SwingFile, count: int) -> RollTrajectory:
     knots += [np.outer(values, one) for values in swing.knots.states("roll")]
     gains = [phase.roll.kp, phase.roll.kd, phase.pitch.kp, phase.pitch.kd]
     return RollTrajectory(*knots, *[gain * one for gain in gains])
+
+
+def check_aims(names: Sequence[str]) -> None:
+    """Tries aims on two cars that swerve with 1 m/s2, their tails folded back.
+
+    Raises:
+        UserError: no such aim; one that has no finite value for each of them.
+    """
+    car = ReducedSwerve(load_scenario(SWERVE, FOLDED.settings))
+    swerve = car.drive(limited_steering(car.scenario, np.ones(2)))
+    for name in names:
+        values = find_aim(name)(swerve)
+        if not np.isfinite(values).all():
+            raise SweepError(f"aim {name}: is {values[0]} of an upright car; must be finite")
 
 
 @dataclass(frozen=True)
