@@ -75,20 +75,17 @@ def search_steering(
     Returns:
         The score, see `aims.score`, and the steering (`STEERING`,).
     """
-    low, high = steering_ranges(limit)
 
-    def points(shares: FloatArray) -> FloatArray:
-        return possible_steering(low + shares.T * (high - low), limit)
+    def cost(points: FloatArray) -> FloatArray:
+        return -score(drive(possible_steering(points, limit).T), aim)
 
-    def cost(shares: FloatArray) -> FloatArray:
-        return -score(drive(points(shares).T), aim)
-
+    ranges = steering_ranges(limit)
     results = []
     for seed in range(effort.seed, effort.seed + effort.searches):
         drawn = draw_steering(np.random.default_rng(seed), effort.members, limit)
-        results.append(evolve(cost, (drawn - low) / (high - low), effort.generations, seed))
-    least, shares = min(results, key=lambda result: result[0])
-    return -least, points(shares[:, None])[0]
+        results.append(evolve(cost, drawn, ranges, effort.generations, seed))
+    least, point = min(results, key=lambda result: result[0])
+    return -least, possible_steering(point[None], limit)[0]
 
 
 def steering_ranges(limit: float) -> tuple[FloatArray, FloatArray]:

@@ -13,7 +13,6 @@ fixed once, and the rest is solved again.
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -52,7 +51,7 @@ class SwerveSolution:
         aims: of every car (members,).
         cost: of the program, all costs that were added included.
         violation: largest of any constraint of the program, scaled, and `worst` whose it is.
-        evaluations: batches of swerves; `wall_time` s.
+        evaluations: batches of swerves.
     """
 
     x: FloatArray
@@ -61,7 +60,6 @@ class SwerveSolution:
     violation: float
     worst: str
     evaluations: int
-    wall_time: float
 
 
 class SwerveNlp:
@@ -117,7 +115,6 @@ class SwerveNlp:
                 of levels are on ticks.
             solver: SNOPT or IPOPT.
         """
-        begun = time.perf_counter()
         before = self.evaluations
         low, high = self.shooting.variables.bounds
         x = self._solve(np.clip(start, low, high), iterations, solver)
@@ -131,9 +128,7 @@ class SwerveNlp:
             self.prog.RemoveConstraint(binding)
         violation, worst = self._violation(x)
         spent = self.evaluations - before
-        wall_time = time.perf_counter() - begun
-        aims = self.at(x).aims
-        return SwerveSolution(x, aims, self._cost(x), violation, worst, spent, wall_time)
+        return SwerveSolution(x, self.at(x).aims, self._cost(x), violation, worst, spent)
 
     def at(self, x: np.ndarray) -> Evaluation:
         """Evaluates aims, limits and slopes at scaled variables (size,), numbers or AutoDiff
@@ -204,8 +199,7 @@ class SwerveNlp:
 
     def _rows(self, x: np.ndarray) -> np.ndarray:
         evaluation = self.at(x)
-        slopes = evaluation.row_slopes.reshape(-1, len(x))
-        return _joined(x, evaluation.rows.ravel(), slopes)
+        return _joined(x, evaluation.rows.ravel(), evaluation.row_slopes.reshape(-1, len(x)))
 
     def _violation(self, x: FloatArray) -> tuple[float, str]:
         """Returns the largest violation of any constraint at scaled variables, those that were

@@ -20,7 +20,7 @@ from aerodima.optimisation.swerve.steering import SearchEffort
 from aerodima.optimisation.swerve.steering_limit import tune_limit
 from aerodima.optimisation.swerve.suite import SUITE, ensemble_cases, select_candidates
 from aerodima.optimisation.swing.bound import BoundEffort
-from aerodima.optimisation.swing.comparison import compare_swerves
+from aerodima.optimisation.swing.comparison import BoundItem, compare_swerves
 from aerodima.optimisation.swing.feedback_training import LawSearch, train_feedback
 
 DEFAULT_AIMS = ("aside-0.5",)
@@ -84,7 +84,7 @@ def judge(
             runner,
             folder / "swings",
             steering_effort=steering_effort,
-            bound_effort=bound_effort,
+            bound=BoundItem(effort=bound_effort),
             step=step,
             further=further,
         )
@@ -105,8 +105,7 @@ def tuned_candidates(
     chosen = select_candidates(names, laws)
     if LIMITED in chosen:
         training = ensemble_cases(ensemble, "training", TUNING_CARS, tail, floors, seed)
-        limit = tune_limit(training, speeds)
-        chosen[chosen.index(LIMITED)] = replace(LIMITED, limit=limit)
+        chosen[chosen.index(LIMITED)] = replace(LIMITED, limit=tune_limit(training, speeds))
     return chosen
 
 

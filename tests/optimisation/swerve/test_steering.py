@@ -41,10 +41,11 @@ def car():
 
 
 def test_evolution_finds_the_top_of_a_hill():
-    top = np.array([0.3, 0.9, 0.05])[:, None]
-    first = np.random.default_rng(1).random((30, 3))
-    least, shares = evolve(lambda x: np.sum((x - top) ** 2, axis=0) - 1.0, first, 40, 1)
-    assert shares == pytest.approx(top[:, 0], abs=5e-3)
+    top = np.array([0.6, -1.8, 0.1])
+    ranges = (np.array([0.0, -2.0, 0.0]), np.array([2.0, 0.0, 2.0]))
+    first = np.random.default_rng(1).uniform(*ranges, (30, 3))
+    least, point = evolve(lambda x: np.sum((x - top) ** 2, axis=1) - 1.0, first, ranges, 40, 1)
+    assert point == pytest.approx(top, abs=1e-2)
     assert least == pytest.approx(-1.0, abs=1e-4)
 
 
