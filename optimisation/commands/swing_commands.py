@@ -17,6 +17,7 @@ from aerodima.optimisation.commands.study_commands import runs_in
 from aerodima.workbench.cli import options as cli
 from aerodima.workbench.core.atomic_write import refuse_existing
 from aerodima.workbench.core.errors import SweepError, SwingError
+from aerodima.workbench.core.extras import require
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -145,42 +146,38 @@ def search(
     """Search motion of the tail and steering as one nonlinear program.
 
     The motion is written as swing.yaml, with the steering that the full car of the first training
-    car holds. A table compares it with other candidates on that car. Exits with 1 where it is not
-    the best.
+    car holds, and is verified there as `swing verify` does. A table compares it with other
+    candidates. Exits with 1 where it is refused (the file then claims nothing) or not the best.
+    After Ctrl-C the same command continues. Needs the extra `search`.
 
     Example: aerodima swing search --floor 1.2 --speed 6 --out out/motion
     """
+    from aerodima.optimisation.swerve.reduced_swerves import check_aims
     from aerodima.optimisation.swing.motion_search import search_motion
+    from aerodima.optimisation.swing.swerve_shooting import read_limits
 
+    require("search", "swing search", "llvmlite", error=SwingError)
     path = out / "swing.yaml"
-    _known_aims([aim])
-    effort = optimisation.BoundEffort(**vars(motion), seed=options.seed)
+    check_aims([aim])
+    read_limits(limit or [])
     with _new_file(path, work) as runs:
-        table, is_best = search_motion(
+        table, complaints = search_motion(
             path,
             aim,
             limit or [],
             cars,
             runs,
-            effort,
+            optimisation.BoundEffort(**vars(motion), seed=options.seed),
             step=step,
             **options.arguments(),
         )
-    typer.echo(table.to_string(index=False))
-    typer.echo(f"found: {path}")
-    typer.echo(f"verify it: aerodima swing verify {path} --out {out / 'verify'}")
-    if not is_best:
-        typer.echo("the motion is not better than every other candidate", err=True)
+    typer.echo(
+        table[["candidate", "car", "value", "reduced_value", "share"]].to_string(index=False)
+    )
+    if complaints:
+        typer.echo(f"{path}: not accepted: {'; '.join(complaints)}", err=True)
         raise typer.Exit(cli.Status.NO)
-
-
-def _known_aims(names: list[str]) -> list[str]:
-    """Returns aims that exist, before a worker starts; UserError for another one."""
-    from aerodima.optimisation.swerve.aims import find_aim
-
-    for name in names:
-        find_aim(name)
-    return names
+    typer.echo(f"found and verified: {path}")
 
 
 @cli.grouped
@@ -209,12 +206,14 @@ def judge(
 
     Example: aerodima swing judge --cars 1 --speed 6 --candidate feedback --out out/judge
     """
+    from aerodima.optimisation.swerve.reduced_swerves import check_aims
     from aerodima.optimisation.swerve.suite import SUITE
     from aerodima.optimisation.swerve.swerve_table import has_gain, swerve_lines, swerve_page
     from aerodima.workbench.view.report_page import write_files
 
     names = candidate or SUITE.default
-    aims = _known_aims(aim or ["aside-0.5"])
+    aims = aim or ["aside-0.5"]
+    check_aims(aims)
     files: dict[str, Any] = {}
     with runs_in(out, work) as runs:
         table = optimisation.judge(

@@ -60,7 +60,7 @@ def run_rounds(
     candidates: Sequence[Candidate],
     next_values: Callable[[Candidate], Iterable[float]],
     run: Callable[[Sequence[tuple[Candidate, float]]], Sequence[Any]],
-    record: Callable[[Candidate, float, Any], None],
+    results: Callable[[Candidate], dict[float, Any]],
 ) -> None:
     """Searches for several candidates at once, so that all workers are busy.
 
@@ -68,7 +68,7 @@ def run_rounds(
         candidates: whose limits are searched.
         next_values: values that a candidate needs next; none at its end.
         run: evaluates (candidate, value), in order.
-        record: receives each result.
+        results: of a candidate, by value; receives each result.
     """
     while True:
         wanted = [
@@ -77,7 +77,7 @@ def run_rounds(
         if not wanted:
             return
         for (candidate, value), result in zip(wanted, run(wanted), strict=True):
-            record(candidate, value, result)
+            results(candidate)[value] = result
 
 
 @dataclass(frozen=True)

@@ -253,11 +253,21 @@ class CachedRunner:
         return [row | {"run": task.name} for task, row in zip(tasks, rows, strict=True)]
 
     def map(
-        self, function: Callable[[Item], Any], items: Sequence[Item], keys: Sequence[str]
+        self, function: Callable[[Item], Any], items: Sequence[Item], keys: Sequence[str] = ()
     ) -> list[Any]:
         """Returns `function` (of a module) of each item, JSON-able; raises what it raises, and
         UserError for a lost worker.
+
+        Args:
+            function: of an item.
+            items: each is done once.
+            keys: of the results; by default the function's name, `repr` of the item and the code of
+                its aim.
         """
+        keys = keys or [
+            content_key(function.__name__, repr(item), code_content(getattr(item, "aim", "")))
+            for item in items
+        ]
         rows = self._rows_by_key(partial(_result_of, function), items, keys)
         return [row["result"] for row in rows]
 
@@ -320,11 +330,20 @@ def run_key(task: RunTask) -> str:
 
     Of what a law's file imports nothing is looked at.
     """
-    content = scenario_content(task.scenario, task.settings)
-    if task.law:
-        path, _, name = task.law.rpartition(":")
-        content += [name, Path(path).read_text(encoding="utf-8")]
+    content = scenario_content(task.scenario, task.settings) + code_content(task.law)
     return content_key(task.scenario, task.settings, task.signals, software_versions(), content)
+
+
+def code_content(*places: str) -> list[str]:
+    """Returns names and text of code of the user's, `mine.py:my_aim`, for keys of cached results;
+    other places have none.
+    """
+    content = []
+    for place in places:
+        path, found, name = place.rpartition(".py:")
+        if found:
+            content += [name, Path(f"{path}.py").read_text(encoding="utf-8")]
+    return content
 
 
 def scenario_content(name: str, settings: Sequence[str] = ()) -> list[Any]:

@@ -17,7 +17,7 @@ from aerodima.workbench.car.swerve import (
     sustained,
     swerve_counts,
 )
-from aerodima.workbench.control.user_law import load_named
+from aerodima.workbench.control.user_law import load_named, traceback_and_reason
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.core.key_errors import nearest
@@ -47,8 +47,22 @@ class Aim:
     size: float
 
     def __call__(self, swerve: Swerve) -> FloatArray:
-        """Returns the value of each car (n,)."""
-        return self.function(swerve)
+        """Returns the value of each car (n,).
+
+        Raises:
+            SweepError: the function raises, or returns something else.
+        """
+        shape = swerve.com_x.shape
+        try:
+            numbers = np.asarray(self.function(swerve), np.float64)
+            if numbers.shape == shape:
+                return numbers
+            reason = f"returned {numbers.tolist()!s:.80}"
+        except Exception as error:
+            reason = traceback_and_reason(error)[1]
+        raise SweepError(
+            f"aim {self.name}: {reason}; must take a Swerve and return a number per car, {shape}"
+        )
 
 
 AIMS: Mapping[str, Aim] = {

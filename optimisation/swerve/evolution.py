@@ -10,23 +10,30 @@ from aerodima.workbench.core.array_types import FloatArray
 
 
 def evolve(
-    cost: Callable[[FloatArray], FloatArray], first: FloatArray, generations: int, seed: int
+    cost: Callable[[FloatArray], FloatArray],
+    first: FloatArray,
+    ranges: tuple[FloatArray, FloatArray],
+    generations: int,
+    seed: int,
 ) -> tuple[float, FloatArray]:
-    """Minimises a cost of shares between 0 and 1.
+    """Minimises a cost.
 
     Args:
-        cost: of members (numbers, members).
+        cost: of members (members, numbers).
         first: generation (members, numbers).
+        ranges: least and largest numbers (numbers,).
         generations: beside the first one.
         seed: of all draws.
 
     Returns:
         The least cost and its member (numbers,).
     """
+    low, high = ranges
+    span = high - low
     result = differential_evolution(
-        cost,
-        [(0.0, 1.0)] * first.shape[1],
-        init=first,
+        lambda shares: cost(low + shares.T * span),
+        [(0.0, 1.0)] * len(low),
+        init=(first - low) / span,
         maxiter=generations,
         tol=0.0,
         polish=False,
@@ -34,4 +41,4 @@ def evolve(
         updating="deferred",
         rng=seed,
     )
-    return float(result.fun), result.x
+    return float(result.fun), low + result.x * span

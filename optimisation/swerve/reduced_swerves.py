@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -13,9 +13,10 @@ from aerodima.optimisation.swerve.aims import find_aim, score
 from aerodima.optimisation.swerve.candidate import SWERVE, Settings
 from aerodima.optimisation.swerve.steering import (
     SearchEffort,
-    full_lock,
+    constant_steering,
     search_steering,
 )
+from aerodima.optimisation.swerve.suite import FOLDED
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.swerves import (
     FeedbackSwerve,
@@ -31,6 +32,9 @@ from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 from aerodima.workbench.scenario.swing_file import SwingFile
+
+GENTLE = 0.01
+"""Steering with which an aim is tried, rad: the car stays upright."""
 
 
 class ReducedSwerve:
@@ -108,6 +112,20 @@ def knots_of(swing: SwingFile, count: int) -> RollTrajectory:
     return RollTrajectory(*knots, *[gain * one for gain in gains])
 
 
+def check_aims(names: Sequence[str]) -> None:
+    """Tries aims on two cars that swerve gently, their tails folded back.
+
+    Raises:
+        UserError: no such aim; one that has no finite value for each of them.
+    """
+    car = ReducedSwerve(load_scenario(SWERVE, FOLDED.settings))
+    swerve = car.drive(constant_steering(GENTLE, 2))
+    for name in names:
+        values = find_aim(name)(swerve)
+        if not np.isfinite(values).all():
+            raise SweepError(f"aim {name}: is {values[0]} of an upright car; must be finite")
+
+
 @dataclass(frozen=True)
 class SteeringItem:
     """A search of a steering: small enough to send to a worker.
@@ -129,12 +147,12 @@ def best_steering(item: SteeringItem) -> dict[str, Any]:
     results = []
     for settings in item.variants:
         car = ReducedSwerve(load_scenario(SWERVE, settings))
+        limit = car.scenario.servo.limit
         if item.effort is None:
-            steering = full_lock(car.scenario, 1)
+            steering = constant_steering(limit, 1)
             (value,) = score(car.drive(steering), aim)
             results.append((float(value), steering[:, 0]))
         else:
-            limit = car.scenario.servo.limit
             results.append(search_steering(car.drive, aim, limit, item.effort))
     index = int(np.argmax([value for value, _ in results]))
     value, steering = results[index]

@@ -17,7 +17,6 @@ from aerodima.workbench.car.swerve import Swerve
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
-from aerodima.workbench.scenario.scenario import Scenario
 
 MIN_FIRST_LEVEL = 0.012
 """Least first angle, rad: it begins the swerve, and is above what counts as steering."""
@@ -75,20 +74,17 @@ def search_steering(
     Returns:
         The score, see `aims.score`, and the steering (`STEERING`,).
     """
-    low, high = steering_ranges(limit)
 
-    def points(shares: FloatArray) -> FloatArray:
-        return possible_steering(low + shares.T * (high - low), limit)
+    def cost(points: FloatArray) -> FloatArray:
+        return -score(drive(possible_steering(points, limit).T), aim)
 
-    def cost(shares: FloatArray) -> FloatArray:
-        return -score(drive(points(shares).T), aim)
-
+    ranges = steering_ranges(limit)
     results = []
     for seed in range(effort.seed, effort.seed + effort.searches):
         drawn = draw_steering(np.random.default_rng(seed), effort.members, limit)
-        results.append(evolve(cost, (drawn - low) / (high - low), effort.generations, seed))
-    least, shares = min(results, key=lambda result: result[0])
-    return -least, points(shares[:, None])[0]
+        results.append(evolve(cost, drawn, ranges, effort.generations, seed))
+    least, point = min(results, key=lambda result: result[0])
+    return -least, possible_steering(point[None], limit)[0]
 
 
 def steering_ranges(limit: float) -> tuple[FloatArray, FloatArray]:
@@ -134,7 +130,8 @@ def steering_settings(steering: FloatArray) -> tuple[str, ...]:
     return tuple(f"manoeuvre.{key}={float(f'{value:.9g}')!r}" for key, value in numbers)
 
 
-def full_lock(scenario: Scenario, count: int) -> FloatArray:
-    """Returns the steering (`STEERING`, count) of drivers who turn the wheels to the stop."""
-    steering = [*[scenario.servo.limit] * LEVELS, *CONSTANT_ENDS]
-    return np.repeat(np.array(steering)[:, None], count, axis=1)
+def constant_steering(angle: float, count: int) -> FloatArray:
+    """Returns the steering (`STEERING`, count) of drivers who hold one angle, rad; at full lock it
+    is `servo.limit`.
+    """
+    return np.repeat(np.array([*[angle] * LEVELS, *CONSTANT_ENDS])[:, None], count, axis=1)

@@ -41,6 +41,8 @@ class SuiteFile(StrictModel):
     candidates: dict[str, ListedCandidate]
     default: tuple[str, ...]
     speeds: tuple[float, ...]
+    trained: dict[str, tuple[float, float, float]]
+    conditions: tuple[tuple[float, float, float], ...]
 
 
 _PATH = model_path("swerve/suite.yaml")

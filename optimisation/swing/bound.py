@@ -35,6 +35,7 @@ from aerodima.optimisation.swing.swerve_shooting import (
     SwerveVariables,
     within_reach,
 )
+from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, no_progress
 from aerodima.workbench.car.reduced.swerves import STEERING
 from aerodima.workbench.car.swerve import Swerve
 from aerodima.workbench.core.array_types import FloatArray
@@ -107,7 +108,6 @@ class Bound:
             "violation": solution.violation,
             "worst": solution.worst,
             "evaluations": solution.evaluations,
-            "wall_time_s": solution.wall_time,
         }
         return pd.DataFrame(columns)
 
@@ -119,6 +119,7 @@ def find_bound(
     effort: BoundEffort | None = None,
     candidates: Sequence[tuple[FloatArray, FloatArray]] = (),
     extend: Callable[[SwerveNlp], None] | None = None,
+    progress: ProgressLine = no_progress,
 ) -> Bound:
     """Searches steering and motion of the tail that are best for one car, or one motion for many.
 
@@ -130,6 +131,7 @@ def find_bound(
         candidates: motion of a tail, its pitch and its roll at the knots after the first
             (`KNOTS`,), rad, and steering (`STEERING`,), from which the program starts, too.
         extend: adds costs and constraints to the program before it is solved.
+        progress: receives a line after the first search and after each start.
 
     Raises:
         UserError: no swerve keeps all limits; what the reduced car does not know.
@@ -144,9 +146,13 @@ def find_bound(
     for (pitch, *rolls), steering in candidates:
         kept = within_reach(np.array([rolls]), shooting.variables.max_roll)[0]
         points.append(np.concatenate([steering, [pitch], kept]))
+    bar = ProgressBar(progress, 1 + len(points) + effort.starts)
     points += _first_search(shooting, effort)
-    starts = _with_one_steering(shooting.variables, np.array(points))
-    solutions = [program.solve(start, effort.iterations, effort.solver) for start in starts]
+    bar.advance("first search")
+    solutions = []
+    for start in _with_one_steering(shooting.variables, np.array(points)):
+        solutions.append(program.solve(start, effort.iterations, effort.solver))
+        bar.advance("starts of the program")
     kept = [one for one in solutions if one.violation <= FEASIBILITY_TOL]
     if not kept:
         nearest = min(solutions, key=lambda one: one.violation)
@@ -196,12 +202,11 @@ def _first_search(shooting: SwerveShooting, effort: BoundEffort) -> list[FloatAr
     best_first = first[np.argsort(-evaluate(first), kind="stable")[: effort.starts - 1]]
     low, high = (np.roll(ends[variables.own(0)], STEERING) for ends in variables.ranges)
 
-    def cost(shares: FloatArray) -> FloatArray:
-        return -evaluate(possible(low + shares.T * (high - low)))
+    def cost(points: FloatArray) -> FloatArray:
+        return -evaluate(possible(points))
 
-    spread = np.clip((first - low) / (high - low), 0.0, 1.0)
-    _, shares = evolve(cost, spread, effort.generations, effort.seed)
-    return [*possible((low + shares * (high - low))[None]), *best_first]
+    _, point = evolve(cost, first, (low, high), effort.generations, effort.seed)
+    return [*possible(point[None]), *best_first]
 
 
 def _draw_tails(generator: np.random.Generator, members: int) -> FloatArray:

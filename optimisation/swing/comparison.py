@@ -5,7 +5,7 @@ driven on the full car, its angles scaled to where the swerve just counts there.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,6 @@ from aerodima.optimisation.studies.runs import (
     FINE_STEP,
     CachedRunner,
     make_frame,
-    scenario_content,
 )
 from aerodima.optimisation.swerve.aims import FAILED
 from aerodima.optimisation.swerve.candidate import NO_TAIL, SWERVE, Candidate, Settings
@@ -32,8 +31,9 @@ from aerodima.optimisation.swing.bound import BoundEffort, find_bound
 from aerodima.optimisation.swing.full_runs import Descent, confirm_best, drive_shares
 from aerodima.optimisation.swing.full_search import search_full
 from aerodima.optimisation.swing.solution import solution_swing
-from aerodima.optimisation.swing.swerve_shooting import tail_at_knots
-from aerodima.workbench.batch.row_store import content_key
+from aerodima.optimisation.swing.swerve_shooting import read_limits, tail_at_knots
+from aerodima.optimisation.swing.verification import car_limit
+from aerodima.workbench.batch.row_store import no_progress, print_progress
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.swing_file import swing_from_dict, write_swing
 
@@ -45,28 +45,37 @@ class BoundItem:
     Attributes:
         settings: of the car.
         aim: name.
-        effort: of the search.
+        effort: of the search; None for a `BoundEffort()`.
+        others: settings of more cars that have the same motion.
+        limits: such as `roll=0.3`, of a motion that is to be verified: it keeps what a verification
+            asks, too, and the worker prints how far the search is. None for a bound.
         starts: settings and steering of candidates with the same tail, whose motions it starts
             from, too.
         name: of the swing that is made.
     """
 
-    settings: Settings
-    aim: str
-    effort: BoundEffort
-    starts: tuple[tuple[Settings, tuple[float, ...]], ...]
-    name: str
+    settings: Settings = ()
+    aim: str = ""
+    effort: BoundEffort | None = None
+    others: tuple[Settings, ...] = ()
+    limits: tuple[str, ...] | None = None
+    starts: tuple[tuple[Settings, tuple[float, ...]], ...] = ()
+    name: str = ""
 
 
 def best_motion(item: BoundItem) -> dict[str, Any]:
     """Returns score and steering of a bound, and its swing file as plain data."""
-    scenario = load_scenario(SWERVE, item.settings)
+    scenarios = [load_scenario(SWERVE, one) for one in (item.settings, *item.others)]
+    limits = []
+    if item.limits is not None:
+        limits = [*map(car_limit, scenarios), *read_limits(item.limits)]
+    progress = print_progress if limits else no_progress
     starts = []
     for settings, numbers in item.starts:
         steering = np.array(numbers)
         swerve = ReducedSwerve(load_scenario(SWERVE, settings)).drive(steering[:, None])
         starts.append((tail_at_knots(swerve), steering))
-    bound = find_bound([scenario], item.aim, effort=item.effort, candidates=starts)
+    bound = find_bound(scenarios, item.aim, limits, item.effort, starts, progress=progress)
     swing = solution_swing(item.name, item.settings, bound, item.aim)
     content = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
     return bound.result | {"swing": content}
@@ -81,7 +90,7 @@ def compare_swerves(
     folder: Path,
     *,
     steering_effort: SearchEffort | None = None,
-    bound_effort: BoundEffort | None = None,
+    bound: BoundItem | None = None,
     step: float | None = FINE_STEP,
     further: int = 0,
 ) -> pd.DataFrame:
@@ -94,7 +103,8 @@ def compare_swerves(
         aims: names of `AIMS`, or functions of a file, `mine.py:my_aim`.
         runs: where searches and runs are made, each once.
         folder: in which the swings of bounds are written.
-        steering_effort, bound_effort: of the searches.
+        steering_effort: of the searches.
+        bound: effort, limits and more cars of each bound; by default a `BoundItem()`.
         step: of the plant of the full car, s; None compares reduced cars alone.
         further: so many full runs for each candidate search on from there, see `search_full`.
 
@@ -115,7 +125,7 @@ def compare_swerves(
     descents = _search_steerings(chosen, places, effort, runs)
     if BOUND in candidates:
         runs.stage = "bounds"
-        descents += _search_bounds(descents, bound_effort or BoundEffort(), runs, folder)
+        descents += _search_bounds(descents, bound or BoundItem(), runs, folder)
     for descent in descents:
         descent.step = step
     drive_shares(descents, runs)
@@ -147,7 +157,7 @@ def _search_steerings(
             own = None if candidate.is_at_full_lock else effort
             items.append(SteeringItem(searched, aim, own))
             descents.append(Descent(candidate, case, speed, aim, (), {}))
-    results = runs.map(best_steering, items, [_key("steering", item) for item in items])
+    results = runs.map(best_steering, items)
     for descent, options, result in zip(descents, variants, results, strict=True):
         descent.settings = options[min(result["variant"], len(options) - 1)]
         descent.result = result
@@ -155,7 +165,7 @@ def _search_steerings(
 
 
 def _search_bounds(
-    descents: Sequence[Descent], effort: BoundEffort, runs: CachedRunner, folder: Path
+    descents: Sequence[Descent], bound: BoundItem, runs: CachedRunner, folder: Path
 ) -> list[Descent]:
     """Searches the bound in each case, from the motions of candidates with a tail, too."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -170,9 +180,11 @@ def _search_bounds(
             known = not one.candidate.law and reduced_car_knows(scenario)
             if known and scenario.tail.mode != "none" and one.result["score"] > FAILED:
                 starts.append((one.settings, tuple(one.result["steering"])))
-        settings = (*own[0].case.settings(), *BOUND.settings, f"manoeuvre.speed={own[0].speed!r}")
-        items.append(BoundItem(settings, own[0].aim, effort, tuple(starts), stem))
-    results = runs.map(best_motion, items, [_key("bound", item) for item in items])
+        (settings,) = candidate_settings(BOUND, own[0].case, own[0].speed)
+        items.append(
+            replace(bound, settings=settings, aim=own[0].aim, starts=tuple(starts), name=stem)
+        )
+    results = runs.map(best_motion, items)
     bounds = []
     for (first, *_), item, result in zip(places.values(), items, results, strict=True):
         path = folder.resolve() / f"{item.name}.yaml"
@@ -192,8 +204,3 @@ def candidate_settings(candidate: Candidate, case: Case, speed: float) -> tuple[
         return ((*base, *last),)
     car = load_scenario(SWERVE, base)
     return tuple((*base, *last, *ballast(car)) for ballast in candidate.ballasts)
-
-
-def _key(what: str, item: Any) -> str:
-    """Returns the key of a cached search."""
-    return content_key(what, repr(item), *scenario_content(SWERVE))

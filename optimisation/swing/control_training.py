@@ -20,7 +20,7 @@ from aerodima.optimisation.swerve.aims import score as score_swerves
 from aerodima.optimisation.swerve.candidate import NO_TAIL, SWERVE, Candidate, Settings
 from aerodima.optimisation.swerve.car_conditions import UNLIKE
 from aerodima.optimisation.swerve.reduced_swerves import ReducedSwerve
-from aerodima.optimisation.swerve.steering import full_lock
+from aerodima.optimisation.swerve.steering import constant_steering
 from aerodima.optimisation.swerve.suite import FEEDBACK, Case
 from aerodima.optimisation.swing.feedback_training import (
     RANGES,
@@ -122,7 +122,7 @@ def score_control_batch(batch: ControlBatch) -> list[list[float]]:
     worth = []
     for settings in batch.settings:
         car = ReducedSwerve(load_scenario(SWERVE, settings))
-        steerings = full_lock(car.scenario, len(batch.numbers))
+        steerings = constant_steering(car.scenario.servo.limit, len(batch.numbers))
         swerves = car.drive(steerings, repeated(batch.numbers, 1))
         values = [score_swerves(swerves, AIMS[aim]) / AIMS[aim].size for aim in SCORED]
         counts = score_swerves(swerves, AIMS[SCORED[0]]) > FAILED

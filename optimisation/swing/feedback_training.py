@@ -35,8 +35,8 @@ from aerodima.optimisation.swerve.steering import (
     SearchEffort,
     possible_steering,
 )
-from aerodima.optimisation.swerve.suite import FEEDBACK, Case
-from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, content_key
+from aerodima.optimisation.swerve.suite import FEEDBACK, SUITE, Case
+from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine
 from aerodima.workbench.car.reduced.swerves import LEVELS
 from aerodima.workbench.car.swerve import Swerve
 from aerodima.workbench.core.array_types import FloatArray
@@ -47,55 +47,12 @@ from aerodima.workbench.scenario.scenario import load_scenario
 
 Ranges = Mapping[str, tuple[float, float]]
 """Key of a number -> its lowest and highest value."""
-RANGES: Ranges = {
-    "feedback.lean_gain": (-8.0, 1.0),
-    "feedback.roll_gain": (-20.0, 30.0),
-    "feedback.roll_rate_gain": (-1.0, 4.0),
-    "feedback.yaw_rate_gain": (-1.0, 1.0),
-    "feedback.grip": (2.0, 80.0),
-    "feedback.most_roll": (0.8, 1.45),
-    "feedback.out_speed": (2.0, 24.0),
-    "feedback.return_speed": (0.7, 12.0),
-    "feedback.kp": (2.0, 60.0),
-    "feedback.kd": (0.3, 5.0),
-    "feedback.pitch_angle": (-1.15, 0.6),
-    "feedback.kick_roll": (-1.0, 1.55),
-    "feedback.kick_time": (0.0, 0.6),
-    "feedback.counter_roll": (-1.55, 1.55),
-    "feedback.counter_time": (0.0, 0.6),
-}
+RANGES: Ranges = {name: (low, high) for name, (low, high, _) in SUITE.trained.items()}
 """Numbers that are free, in the units of `FeedbackParameters`."""
-START: dict[str, float] = {
-    "feedback.lean_gain": 0.0,
-    "feedback.roll_gain": 0.0,
-    "feedback.roll_rate_gain": 0.0,
-    "feedback.yaw_rate_gain": 0.0,
-    "feedback.grip": 35.0,
-    "feedback.most_roll": 1.3,
-    "feedback.out_speed": 20.0,
-    "feedback.return_speed": 8.0,
-    "feedback.kp": 40.0,
-    "feedback.kd": 2.9,
-    "feedback.pitch_angle": -1.05,
-    "feedback.kick_roll": 1.5,
-    "feedback.kick_time": 0.33,
-    "feedback.counter_roll": 1.2,
-    "feedback.counter_time": 0.25,
-}
-"""Law that the search starts from, chosen by hand: a swing to the inside and back, and no state of
-the car."""
+START = {name: start for name, (_, _, start) in SUITE.trained.items()}
+"""Law that the search starts from."""
 ANGLE_SHARES = np.geomspace(0.4, 2.5, 10)
 """Shares of a steering's angles with which a law is tried."""
-CONDITIONS: tuple[tuple[float, float, float], ...] = (
-    (0.024, 1.0, 0.0),
-    (0.044, 1.0, 0.0),
-    (0.004, 1.0, 0.0),
-    (0.024, 1.1, 0.0),
-    (0.024, 1.0, -0.15),
-    (0.024, 1.0, 0.15),
-)
-"""In turn over places: delay of the IMU, s, mass over that of the car, and error of the motors'
-torque, as a share."""
 AIM = "aside-0.5"
 """What a law is scored by."""
 WORST_SHARE = 0.2
@@ -189,8 +146,7 @@ def train_feedback(
 
         def score_laws(laws: Sequence[Law], places: Sequence[Place] = tried) -> FloatArray:
             batches = [LawBatch(place, tuple(laws)) for place in places]
-            keys = [content_key("law scores", repr(batch)) for batch in batches]
-            return score(np.transpose(runs.map(score_law_batch, batches, keys)))
+            return score(np.transpose(runs.map(score_law_batch, batches)))
 
         best = search_laws(replace(search, seed=search.seed + number), best, score_laws, runs.say)
     return Candidate(f"trained {FEEDBACK.name}", (*FEEDBACK.settings, *law_settings(best)))
@@ -204,8 +160,8 @@ def law_settings(law: Law) -> tuple[str, ...]:
 def find_places(
     cases: Sequence[Case], speeds: Sequence[float], runs: CachedRunner, effort: SearchEffort
 ) -> list[Place]:
-    """Returns the places of cases and speeds, each in one of the `CONDITIONS`; laws are tried there
-    with the best steering of the car without tail, by `ANGLE_SHARES`.
+    """Returns the places of cases and speeds, each in one of the suite's conditions; laws are tried
+    there with the best steering of the car without tail, by `ANGLE_SHARES`.
     """
     runs.stage = "steerings"
     driven: list[Settings] = []
@@ -214,9 +170,8 @@ def find_places(
             condition = condition_settings(case, len(driven))
             driven.append((*case.settings(), *condition, f"manoeuvre.speed={speed!r}"))
     items = [SteeringItem(((*one, *NO_TAIL.settings),), AIM, effort) for one in driven]
-    keys = [content_key("steering", repr(item)) for item in items]
     places = []
-    for one, bare in zip(driven, runs.map(best_steering, items, keys), strict=True):
+    for one, bare in zip(driven, runs.map(best_steering, items), strict=True):
         if bare["score"] > 0.0:
             settings = (*one, *FEEDBACK.settings)
             places.append(Place(settings, shared(bare["steering"]), bare["score"]))
@@ -244,7 +199,7 @@ def standard_places(cases: Sequence[Case]) -> list[Place]:
 
 def condition_settings(case: Case, index: int) -> Settings:
     """Returns the settings of a condition for a car."""
-    delay, load, torque_error = CONDITIONS[index % len(CONDITIONS)]
+    delay, load, torque_error = SUITE.conditions[index % len(SUITE.conditions)]
     mass = load * load_scenario(SWERVE, case.settings()).car.mass
     return (
         f"imu.delay={delay}",
@@ -267,8 +222,7 @@ def add_steerings(
     items = [
         SteeringItem(((*place.settings, *law_settings(law)),), AIM, effort) for place in places
     ]
-    keys = [content_key("steering", repr(item)) for item in items]
-    results = runs.map(best_steering, items, keys)
+    results = runs.map(best_steering, items)
     return [
         place._replace(steerings=(*place.steerings, *shared(result["steering"])))
         for place, result in zip(places, results, strict=True)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import starmap
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +16,7 @@ from aerodima.optimisation.studies.runs import (
     FINE_STEP,
     RUN_ERRORS,
     CachedRunner,
+    code_content,
     scenario_content,
     step_settings,
 )
@@ -76,11 +78,7 @@ def drive_full(run: FullRun) -> Row:
 
 def run_key(run: FullRun) -> str:
     """Returns the key of a cached full run; files of a law and an aim count by their content."""
-    files = []
-    for place in (run.law, run.aim):
-        if ".py:" in place:
-            path, _, name = place.rpartition(":")
-            files += [name, Path(path).read_text(encoding="utf-8")]
+    files = code_content(run.law, run.aim)
     return content_key("full run", run.aim, *files, *scenario_content(SWERVE, run.settings))
 
 
@@ -203,7 +201,7 @@ class Descent:
         self.further += len(runs)
         least = self.best_run[1]["value"] if self.best_run else -np.inf
         values = [row["value"] if row["counts"] else -np.inf for row in rows]
-        index = max(range(len(values)), key=values.__getitem__)
+        index = int(np.argmax(values))
         if values[index] <= least:
             return None
         self.found = runs[index], rows[index], None
@@ -237,37 +235,23 @@ class Descent:
 def drive_shares(descents: Sequence[Descent], runs: CachedRunner) -> None:
     """Drives full cars with smaller and larger angles, see `SHARE_SEARCH`."""
     runs.stage = "full cars"
-    _drive_rounds(descents, Descent.next_shares, Descent.run, lambda one: one.rows, runs)
+    run_rounds(
+        descents,
+        Descent.next_shares,
+        lambda wanted: drive_items([*starmap(Descent.run, wanted)], runs),
+        lambda one: one.rows,
+    )
 
 
 def confirm_best(descents: Sequence[Descent], runs: CachedRunner) -> None:
     """Drives the best run of each at the step that the table has."""
     runs.stage = "full cars at the finer step"
-    _drive_rounds(
+    run_rounds(
         descents,
         Descent.next_confirmations,
-        Descent.confirming_run,
+        lambda wanted: drive_items([*starmap(Descent.confirming_run, wanted)], runs),
         lambda one: one.confirmed,
-        runs,
     )
-
-
-def _drive_rounds(
-    descents: Sequence[Descent],
-    next_shares: Callable[[Descent], list[float]],
-    make_run: Callable[[Descent, float], FullRun],
-    rows: Callable[[Descent], dict[float, Row]],
-    runs: CachedRunner,
-) -> None:
-    """Drives the runs of shares until no descent needs another; `rows` of each receive them."""
-
-    def drive(wanted: Sequence[tuple[Descent, float]]) -> list[Row]:
-        return drive_items([make_run(descent, share) for descent, share in wanted], runs)
-
-    def record(descent: Descent, share: float, row: Row) -> None:
-        rows(descent)[share] = row
-
-    run_rounds(descents, next_shares, drive, record)
 
 
 def drive_items(items: Sequence[FullRun], runs: CachedRunner) -> list[Row]:

@@ -4,29 +4,37 @@ car holds, compared with the other candidates there.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
 
 from aerodima.optimisation.studies.runs import FINE_STEP, CachedRunner
-from aerodima.optimisation.swerve.suite import BOUND, SUITE, ensemble_cases, select_candidates
-from aerodima.optimisation.swing.bound import BoundEffort, find_bound
-from aerodima.optimisation.swing.comparison import compare_swerves
-from aerodima.optimisation.swing.full_runs import Descent, confirm_best, drive_shares
-from aerodima.optimisation.swing.solution import solution_swing
-from aerodima.optimisation.swing.swerve_shooting import LIMITS, Limit
-from aerodima.workbench.core.errors import SwingError
-from aerodima.workbench.core.key_errors import nearest
-from aerodima.workbench.scenario.scenario import load_scenario
-from aerodima.workbench.scenario.swing_file import write_swing
+from aerodima.optimisation.swerve.suite import (
+    BOUND,
+    SUITE,
+    ensemble_cases,
+    select_candidates,
+)
+from aerodima.optimisation.swing.bound import BoundEffort
+from aerodima.optimisation.swing.comparison import (
+    BoundItem,
+    candidate_settings,
+    compare_swerves,
+)
+from aerodima.optimisation.swing.solution import AIM_VALUE
+from aerodima.optimisation.swing.verification import verify_swing
+from aerodima.workbench.scenario.swing_file import swing_from_dict, write_swing
 
 DEFAULT_SPEED = 6.0
 """Speed of a motion unless another is asked for, m/s."""
-
-
 NOT_COMPARED = ("bound", "rollover-control", "feedback-rollover-control")
 """Candidates of the suite that a motion is not compared with: itself, and drivers at full lock."""
+FOLDER = "motions"
+"""Folder of the motion that is not verified yet, beside the swing file."""
+SWING_KEY = "controller.swing_file="
+"""Beginning of the setting of a swing file."""
 
 
 def search_motion(
@@ -42,61 +50,73 @@ def search_motion(
     floors: Sequence[float],
     speeds: Sequence[float] = (DEFAULT_SPEED,),
     step: float = FINE_STEP,
-) -> tuple[pd.DataFrame, bool]:
+) -> tuple[pd.DataFrame, list[str]]:
     """Searches one motion for the first training cars of an ensemble, and writes it.
+
+    Its file claims what `verify_swing` accepts on the first car; what is not accepted claims
+    nothing, and names the complaints. A motion that no full car can be steered with has no file.
 
     Args:
         path: of the swing file.
         aim: name, or a function of a file, `mine.py:my_aim`.
         limits: such as `roll=0.3`, see `LIMITS`.
         cars: how many.
-        runs: where the full car is driven.
+        runs: where all is searched and the full car is driven.
         effort: of the search.
         ensemble, tail, floors, speeds: as of `judge`; the cars on all of them have one motion.
         step: of the plant of the full car, s.
 
     Returns:
-        A row per candidate, car and speed, see `compare_swerves`; whether the motion is above every
-        other candidate on the first car.
+        A row per candidate, see `compare_swerves`; what is wrong with the motion: complaints of its
+        verification, or that it is not above every other candidate on the first car.
 
     Raises:
-        UserError: a limit that there is not; no motion that keeps all limits.
+        UserError: no motion that keeps all limits.
     """
     cases = ensemble_cases(ensemble, "training", cars, tail, floors, effort.seed)
-    places = [(case, speed) for case in cases for speed in speeds]
-    settings = [
-        (*case.settings(), *BOUND.settings, f"manoeuvre.speed={speed!r}") for case, speed in places
-    ]
-    scenarios = [load_scenario("swerve", one) for one in settings]
-    bound = find_bound(scenarios, aim, read_limits(limits), effort)
-    write_swing(solution_swing(path.stem, settings[0], bound, aim), path, force=True)
-    player = (*settings[0], f"controller.swing_file={path.resolve()}")
-    descent = Descent(BOUND, *places[0], aim, player, bound.result, step)
-    drive_shares([descent], runs)
-    confirm_best([descent], runs)
-    row = descent.as_row()
-    value = row["value"]
-    if value is None:
-        raise SwingError(f"{path}: the full car stays upright with no share of the steering")
-    swing = solution_swing(path.stem, settings[0], bound, aim, value, row["share"])
-    write_swing(swing, path, force=True)
-    others = select_candidates([name for name in SUITE.default if name not in NOT_COMPARED])
-    (case, speed) = places[0]
-    table = compare_swerves(others, [case], [speed], [aim], runs, path.parent, step=step)
-    best_other = table["value"].max()
-    table = pd.concat([pd.DataFrame([row]), table], ignore_index=True)
-    return table, not best_other >= value
+    (case, speed), *more = [(case, speed) for case in cases for speed in speeds]
+    others = tuple(candidate_settings(BOUND, *place)[0] for place in more)
+    chosen = select_candidates([name for name in SUITE.default if name not in NOT_COMPARED])
+    bound = BoundItem(effort=effort, others=others, limits=tuple(limits))
+    table = compare_swerves(
+        [*chosen, BOUND],
+        [case],
+        [speed],
+        [aim],
+        runs,
+        path.parent / FOLDER,
+        bound=bound,
+        step=step,
+    )
+    *_, row = table.to_dict("records")  # a bound is searched after all others
+    if not row["settings"]:
+        return table, ["the full car stays upright with no share of the steering"]
+    runs.say("verification ...")
+    complaints = write_verified(path, json.loads(row["settings"]))
+    if not complaints and table["value"][:-1].max() >= row["value"]:
+        complaints = ["the motion is not better than every other candidate"]
+    return table, complaints
 
 
-def read_limits(texts: Sequence[str]) -> list[Limit]:
-    """Reads limits such as `roll=0.3`; SwingError for one that there is not."""
-    limits = []
-    for text in texts:
-        name, _, number = text.partition("=")
-        if name not in LIMITS:
-            raise SwingError(f"limit {text}: {nearest(name, list(LIMITS))}")
-        try:
-            limits.append(LIMITS[name](float(number)))
-        except ValueError:
-            raise SwingError(f"limit {text}: must be {name}=NUMBER") from None
-    return limits
+def write_verified(path: Path, settings: Sequence[str]) -> list[str]:
+    """Verifies the motion of a full run and writes it, with the value of its aim if it is accepted.
+
+    Args:
+        path: of the swing file.
+        settings: of the run on `swerve`, its swing file and step among them.
+
+    Returns:
+        Complaints; they stand in the file, too, which then claims nothing.
+    """
+    (tried,) = (one.partition("=")[2] for one in settings if one.startswith(SWING_KEY))
+    own = [one for one in settings if not one.startswith((SWING_KEY, "simulation."))]
+    result = verify_swing(tried, settings=own)
+    complaints = result.complaints
+    (value,) = (one.value for one in result.checks if one.name.startswith("aim "))
+    data = result.swing.model_dump(mode="json", by_alias=True, exclude_none=True)
+    data["provenance"]["settings"] = own
+    data["provenance"]["found"] |= (
+        {"refused": "; ".join(complaints)} if complaints else {AIM_VALUE: value}
+    )
+    write_swing(swing_from_dict(data | {"name": path.stem}, path.stem), path, force=True)
+    return complaints

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aerodima.optimisation.swerve.steering import scaled_steering, steering_settings
+from aerodima.optimisation.swerve.steering import steering_settings
 from aerodima.optimisation.swing.bound import Bound
 from aerodima.optimisation.swing.swerve_shooting import FOLLOW_GAINS, KNOTS, knot_rates
 from aerodima.workbench.car.laws import torque_speed_limits
@@ -50,8 +50,6 @@ def solution_swing(
     settings: Sequence[str],
     bound: Bound,
     aim: str,
-    value: float | None = None,
-    share: float = 1.0,
 ) -> SwingFile:
     """Returns a solution as a swing file to the left that the steering releases: steering of the
     first car among its settings, what it claims under `found`, no torques fed forward.
@@ -61,8 +59,6 @@ def solution_swing(
         settings: of the first car on `swerve`, on its floor, at its speed, without its steering.
         bound: the solution.
         aim: its name.
-        value: of the aim on the full car, where that is known.
-        share: of the angles of the steering that the full car is driven with.
     """
     solution = bound.solution
     variables = bound.program.shooting.variables
@@ -73,15 +69,12 @@ def solution_swing(
         "cars": variables.members,
         "evaluations": solution.evaluations,
     }
-    if value is not None:
-        found[AIM_VALUE] = value
     roll = np.array([0.0, *rolls])
     rate = knot_rates() @ roll
     scenario = bound.scenarios[0]
     resolved = scenario.resolved()
     keys = [key.split(".") for key in CAR_KEYS]
     angle = scenario.tail.roll_limit
-    steering = scaled_steering(bound.steering(), share)
     return swing_from_dict(
         {
             "schema": SCHEMA,
@@ -97,7 +90,7 @@ def solution_swing(
             "provenance": {
                 "source": "aerodima swing search",
                 "scenario": "swerve",
-                "settings": (*settings, *steering_settings(steering)),
+                "settings": (*settings, *steering_settings(bound.steering())),
                 "found": found,
                 "versions": software_versions(),
             },

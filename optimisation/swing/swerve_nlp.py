@@ -13,7 +13,6 @@ fixed once, and the rest is solved again.
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -52,7 +51,7 @@ class SwerveSolution:
         aims: of every car (members,).
         cost: of the program, all costs that were added included.
         violation: largest of any constraint of the program, scaled, and `worst` whose it is.
-        evaluations: batches of swerves; `wall_time` s.
+        evaluations: batches of swerves.
     """
 
     x: FloatArray
@@ -61,7 +60,6 @@ class SwerveSolution:
     violation: float
     worst: str
     evaluations: int
-    wall_time: float
 
 
 class SwerveNlp:
@@ -117,7 +115,6 @@ class SwerveNlp:
                 of levels are on ticks.
             solver: SNOPT or IPOPT.
         """
-        begun = time.perf_counter()
         before = self.evaluations
         low, high = self.shooting.variables.bounds
         x = self._solve(np.clip(start, low, high), iterations, solver)
@@ -131,8 +128,7 @@ class SwerveNlp:
             self.prog.RemoveConstraint(binding)
         violation, worst = self._violation(x)
         spent = self.evaluations - before
-        wall_time = time.perf_counter() - begun
-        return SwerveSolution(x, self.at(x).aims, self._cost(x), violation, worst, spent, wall_time)
+        return SwerveSolution(x, self.at(x).aims, self._cost(x), violation, worst, spent)
 
     def at(self, x: np.ndarray) -> Evaluation:
         """Evaluates aims, limits and slopes at scaled variables (size,), numbers or AutoDiff

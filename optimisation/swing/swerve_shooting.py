@@ -33,6 +33,7 @@ from aerodima.workbench.car.verdict import EXIT_YAW_RATE, TWO_WHEELS, side_lift
 from aerodima.workbench.control.swing_player import RollTrajectory
 from aerodima.workbench.core.array_types import FloatArray, IntArray
 from aerodima.workbench.core.errors import SwingError
+from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.swing_file import cubic
 
@@ -132,6 +133,20 @@ LIMITS: Mapping[str, Callable[[float], Limit]] = {
 }
 """Name of a further limit -> its maker, of the largest (roll of the body, rad; energy of the
 motors, J; torque, N m) or least (speed at the end, m/s) value."""
+
+
+def read_limits(texts: Sequence[str]) -> list[Limit]:
+    """Reads limits such as `roll=0.3`; SwingError for one that there is not."""
+    limits = []
+    for text in texts:
+        name, _, number = text.partition("=")
+        if name not in LIMITS:
+            raise SwingError(f"limit {text}: {nearest(name, list(LIMITS))}")
+        try:
+            limits.append(LIMITS[name](float(number)))
+        except ValueError:
+            raise SwingError(f"limit {text}: must be {name}=NUMBER") from None
+    return limits
 
 
 class SwerveVariables(NamedTuple):

@@ -18,7 +18,7 @@ from aerodima.optimisation.swerve.candidate import write_candidate
 from aerodima.optimisation.swerve.steering import SearchEffort
 from aerodima.optimisation.swerve.suite import SUITE, ensemble_cases, select_candidates
 from aerodima.optimisation.swing.bound import BoundEffort
-from aerodima.optimisation.swing.comparison import compare_swerves
+from aerodima.optimisation.swing.comparison import BoundItem, compare_swerves
 from aerodima.optimisation.swing.control_training import train_rollover_control
 from aerodima.optimisation.swing.feedback_training import LawSearch, train_feedback
 from aerodima.workbench.core.errors import SweepError
@@ -85,7 +85,7 @@ def judge(
             runner,
             folder / "swings",
             steering_effort=steering_effort,
-            bound_effort=bound_effort,
+            bound=BoundItem(effort=bound_effort),
             step=step,
             further=further,
         )

@@ -7,12 +7,14 @@ car, whether the car survives clean, and whether its aim reaches the claim of th
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import yaml
+from numpy.typing import ArrayLike
 
 from aerodima.optimisation.studies.runs import (
     FINE_STEP,
@@ -24,6 +26,7 @@ from aerodima.optimisation.studies.runs import (
 from aerodima.optimisation.swerve.aims import find_aim
 from aerodima.optimisation.swerve.candidate import swing_player
 from aerodima.optimisation.swing.solution import AIM, AIM_VALUE
+from aerodima.optimisation.swing.swerve_shooting import Limit, peaks
 from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.car.clearance import ground_clearance, make_range_of_motion
 from aerodima.workbench.car.swerve import swerve_counts, swerve_of
@@ -34,6 +37,7 @@ from aerodima.workbench.control.swing_library import (
     turn_of_swing,
     turn_words,
 )
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SwingError
 from aerodima.workbench.core.file_reading import Facts
 from aerodima.workbench.logs.schema import RunLog, software_versions
@@ -49,6 +53,10 @@ from aerodima.workbench.view.report_page import (
 )
 from aerodima.workbench.view.run_figures import plot_overlay
 
+CAR_CLEARANCE = 1e-3
+"""Least distance of the tail of a reduced car from the car, m, for what the full car differs."""
+CLEARANCE_NODES = 25
+"""Angles of each joint at which the distance of the tail from the car is computed."""
 MAX_TILT = 0.8
 """Largest tilt at which the height of the tail over the ground is checked, rad."""
 _MARGIN = 1e-3
@@ -176,28 +184,54 @@ def _tail_checks(swing: SwingFile, scenario: Scenario, log: RunLog) -> Iterator[
     point = swing_at(swing, since, scenario.manoeuvre.direction)
     roll = log.signal("tail_roll_angle_rad")
     pitch = log.signal("tail_pitch_angle_rad")
-    roll_torque = np.abs(log.signal("tail_roll_torque_n_m"))
-    torque = np.maximum(roll_torque, np.abs(log.signal("tail_pitch_torque_n_m")))
+    torques = [log.signal(f"tail_{joint}_torque_n_m")[after] for joint in ("roll", "pitch")]
     upright = after & (log.signal("tilt_truth_rad") < MAX_TILT)
     car_roll = log.signal("roll_truth_rad")[upright]
     ground = ground_clearance(scenario, pitch[upright], roll[upright], car_roll)
-    motion = make_range_of_motion(scenario, 25, 25)
-    car = motion.clearance(pitch[after], roll[after], ("cage", "deck", "wheels"))
-    off = np.abs(roll - point.roll_position)[during]
-    pitch_off = np.abs(pitch - point.pitch_position)[during]
+    car = car_clearance(scenario)(pitch[after], roll[after])
+    off = (roll - point.roll_position)[during]
+    pitch_off = (pitch - point.pitch_position)[during]
     followed = float(not np.any(state == SwingState.FALLBACK))
     max_roll = limits.roll_position_rad + _MARGIN
     max_pitch = limits.pitch_position_rad + _MARGIN
     yield Check("knots followed to their end", followed, "", low=1.0)
-    yield Check("tail roll off the knots", float(np.max(off)), "rad")
-    yield Check("tail roll off the last knot", float(off[-1]), "rad")
-    yield Check("tail pitch off the knots", float(np.max(pitch_off)), "rad")
-    yield Check("tail roll", float(np.max(np.abs(roll[after]))), "rad", high=max_roll)
-    yield Check("tail pitch", float(np.max(np.abs(pitch[after]))), "rad", high=max_pitch)
-    max_torque = limits.torque_n_m + _MARGIN
-    yield Check("motor torque", float(np.max(torque[after])), "N m", high=max_torque)
+    yield _peak("tail roll off the knots", off, "rad")
+    yield _peak("tail roll off the last knot", off[-1], "rad")
+    yield _peak("tail pitch off the knots", pitch_off, "rad")
+    yield _peak("tail roll", roll[after], "rad", max_roll)
+    yield _peak("tail pitch", pitch[after], "rad", max_pitch)
+    yield _peak("motor torque", torques, "N m", limits.torque_n_m + _MARGIN)
     yield Check("distance of the tail from the car", float(np.min(car)), "m", low=0.0)
     yield Check("height of the tail over the ground", float(np.min(ground)), "m", low=0.0)
+
+
+def _peak(name: str, values: ArrayLike, unit: str, high: float = math.inf) -> Check:
+    """Returns the check of the largest magnitude of some values."""
+    return Check(name, float(np.max(np.abs(values))), unit, high=high)
+
+
+def car_clearance(scenario: Scenario) -> Callable[[FloatArray, FloatArray], FloatArray]:
+    """Returns the distance of the tail from cage, deck and wheels, m, as a function of its pitch
+    and roll, rad.
+    """
+    return partial(
+        make_range_of_motion(scenario, CLEARANCE_NODES, CLEARANCE_NODES).clearance,
+        parts=("cage", "deck", "wheels"),
+    )
+
+
+def car_limit(scenario: Scenario) -> Limit:
+    """Returns the limit of a swerve that a verification asks beside `STANDARD_LIMITS`: the tail
+    keeps clear of the car.
+    """
+    distance = car_clearance(scenario)
+    return Limit(
+        "overlap of tail and car",
+        lambda s: peaks(s, -distance(s.tail[:, 0], s.tail[:, 1])),
+        "m",
+        0.1,
+        upper=-CAR_CLEARANCE,
+    )
 
 
 def write_verification(folder: Path, result: Verification) -> list[Path]:

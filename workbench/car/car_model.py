@@ -37,6 +37,13 @@ CAGE_STIFFNESS = 1.0e5
 EDGE_HALF_WIDTH = 0.002
 """Half the width (m) of each edge of a tyre: narrow against any tyre, so that its contact point
 stays on it."""
+REAR_DECK_X = -0.02
+"""Middle (m, x in B) of the drawn rear deck."""
+REAR_DECK_HEIGHT = 0.19
+"""Height (m) of the middle of the drawn rear deck where the tail joints leave it room."""
+JOINTS_OVER_REAR_DECK = 0.02
+"""Least height (m) of the tail joints over it: a car with low joints has a lower deck, or its tail
+would stand in it at every angle."""
 MIN_STICTION_TOLERANCE = 1e-4
 """Slip (m/s) over which Drake spreads friction by default, that of rigid tyres."""
 
@@ -169,6 +176,8 @@ def car_sdf(scenario: Scenario) -> SdfModel:
     for link in ("chassis", "gearbox", "board"):
         model.set_contact(link, None, CAGE_STIFFNESS, 1.0, friction)
     _set_gearbox(model, car, tail)
+    height = min(REAR_DECK_HEIGHT, tail.mount_height - JOINTS_OVER_REAR_DECK)
+    model.set_shape("chassis", "rear_deck", (REAR_DECK_X, 0, height))
     _set_board(model, car)
     shaft = Inertial.solid(SHAFT_MASS, UnitInertia.SolidSphere(SHAFT_RADIUS))
     model.place_link("drive_shaft", shaft, (0, 0, axle_statics(car, gravity, "rear").wheel_height))

@@ -129,7 +129,7 @@ def turn_words(swing: SwingFile, scenario: Any) -> str:
     claims = {key: float(found[fact]) for fact, (key, _) in _CLAIMS.items() if fact in found}
     claim = f"{_claim_words(here)}; its file claims "
     if not claims:
-        return f"{claim}nothing"
+        return f"{claim}no speed or friction"
     return claim + ("that" if here | claims == here else _claim_words(claims))
 
 

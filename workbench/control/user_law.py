@@ -12,7 +12,7 @@ from aerodima.workbench.scenario.scenario import Scenario
 
 _MEMBERS = ("rate", "memory_size", "start", "step")
 """Members that every tail law has."""
-_OURS = ("aerodima", "pydrake")
+_OURS = ("aerodima", "importlib", "pydrake")
 """Packages that are never taken for a user's file, which is run as a module of its own."""
 
 
@@ -81,7 +81,9 @@ def _run_file(flag: str, path: Path) -> Any:
     try:
         specification.loader.exec_module(module)
     except (Exception, SystemExit) as error:
-        raise UserError(f"{flag} {path}: running it failed: {in_words(error)}") from error
+        raise UserError(
+            f"{flag} {path}: running it failed: {traceback_and_reason(error)[1]}"
+        ) from error
     return module
 
 

@@ -15,8 +15,8 @@ from aerodima.optimisation.swerve.standard_manoeuvres import (
 )
 from aerodima.optimisation.swerve.steering import (
     MIN_FIRST_LEVEL,
+    constant_steering,
     draw_steering,
-    full_lock,
     possible_steering,
     scaled_steering,
     search_steering,
@@ -39,10 +39,11 @@ def car():
 
 
 def test_evolution_finds_the_top_of_a_hill():
-    top = np.array([0.3, 0.9, 0.05])[:, None]
-    first = np.random.default_rng(1).random((30, 3))
-    least, shares = evolve(lambda x: np.sum((x - top) ** 2, axis=0) - 1.0, first, 40, 1)
-    assert shares == pytest.approx(top[:, 0], abs=5e-3)
+    top = np.array([0.6, -1.8, 0.1])
+    ranges = (np.array([0.0, -2.0, 0.0]), np.array([2.0, 0.0, 2.0]))
+    first = np.random.default_rng(1).uniform(*ranges, (30, 3))
+    least, point = evolve(lambda x: np.sum((x - top) ** 2, axis=1) - 1.0, first, ranges, 40, 1)
+    assert point == pytest.approx(top, abs=1e-2)
     assert least == pytest.approx(-1.0, abs=1e-4)
 
 
@@ -94,11 +95,10 @@ def test_motions_of_the_thesis_begin_in_the_middle_when_the_steering_does(name, 
     assert np.abs(np.diff(roll)).max() < 0.002 * 12.0  # it follows 8 rad/s
 
 
-def test_a_driver_at_full_lock_turns_the_wheels_to_the_stop():
-    scenario = load_scenario("swerve")
-    steering = full_lock(scenario, 3)
+def test_a_constant_steering_has_one_angle():
+    steering = constant_steering(0.4, 3)
     assert steering.shape == (2 * LEVELS - 1, 3)
-    assert np.all(steering[:LEVELS] == scenario.servo.limit)
+    assert np.all(steering[:LEVELS] == 0.4)
 
 
 @pytest.mark.parametrize(("factor", "degrees"), [(6.5, 8.2), (8.0, 10.1)])

@@ -72,7 +72,10 @@ def test_the_bound_is_not_below_a_candidate_and_plays_what_it_claims(settings, s
     roll does not.
     """
     aim = AIMS["aside-0.5"]
-    bound = find_bound([scenario], aim, effort=FEW, candidates=[STILL])
+    lines = []
+    bound = find_bound([scenario], aim, effort=FEW, candidates=[STILL], progress=lines.append)
+    assert [line.split("] ")[1][:3] for line in lines] == ["1/3", "2/3", "3/3"]
+    assert all("s to go" in line for line in lines)
     solution = bound.solution
     assert solution.violation <= FEASIBILITY_TOL
     path = tmp_path / "found.yaml"

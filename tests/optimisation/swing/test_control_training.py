@@ -11,7 +11,7 @@ from aerodima.optimisation.swerve.aims import AIMS
 from aerodima.optimisation.swerve.candidate import NO_TAIL
 from aerodima.optimisation.swerve.car_conditions import UNLIKE, Condition
 from aerodima.optimisation.swerve.reduced_swerves import ReducedSwerve
-from aerodima.optimisation.swerve.steering import full_lock, steering_settings
+from aerodima.optimisation.swerve.steering import constant_steering, steering_settings
 from aerodima.optimisation.swerve.suite import FEEDBACK, ensemble_cases, select_candidates
 from aerodima.optimisation.swing.control_training import (
     CONTROL_RANGES,
@@ -49,7 +49,7 @@ def test_numbers_are_worth_how_far_a_car_at_full_lock_goes_aside_if_it_stays_upr
     batch = ControlBatch(place[:1], (CONTROL_START, NONE))
     ((worth, tipped),) = score_control_batch(batch)
     scenario = load_scenario("swerve", (*place[0], *law_settings(CONTROL_START)))
-    swerve = ReducedSwerve(scenario).drive(full_lock(scenario, 1))
+    swerve = ReducedSwerve(scenario).drive(constant_steering(scenario.servo.limit, 1))
     shares = [float(aim(swerve)[0]) / aim.size for aim in (AIMS["aside-0.5"], AIMS["aside-1.0"])]
     assert worth == pytest.approx(np.mean(shares))
     assert worth > 0.4
@@ -62,7 +62,7 @@ def test_reduced_cars_swerve_as_full_ones_with_rollover_control(base):
     ((settings, *_),) = control_places(base, CASES, [6.0])
     settings = (*settings, *law_settings(CONTROL_START))
     scenario = load_scenario("swerve", settings)
-    steering = full_lock(scenario, 1)
+    steering = constant_steering(scenario.servo.limit, 1)
     reduced = swerve_row(ReducedSwerve(scenario).drive(steering))
     full = drive_full(FullRun((*settings, *steering_settings(steering[:, 0])), "aside-0.5"))
     assert full["error"] == ""

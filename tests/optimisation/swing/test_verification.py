@@ -2,11 +2,26 @@
 
 import math
 
+import numpy as np
 import pytest
 import yaml
 
-from aerodima.optimisation.swing.verification import Check, Verification
+from aerodima.optimisation import AIMS
+from aerodima.optimisation.swerve.steering import steering_settings
+from aerodima.optimisation.swing.bound import Bound
+from aerodima.optimisation.swing.motion_search import write_verified
+from aerodima.optimisation.swing.solution import solution_swing
+from aerodima.optimisation.swing.swerve_nlp import SwerveNlp, SwerveSolution
+from aerodima.optimisation.swing.swerve_shooting import KNOTS, SwerveShooting
+from aerodima.optimisation.swing.verification import (
+    Check,
+    Verification,
+    car_clearance,
+    car_limit,
+    verify_swing,
+)
 from aerodima.workbench.core.resources import model_path
+from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.swing_file import read_swing, write_swing
 from tests.certain_cars import HIGH_CAR
 from tests.commands import call, refused
@@ -70,6 +85,54 @@ def test_bad_swings_are_refused_before_anything_runs(tmp_path, section, change, 
     path.write_text(yaml.safe_dump(data))
     assert named in refused(*VERIFY, path, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture(scope="module")
+def low_mount():
+    return ("tail.mode=swing", "manoeuvre.speed=6.0", "tail.mount_height=0.18")
+
+
+def test_a_search_keeps_the_distance_from_the_car_that_a_verification_measures(low_mount):
+    """A tail that leans forwards meets the cage, one that lies back does not."""
+    scenario = load_scenario("swerve", low_mount)
+    limit = car_limit(scenario)
+    shooting = SwerveShooting.from_scenarios([scenario], AIMS["aside-0.5"], [limit])
+    rolls = np.zeros(len(KNOTS) - 1)
+    steering = [0.06, 0.04, 0.02, 0.2, 0.4]
+    for pitch, is_clear in ((0.29, False), (-0.8, True)):
+        x = np.concatenate([[pitch], rolls, steering]) / shooting.variables.units
+        swerve = shooting.drive(x[:, None], np.zeros(1, int))
+        overlap = limit.function(swerve)
+        measured = car_clearance(scenario)(swerve.tail[:, 0, 0], swerve.tail[:, 1, 0])
+        assert -np.max(overlap) == np.min(measured[swerve.steered])
+        assert (np.max(overlap) <= limit.upper) == is_clear
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("pitch", "refused_for"), [(0.29, "from the car"), (-0.8, "")])
+def test_the_file_of_a_search_claims_what_is_verified_or_names_what_is_wrong(
+    low_mount, tmp_path, pitch, refused_for
+):
+    scenario = load_scenario("swerve", low_mount)
+    program = SwerveNlp(SwerveShooting.from_scenarios([scenario], AIMS["aside-0.5"]), 0.3)
+    steering = np.array([0.06, 0.04, 0.02, 0.2, 0.4])
+    x = np.concatenate([[pitch], np.zeros(len(KNOTS) - 1), steering])
+    x /= program.shooting.variables.units
+    solution = SwerveSolution(x, program.at(x).aims, 0.0, 0.0, "nothing", 1)
+    tried = tmp_path / "tried.yaml"
+    bound = Bound((scenario,), program, solution)
+    write_swing(solution_swing("tried", low_mount, bound, "aside-0.5"), tried)
+    path = tmp_path / "swing.yaml"
+    driven = (*low_mount, f"controller.swing_file={tried}", *steering_settings(0.9 * steering))
+    complaints = write_verified(path, (*driven, "simulation.step=0.002"))
+    swing = read_swing(path)
+    found = swing.provenance.found
+    assert swing.name == "swing"
+    assert any(refused_for in words for words in complaints) == bool(refused_for)
+    assert found.get("refused", "") == "; ".join(complaints)
+    assert ("aim_value" in found) != bool(refused_for)
+    assert "manoeuvre.level_1=0.054" in swing.provenance.settings
+    assert verify_swing(str(path)).complaints == complaints
 
 
 @pytest.mark.slow

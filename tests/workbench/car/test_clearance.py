@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from aerodima.workbench.car.clearance import (
     PARTS,
     RangeOfMotion,
+    TailQuery,
     ground_clearance,
     make_range_of_motion,
 )
@@ -23,6 +24,15 @@ LIMIT = math.pi / 2
 def motion():
     joints = ["tail.mount_x=-0.03", "tail.mount_height=0.24"]
     return make_range_of_motion(load_scenario("turn_swing", joints), 13, 13)
+
+
+@pytest.mark.parametrize("height", [0.15, 0.19, 0.24])
+def test_the_rear_deck_leaves_the_tail_room_however_low_its_joints_are(height):
+    """A lower deck than the drawn one would else stand in the tail at every angle."""
+    query = TailQuery(load_scenario("turn_swing", [f"tail.mount_height={height}"]))
+    for pitch in (-1.1, -0.5):
+        deck = query.clearances(pitch, 0.0)[PARTS.index("deck")]
+        assert deck > 0.01
 
 
 def test_an_upright_tail_swings_freely_in_roll_and_backwards(motion):
