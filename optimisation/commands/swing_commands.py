@@ -45,6 +45,13 @@ Further = Annotated[
 Standard = Annotated[
     bool, typer.Option("--standard", help="Also drive NHTSA's fishhook and J-turn.")
 ]
+MotionLimits = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="roll=0.3 (rad), energy=5 (J), torque=20 (N m) at most, speed=5 (m/s) at least; "
+        "may be repeated."
+    ),
+]
 Candidates = Annotated[
     list[str] | None,
     typer.Option(
@@ -127,13 +134,7 @@ def search(
             help="aside-0.5, aside-1.0, course, sustained, or a function of yours, mine.py:my_aim."
         ),
     ] = "aside-0.5",
-    limit: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="roll=0.3 (rad), energy=5 (J), torque=20 (N m) at most, speed=5 (m/s) at least; "
-            "may be repeated."
-        ),
-    ] = None,
+    limit: MotionLimits = None,
     cars: Annotated[
         int, typer.Option(help="So many training cars, one motion for all.", min=1)
     ] = 1,

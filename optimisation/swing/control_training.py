@@ -31,7 +31,6 @@ from aerodima.optimisation.swing.feedback_training import (
     score,
     search_laws,
 )
-from aerodima.workbench.batch.row_store import content_key
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.scenario.scenario import load_scenario
 
@@ -93,8 +92,7 @@ def train_rollover_control(
 
     def score_numbers(numbers: Sequence[Law]) -> FloatArray:
         batches = [ControlBatch(place, tuple(numbers)) for place in places]
-        keys = [content_key("control scores", repr(batch)) for batch in batches]
-        worth = np.concatenate(runs.map(score_control_batch, batches, keys))
+        worth = np.concatenate(runs.map(score_control_batch, batches))
         return score(worth.T)
 
     for number in range(search.rounds):
