@@ -146,10 +146,9 @@ def search(
 ) -> None:
     """Search motion of the tail and steering as one nonlinear program.
 
-    The motion is written as swing.yaml, with the steering that the full car of the first training
-    car holds, and is verified there as `swing verify` does. A table compares it with other
-    candidates. Exits with 1 where it is refused (the file then claims nothing) or not the best.
-    After Ctrl-C the same command continues. Needs the extra `search`.
+    The motion is written as swing.yaml, with the steering that the first full car holds, compared
+    with other candidates, and verified. Exits with 1 where it is refused or not the best. After
+    Ctrl-C the same command continues. Needs the extra `search`.
 
     Example: aerodima swing search --floor 1.2 --speed 6 --out out/motion
     """
