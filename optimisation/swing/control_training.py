@@ -81,12 +81,13 @@ def train_rollover_control(
     """
     base = NO_TAIL
     ranges = dict(CONTROL_RANGES)
-    best: Law = CONTROL_START
+    start = dict(CONTROL_START)
     if has_tail:
         base = FEEDBACK
         ranges |= RANGES
         shipped = load_scenario(SWERVE).feedback
-        best |= {key: getattr(shipped, key.removeprefix("feedback.")) for key in RANGES}
+        start |= {key: getattr(shipped, key.removeprefix("feedback.")) for key in RANGES}
+    best: Law = start
     places = control_places(base, cases, speeds)
     runs.stage = "rollover control"
 
