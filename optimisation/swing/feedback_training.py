@@ -275,7 +275,7 @@ def search_laws(
         if scores[first] > best_score:
             best, best_score = laws[first], float(scores[first])
         tried = (generation + 1) * search.laws + 1
-        bar.advance(f"{tried} laws tried on reduced cars, the best {best_score - 1.0:+.1%}")
+        bar.advance(f"{tried} laws tried on reduced cars, the best scores {best_score:.3f}")
     if best_score <= 0.0:
         raise SweepError("no law that was tried keeps a training car upright at any speed")
     return best
