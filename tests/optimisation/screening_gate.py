@@ -92,7 +92,7 @@ def clean_limits(number, run, search=SEARCH):
         range(number),
         lambda index: search.next_values(MIDDLE, verdicts[index]),
         run,
-        lambda index, value, clean: verdicts[index].update({value: bool(clean)}),
+        lambda index: verdicts[index],
     )
     return np.array([Bracket.from_verdicts(known).held for known in verdicts])
 
@@ -116,7 +116,7 @@ def screened_friction(scenarios, search):
         turns = drive_turns(
             replace(cars.take(places), friction=np.array(frictions)), plans.take(places)
         )
-        return turns.clean
+        return turns.clean.tolist()
 
     return clean_limits(len(scenarios), run, search)
 

@@ -12,7 +12,6 @@ from aerodima import workbench
 from aerodima.workbench.cli import options as cli
 from aerodima.workbench.core.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.core.errors import LogError, UserError
-from aerodima.workbench.core.key_errors import require_unique
 from aerodima.workbench.core.text_table import text_table, value_rows
 
 if TYPE_CHECKING:
@@ -43,6 +42,8 @@ def metrics(
 
     Example: aerodima log metrics none.parquet swing.parquet --out metrics.csv
     """
+    from aerodima.workbench.core.key_errors import require_unique
+
     require_unique(runs, "run", LogError)
     run_logs = [workbench.read_run_log(path) for path in runs]
     import pandas as pd
@@ -249,6 +250,8 @@ def _refuse_raw(out: Path, log: Path) -> None:
 
 def run_names(runs: list[Path]) -> list[str]:
     """List file names without ending; whole paths if these are not unique."""
+    from aerodima.workbench.core.key_errors import require_unique
+
     require_unique(runs, "run", LogError)
     stems = [path.stem for path in runs]
     if len(set(stems)) == len(stems):
