@@ -39,7 +39,8 @@ def gains_over(table: pd.DataFrame, candidate: str) -> pd.Series:
 def summarise_swerves(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
     """Makes a row per comparison and candidate: median value over the cars, how many have one, the
     median gain over the car without tail with its 95 % interval from a bootstrap over cars, the
-    worst gain, and on how many cars the value is above that of low ballast.
+    worst gain, and on how many cars the value is above that of low ballast, NaN if that was not
+    compared.
 
     Args:
         table: of `compare_swerves`.
@@ -47,10 +48,12 @@ def summarise_swerves(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
     """
     over_none = gains_over(table, NO_TAIL.name)
     over_ballast = gains_over(table, LOW_BALLAST.name)
+    has_ballast = LOW_BALLAST.name in table["candidate"].unique()
     rows: list[Row] = []
     for names, own in table.groupby([*GROUP, "candidate"], sort=False):
         gains = over_none[own.index].dropna()
         low, high = median_interval(gains.to_numpy(dtype=np.float64), seed)
+        above = float((over_ballast[own.index] > 0.0).sum()) if has_ballast else math.nan
         places: dict[str, Any] = dict(zip([*GROUP, "candidate"], names, strict=True))
         rows.append(
             {
@@ -62,7 +65,7 @@ def summarise_swerves(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
                 "gain_low": low,
                 "gain_high": high,
                 "gain_worst": float(gains.min()),
-                "above_low_ballast": int((over_ballast[own.index] > 0.0).sum()),
+                "above_low_ballast": above,
             }
         )
     return make_frame(rows)
@@ -70,8 +73,8 @@ def summarise_swerves(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
 
 def has_gain(summary: pd.DataFrame) -> bool:
     """Returns whether a tail is above the car without one; True when none was compared."""
-    without = summary["candidate"].isin([NO_TAIL.name, LOW_BALLAST.name])
-    with_tail = summary[~without]
+    names = summary["candidate"]
+    with_tail = summary[~names.str.startswith(NO_TAIL.name) & (names != LOW_BALLAST.name)]
     return with_tail.empty or bool((with_tail["gain"] > 0.0).any())
 
 
@@ -132,7 +135,7 @@ def _cells(summary: pd.DataFrame) -> list[tuple[str, ...]]:
                 _percent(row["gain"]),
                 interval,
                 _percent(row["gain_worst"]),
-                f"{row['above_low_ballast']:.0f}",
+                f"{row['above_low_ballast']:.0f}".replace("nan", "–"),
             )
         )
     return cells

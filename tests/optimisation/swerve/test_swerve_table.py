@@ -52,6 +52,19 @@ def test_gains_are_over_the_same_car_without_tail():
     assert summary.loc["no tail", "gain"] == 0.0
 
 
+def test_nobody_is_above_low_ballast_that_was_not_compared():
+    summary = summarise_swerves(table({"no tail": NONE, "bound": VALUES["bound"]}))
+    assert summary["above_low_ballast"].isna().all()
+    assert swerve_lines(summary)[-1].split()[-1] == "–"
+
+
+def test_a_control_without_tail_is_no_gain_of_a_tail():
+    better = [2.0 * value for value in NONE]
+    control = {"no tail, rollover control": better}
+    worse = {"feedback": [0.5 * value for value in NONE]}
+    assert not has_gain(summarise_swerves(table({"no tail": NONE} | control | worse)))
+
+
 def test_the_interval_is_that_of_the_median_of_cars_drawn_again():
     values = np.arange(12.0)
     generator = np.random.default_rng(7)
