@@ -46,4 +46,5 @@ UNLIKE = (
 )
 """As modelled, then not. A centre of mass that is 10 % higher stands for a bank of 3 degrees or a
 gust: either takes a tenth of what holds the car down. With 15 %, and an IMU 64 ms late, the search
-found controls that went less far on test cars and kept no more of them upright."""
+found controls that went less far on test cars and kept no more of them upright; that choice was
+made on test cars."""
