@@ -8,6 +8,7 @@ tail, so that the bound is not below one whose motion its variables contain.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -78,11 +79,13 @@ class Bound:
         scenarios: of the cars; steering and swing are not theirs.
         program: that was solved.
         solution: the best of all starts.
+        wall_time: that the search took, s.
     """
 
     scenarios: tuple[Scenario, ...]
     program: SwerveNlp
     solution: SwerveSolution
+    wall_time: float
 
     def steering(self, member: int = 0) -> FloatArray:
         """Returns the steering (`STEERING`,) of one car, rad and s."""
@@ -108,6 +111,7 @@ class Bound:
             "violation": solution.violation,
             "worst": solution.worst,
             "evaluations": solution.evaluations,
+            "wall_time_s": self.wall_time,
         }
         return pd.DataFrame(columns)
 
@@ -136,6 +140,7 @@ def find_bound(
     Raises:
         UserError: no swerve keeps all limits; what the reduced car does not know.
     """
+    begin = time.monotonic()
     effort = effort or BoundEffort()
     chosen = as_aim(aim)
     shooting = SwerveShooting.from_scenarios(scenarios, chosen, limits)
@@ -159,7 +164,8 @@ def find_bound(
         raise SwingError(
             f"no start reached a swerve that keeps its limits; nearest: {nearest.worst}"
         )
-    return Bound(tuple(scenarios), program, min(kept, key=lambda one: one.cost))
+    best = min(kept, key=lambda one: one.cost)
+    return Bound(tuple(scenarios), program, best, time.monotonic() - begin)
 
 
 def _with_one_steering(variables: SwerveVariables, points: FloatArray) -> FloatArray:

@@ -19,7 +19,8 @@ def refuse_existing(path: Path | None, force: bool, error: type[UserError]) -> N
         raise error(f"{path}: is a folder, a file name is needed")
     if path.exists() and not force:
         raise error(
-            f"{path}: exists already and is not overwritten; choose another name or use --force"
+            f"{path}: exists already and is not overwritten; choose another name, or use "
+            "--force (in Python force=True)"
         )
 
 

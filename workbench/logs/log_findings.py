@@ -22,6 +22,7 @@ MIN_SAMPLES = 32
 STEP_RANGE = (1e-5, 1.0)
 """Median time step (s) of a plausible log; beyond it the unit of the times is wrong."""
 _SPEED = "speed_m_per_s"
+_STEERING = "steering_command_rad"
 _YAW_RATE = "imu_gyro_z_rad_per_s"
 _VERTICAL = "imu_acceleration_z_m_per_s2"
 _SIDEWAYS = "integral of speed times yaw rate"
@@ -156,7 +157,7 @@ def implausible_values(
 
 def inconsistent_rates(table: pd.DataFrame) -> list[str]:
     """Finds rates that are plainly not the derivative of their angle, and accelerations that are
-    not those of the car: other unit, other sign, or gravity in it.
+    not those of the car: other unit, other sign, or gravity in it; and a steering of the wrong sign.
 
     Compared are the angle and the integral of the rate, without their straight lines (bias of a
     gyro). Signals that have little to do with each other (noise, a car that rolls) are left alone.
@@ -172,6 +173,15 @@ def inconsistent_rates(table: pd.DataFrame) -> list[str]:
     if {_SPEED, _YAW_RATE} <= {*table}:
         lateral = table[_SPEED] * table[_YAW_RATE]
         table = table.assign(**{_SIDEWAYS: cumulative_trapezoid(lateral, table[TIME], initial=0.0)})
+    if {_SPEED, _YAW_RATE, _STEERING} <= {*table}:
+        turned = cumulative_trapezoid(table[_YAW_RATE], table[TIME], initial=0.0)
+        steered = table[_SPEED] * table[_STEERING]
+        ratio = _rate_ratio(*np.array([table[TIME], turned, steered], float))
+        if ratio is not None and ratio < 0.0:
+            problems.append(
+                f"column {_STEERING!r}: the car yaws to the other side than it is steered; both "
+                f"must be positive to the left, `scale: -1` in the mapping mirrors a column {off}"
+            )
     for rate, angle in RATE_OF.items():
         if rate not in table or angle not in table:
             continue

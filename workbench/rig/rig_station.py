@@ -1,12 +1,8 @@
-"""The rig behind its ports: simulated plant with motor and sensors, or the interface to the real
-rig.
+"""The simulated rig behind its ports: plant with motor and sensors (design section 9).
 
-Both export the same ports (design section 9). The robot-tail rig has its AK70-10 on the bus and can
-be swapped for hardware; the cheetah rig takes a current and exists in simulation only. The
-simulated station adds ports whose names end in `_truth`.
+The robot-tail rig takes a command of its AK70-10, the cheetah rig a current. What no real rig could
+report has names that end in `_truth`.
 """
-
-from collections.abc import Callable
 
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.systems.framework import (
@@ -18,8 +14,7 @@ from pydrake.systems.framework import (
 
 from aerodima.workbench.car.ak70 import MitMotor
 from aerodima.workbench.car.car_sensors import MotorEncoder
-from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.core.port_contract import add_status, export_interface, export_outputs
+from aerodima.workbench.core.port_contract import add_status, export_outputs
 from aerodima.workbench.core.port_wiring import PortSlice, add_and_connect, concatenate
 from aerodima.workbench.rig.maxon_motor import MaxonMotor
 from aerodima.workbench.rig.rig_plant import add_rig_plant
@@ -30,41 +25,24 @@ from aerodima.workbench.rig.rig_sensors import (
     force_errors,
 )
 from aerodima.workbench.scenario.rig_scenario import RigScenario
-from aerodima.workbench.scenario.signal_table import (
-    RIG_OUTPUTS,
-    RIG_STATUS,
-    ROBOT_RIG_INPUTS,
-)
-
-RigInterfaceFactory = Callable[[RigScenario], System]
-"""Makes the system that talks to the real rig, with exactly the ports of `ROBOT_RIG_INPUTS` and
-`RIG_OUTPUTS`."""
+from aerodima.workbench.scenario.signal_table import RIG_STATUS
 
 
-def make_rig_station(
-    scenario: RigScenario,
-    interface: RigInterfaceFactory | None = None,
-    meshcat: Meshcat | None = None,
-) -> Diagram:
+def make_rig_station(scenario: RigScenario, meshcat: Meshcat | None = None) -> Diagram:
     """The station of a rig scenario as a diagram.
 
     Ports: in `tail_command` (5) of the robot-tail rig or `current_command` (1) of the cheetah rig;
-    out `rig_state` (2), `motor_current` (1), `force_torque` (6), `status` (7), and in simulation
+    out `rig_state` (2), `motor_current` (1), `force_torque` (6), `status` (7), and
     `state_truth` (2), `wrench_truth` (6), `motor_torque_truth` (1), and with a tail
     `tail_sections_truth` (4 per section).
 
     Args:
-        scenario: what to simulate, or what to drive.
-        interface: None simulates; a factory (from `hardware`) talks to the robot-tail rig.
-        meshcat: shows the simulated rig live.
+        scenario: what to simulate.
+        meshcat: shows the rig live.
 
     Raises:
         ModelError: a model does not load with the numbers of the scenario.
-        UserError: the interface has other ports than the station must have, or is for a rig that
-            has no hardware.
     """
-    if interface is not None:
-        return _interface_station(scenario, interface)
     builder = DiagramBuilder()
     rig = add_rig_plant(builder, scenario)
     state = rig.plant.get_state_output_port()
@@ -97,22 +75,6 @@ def make_rig_station(
     export_outputs(builder, ports)
     if meshcat is not None:
         MeshcatVisualizer.AddToBuilder(builder, rig.scene_graph, meshcat)
-    return _named_station(builder)
-
-
-def _interface_station(scenario: RigScenario, interface: RigInterfaceFactory) -> Diagram:
-    """The station that talks to the real rig."""
-    if not scenario.is_robot:
-        raise UserError(
-            f"experiment.kind: {scenario.experiment.kind!r} has no hardware interface; allowed "
-            "with one: 'robot_swing'"
-        )
-    builder = DiagramBuilder()
-    export_interface(builder, interface(scenario), ROBOT_RIG_INPUTS, RIG_OUTPUTS)
-    return _named_station(builder)
-
-
-def _named_station(builder: DiagramBuilder) -> Diagram:
     station = builder.Build()
     station.set_name("rig_station")
     return station

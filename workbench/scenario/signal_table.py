@@ -111,14 +111,6 @@ STATUS = PortFields("Status", _status_fields(STATUS_SOURCES))
 PLANNED_TURN = PortFields("PlannedTurn", ("planned_turn",))
 """The turn that the driver announces, from the start of the run on: +1 left, -1 right, 0 none. Goes
 from the driver to the tail controller."""
-RIG_STATE = PortFields("RigState", ("angle", "rate"))
-"""rad and rad/s, as encoder or motor report them."""
-MOTOR_CURRENT = PortFields("MotorCurrent", ("current",))
-"""A."""
-FORCE_TORQUE = PortFields(
-    "ForceTorque", tuple(f"{what}_{axis}" for what in ("force", "torque") for axis in _AXES)
-)
-"""N and N m, zeroed."""
 RIG_STATUS = PortFields("RigStatus", _status_fields(RIG_STATUS_SOURCES))
 """Status of the rig; its fields are like those of `STATUS`."""
 
@@ -134,13 +126,6 @@ STATION_OUTPUTS: dict[str, PortFields] = {
     "imu": IMU,
     "speed": SPEED,
     "status": STATUS,
-}
-ROBOT_RIG_INPUTS: dict[str, PortFields] = {"tail_command": TAIL_COMMAND}
-RIG_OUTPUTS: dict[str, PortFields] = {
-    "rig_state": RIG_STATE,
-    "motor_current": MOTOR_CURRENT,
-    "force_torque": FORCE_TORQUE,
-    "status": RIG_STATUS,
 }
 
 

@@ -10,6 +10,7 @@ from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import DIAGRAM, DRIVEN_BY, PLANT_RUN, TAIL_LAW, RunLog
 from aerodima.workbench.metrics.run_summary import (
     MODE_WORDS,
+    STOP,
     plant_air,
     plant_outcome,
     plant_speed,
@@ -66,7 +67,7 @@ def run_caption(run_log: RunLog) -> Caption:
 
 
 def _car_facts(run_log: RunLog) -> str:
-    """Says who drove the car: manoeuvre and tail law, a diagram, or a person."""
+    """Says who drove the car: manoeuvre and tail law, a diagram, or a person; and what stopped it."""
     extra = run_log.extra
     if DRIVEN_BY in extra:
         facts = f"driven by {extra[DRIVEN_BY]}"
@@ -82,6 +83,9 @@ def _car_facts(run_log: RunLog) -> str:
             facts += f"tail law {extra[TAIL_LAW]}"
         else:
             facts += MODE_WORDS[tail_mode_of(run_log.scenario)]
+    if STOP[0] in extra:
+        time, reason = (extra[key] for key in STOP)
+        facts += f", stopped at {time:.2f} s ({reason})"
     if DEAD_RECKONING in extra:
         facts += ", path reckoned from the sensors"
     return facts

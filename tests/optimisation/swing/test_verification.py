@@ -120,7 +120,7 @@ def test_the_file_of_a_search_claims_what_is_verified_or_names_what_is_wrong(
     x /= program.shooting.variables.units
     solution = SwerveSolution(x, program.at(x).aims, 0.0, 0.0, "nothing", 1)
     tried = tmp_path / "tried.yaml"
-    bound = Bound((scenario,), program, solution)
+    bound = Bound((scenario,), program, solution, 1.0)
     write_swing(solution_swing("tried", low_mount, bound, "aside-0.5"), tried)
     path = tmp_path / "swing.yaml"
     driven = (*low_mount, f"controller.swing_file={tried}", *steering_settings(0.9 * steering))

@@ -12,6 +12,7 @@ from aerodima.workbench.logs.journal import journal_path
 from aerodima.workbench.logs.schema import read_run_log, write_run_log
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.scenario.scenario import scenario_from_dict
+from aerodima.workbench.view.captions import run_caption
 from tests.commands import done
 
 
@@ -46,6 +47,7 @@ def test_metrics_and_comparison_name_the_stop_of_a_drive(tailless, tmp_path, mea
         assert facts["stop_reason"] in lines["stop_reason"]
         assert ("not_measured" in lines) is not measured
         assert measured == ("survived" in lines.get("outcome", "").split()[1:2])
+    assert f"stopped at 2.05 s ({facts['stop_reason']})" in run_caption(read_run_log(path)).facts
 
 
 def test_metrics_names_the_file_that_is_no_log(refused, untouched):

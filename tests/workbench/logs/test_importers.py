@@ -429,6 +429,18 @@ def test_an_acceleration_that_is_not_that_of_the_car_is_named(axis, scale, offse
     assert name in problem
 
 
+def test_a_steering_to_the_other_side_than_the_car_yaws_is_named():
+    """Of a car in a slalom at changing speed, which yaws 0.05 s after it is steered."""
+    table = pd.DataFrame({"time_s": TIMES, "speed_m_per_s": 4.0 + ANGLE})
+    steering = 0.1 * np.sin(3.0 * TIMES)
+    late = 0.1 * np.sin(3.0 * (TIMES - 0.05))
+    table["imu_gyro_z_rad_per_s"] = table.speed_m_per_s * np.tan(late) / 0.4
+    assert not inconsistent_rates(table.assign(steering_command_rad=steering))
+    (problem,) = inconsistent_rates(table.assign(steering_command_rad=-steering))
+    assert_named(problem, ["steering_command_rad", "left", "scale: -1"])
+    assert not inconsistent_rates(table.assign(steering_command_rad=0.0))
+
+
 def test_the_checks_of_units_give_way_when_told(tmp_path):
     columns = {
         "current_a": {"from": "I", "unit": "A", "largest": 2000},

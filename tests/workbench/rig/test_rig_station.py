@@ -1,25 +1,16 @@
-"""The rig behind its ports: simulated and real have the same ones."""
+"""The rig behind its ports."""
 
 import math
 
 import pytest
 
-from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.rig.rig_log import static_coefficients
 from aerodima.workbench.rig.rig_station import make_rig_station
 from aerodima.workbench.scenario.rig_scenario import load_rig_scenario
-from tests.refusals import assert_refused
-from tests.workbench.stands import Interface, port_sizes
+from tests.workbench.stands import port_sizes
 
 INPUTS = {"tail_command": 5}
 OUTPUTS = {"rig_state": 2, "motor_current": 1, "force_torque": 6, "status": 7}
-
-
-def test_real_robot_rig_has_the_ports_of_the_interface():
-    real = make_rig_station(
-        load_rig_scenario("robot"), interface=lambda _: Interface(INPUTS, OUTPUTS)
-    )
-    assert port_sizes(real) == (INPUTS, OUTPUTS)
 
 
 @pytest.mark.parametrize(
@@ -30,25 +21,6 @@ def test_simulated_rig_takes_a_command_of_its_motor(name, expected):
     inputs, outputs = port_sizes(make_rig_station(load_rig_scenario(name)))
     assert inputs == expected
     assert {port: outputs[port] for port in outputs if not port.endswith("_truth")} == OUTPUTS
-
-
-@pytest.mark.parametrize(
-    ("name", "inputs", "outputs", "named"),
-    [
-        ("flick", INPUTS, OUTPUTS, ("'swing'", "'robot_swing'")),
-        ("robot", INPUTS, OUTPUTS | {"force_torque": 0}, ("'interface'", "force_torque")),
-        ("robot", {"current_command": 1}, OUTPUTS, ("'interface'", "current_command", *INPUTS)),
-    ],
-)
-def test_rig_without_hardware_and_interface_with_other_ports_are_refused(
-    name, inputs, outputs, named
-):
-    scenario = load_rig_scenario(name)
-
-    def make():
-        make_rig_station(scenario, interface=lambda _: Interface(inputs, outputs))
-
-    assert_refused(make, UserError, *named)
 
 
 def test_offsets_of_the_sensor_are_the_published_ones_of_a_cheetah_tail():
