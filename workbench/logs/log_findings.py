@@ -156,8 +156,8 @@ def implausible_values(
 
 
 def inconsistent_rates(table: pd.DataFrame) -> list[str]:
-    """Finds rates that are plainly not the derivative of their angle, and accelerations that are
-    not those of the car: other unit, other sign, or gravity in it; and a steering of the wrong sign.
+    """Finds rates that are plainly not the derivative of their angle, accelerations that are not
+    those of the car (other unit, other sign, or gravity in it), and a steering of the wrong sign.
 
     Compared are the angle and the integral of the rate, without their straight lines (bias of a
     gyro). Signals that have little to do with each other (noise, a car that rolls) are left alone.
