@@ -67,7 +67,7 @@ def run_caption(run_log: RunLog) -> Caption:
 
 
 def _car_facts(run_log: RunLog) -> str:
-    """Says who drove the car (manoeuvre and tail law, a diagram, or a person), and what stopped it."""
+    """Says who drove the car: manoeuvre and tail law, a diagram, or a person; and its stop."""
     extra = run_log.extra
     if DRIVEN_BY in extra:
         facts = f"driven by {extra[DRIVEN_BY]}"
