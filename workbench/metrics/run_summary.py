@@ -168,18 +168,20 @@ def metrics_of_runs(run_logs: Sequence[RunLog]) -> list[Json]:
 
     The row of a drive that was stopped begins with `STOP`. That of a `car_log` begins with
     `not_logged`, the columns of sensors that it lacks; their metrics are NaN. Where such a log
-    ended before its turn did, it has `not_measured`, the reason, in place of metrics.
+    ended before its turn did, or one of several logs cannot be measured, it has `not_measured`, the
+    reason, in place of metrics.
 
     Raises:
-        LogError: runs of a car and of another plant together; or as for `metrics_of` and
-            `plant_metrics`.
+        LogError: runs of a car and of another plant together; or, for a single log, as for
+            `metrics_of` and `plant_metrics`.
     """
     if of_plants(run_logs):
         return [plant_metrics(run_log) for run_log in run_logs]
-    return [_car_metrics(run_log) for run_log in run_logs]
+    alone = len(run_logs) == 1
+    return [_car_metrics(run_log, alone) for run_log in run_logs]
 
 
-def _car_metrics(run_log: RunLog) -> Json:
+def _car_metrics(run_log: RunLog, alone: bool) -> Json:
     """Returns the row of a run of the car, as `metrics_of_runs` has it."""
     row: Json = {}
     if STOP[0] in run_log.extra:
@@ -192,7 +194,7 @@ def _car_metrics(run_log: RunLog) -> Json:
     try:
         return row | metrics_of(run_log).as_row()
     except LogError as error:
-        if not row:
+        if alone and not row:
             raise
         return row | {"not_measured": str(error)}
 

@@ -50,6 +50,18 @@ def test_metrics_and_comparison_name_the_stop_of_a_drive(tailless, tmp_path, mea
     assert f"stopped at 2.05 s ({facts['stop_reason']})" in run_caption(read_run_log(path)).facts
 
 
+def test_metrics_of_two_logs_name_the_one_without_steering(refused, tailless, tmp_path):
+    path = tmp_path / "unsteered.parquet"
+    table = tailless.table.drop(columns="steering_command_rad")
+    extra = {"driven_by": "hand (MANUAL)"}
+    write_run_log(replace(tailless, table=table, kind="car_log", extra=extra), path)
+    assert "steering_command_rad" in refused("log", "metrics", path)
+    told = done("log", "metrics", tailless.source, path)
+    lines = {line.split()[0]: line for line in told.splitlines() if line}
+    assert "steering_command_rad" in lines["not_measured"]
+    assert lines["outcome"].split()[1] == "survived"
+
+
 def test_metrics_names_the_file_that_is_no_log(refused, untouched):
     assert "precious.parquet" in refused("log", "metrics", untouched)
     assert "missing.parquet" in refused("log", "metrics", "missing.parquet")
