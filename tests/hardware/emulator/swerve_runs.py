@@ -3,7 +3,8 @@ tables of docs/swerves.md.
 
 `python -m tests.hardware.emulator.swerve_runs FILE --plant PLANT` adds a line per run to FILE, a
 CSV table; PLANT is `simulated` or a wiring. `--car`, `--fault`, `--runs` and `--share` of the best
-steering say which. Without `--plant` it prints the tables of FILE. A run that a busy computer
+steering say which; with `--at-full-lock` the driver turns the wheels to the stop, and the car has
+law and rollover control. Without `--plant` it prints the tables of FILE. A run that a busy computer
 disturbed is repeated.
 """
 
@@ -25,10 +26,13 @@ from aerodima.hardware.car.wiring import WIRINGS
 from aerodima.hardware.driving.drive_session import drive
 from aerodima.hardware.driving.stop_posture import HELD, LAW, OFF, Posture
 from aerodima.hardware.driving.watchdog_test import run_watchdog_test
+from aerodima.optimisation.swerve.steering import constant_steering, steering_settings
+from aerodima.optimisation.swerve.suite import FEEDBACK, NAMED_CANDIDATES
 from aerodima.workbench import TailController, TurnDriver, make_driver, simulate
 from aerodima.workbench.car.swerve import SOON, outline_from_above
 from aerodima.workbench.car.turn_course import ground_velocity
 from aerodima.workbench.car.turn_signals import STEERED
+from aerodima.workbench.control.driver_law import LimitedDriver, ScheduledDriver
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
 from aerodima.workbench.control.manoeuvre import DriverInput, make_schedule
 from aerodima.workbench.control.tail_law import NO_COMMAND
@@ -47,8 +51,6 @@ SHARE = 0.8
 START = 4.0
 """Start of the steering, s after that of the drive: a second after the car has its speed."""
 STANDING_START = (
-    "tail.mode=swing",
-    "controller.law=feedback",
     "manoeuvre.rolling_start=false",
     "manoeuvre.speed_ramp=3",  # the throttle rises more slowly than the guard of the car lets it
     f"manoeuvre.turn_start={START}",
@@ -139,17 +141,22 @@ FAULTS = (
 )
 
 
-def car_settings(car: str, share: float) -> list[str]:
-    """Settings of a test car on its own friction that swerves from a standing start, with a share
-    of the angles of its best steering.
+def car_settings(car: str, share: float | None) -> list[str]:
+    """Settings of a test car on its own friction that swerves from a standing start, with the law
+    and a share of the angles of its best steering; or None, at full lock, with law and control.
     """
     member = next(one for one in load_ensemble("physical").members if one.name == car)
+    settings = [*member.settings_on("swerve"), *STANDING_START]
+    if share is None:
+        stop = load_scenario("swerve", settings).servo.limit
+        settings += NAMED_CANDIDATES["feedback-rollover-control"].settings
+        return [*settings, *steering_settings(constant_steering(stop, 1)[:, 0])]
     table = pd.read_csv(ROOT / "models" / "swerve" / "swerves.csv")
     is_own = (table["car"] == car) & (table["plant"] == "full") & (table["floor"] == "x 1")
     row = table[is_own & (table["candidate"] == "feedback")].iloc[0]
     levels = [f"manoeuvre.level_{n}={share * row[f'level_{n}']:.6f}" for n in (1, 2, 3)]
     ends = [f"manoeuvre.level_{n}_end={row[f'level_{n}_end']:.2f}" for n in (1, 2)]
-    return [*member.settings_on("swerve"), *STANDING_START, *levels, *ends]
+    return [*settings, *FEEDBACK.settings, *levels, *ends]
 
 
 class FaultyDriver:
@@ -218,8 +225,11 @@ def simulated(scenario: Any, fault: Fault) -> Any:
     """The log of a simulated swerve."""
 
     def build(builder: Any, station: Any) -> None:
-        schedule = FaultyDriver(make_schedule(scenario), fault)
-        driver = TurnDriver.add_to_builder(builder, schedule, station=station)
+        faulty: Any = ScheduledDriver(FaultyDriver(make_schedule(scenario), fault))
+        limited = make_driver(scenario)
+        if isinstance(limited, LimitedDriver):
+            faulty = replace(limited, driver=faulty)
+        driver = TurnDriver.add_to_builder(builder, faulty, station=station)
         law = FaultyLaw(scenario, fault)
         TailController.add_to_builder(builder, scenario, station=station, driver=driver, law=law)
 
@@ -278,7 +288,7 @@ def figures_of(log: Any) -> dict[str, float | bool]:
     }
 
 
-def run(car: str, plant: str, fault: Fault, seed: int, share: float) -> dict[str, Any]:
+def run(car: str, plant: str, fault: Fault, seed: int, share: float | None) -> dict[str, Any]:
     """A line of the table."""
     scenario = load_scenario("swerve", car_settings(car, share)).varied(seed=seed)
     reason = ""
@@ -332,6 +342,7 @@ def main() -> None:
     parser.add_argument("--fault", nargs="*", help="names, all when none is given")
     parser.add_argument("--runs", type=int, default=1)
     parser.add_argument("--share", type=float, default=SHARE, help="of the best steering")
+    parser.add_argument("--at-full-lock", dest="share", action="store_const", const=None)
     asked = parser.parse_args()
     if asked.plant is None:
         print(tables(pd.read_csv(asked.file)))
