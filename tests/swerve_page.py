@@ -14,7 +14,7 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
-from aerodima.optimisation import summarise_swerves
+from aerodima.optimisation import AIMS, summarise_swerves
 from aerodima.optimisation.swerve.swerve_table import swerve_figure
 from aerodima.workbench import simulate
 from aerodima.workbench.car.swerve import LATER, SOON, outline_from_above
@@ -58,8 +58,8 @@ def figure_from_above(run_logs: Mapping[str, RunLog]) -> Figure:
 
 
 def page_rows(own: pd.DataFrame) -> Iterator[str]:
-    """Rows of a table: the median without tail in m, of all others the gain over it with its
-    interval, and how many cars complete the swerve where one does not.
+    """Rows of a table: the median without tail in the unit of the aim, of all others the gain over
+    it with its interval, and how many cars complete the swerve where one does not.
     """
     summary = summarise_swerves(own)
     for candidate, rows in summary.groupby("candidate", sort=False):
@@ -70,7 +70,7 @@ def page_rows(own: pd.DataFrame) -> Iterator[str]:
             if row["cars"] > 1:
                 cell += f" ({low:+.0f} to {high:+.0f})"
             if candidate == "no tail":
-                cell = f"{row['median']:.3f} m"
+                cell = f"{row['median']:.3f} {AIMS[row['aim']].unit}"
             if row["with_value"] < row["cars"]:
                 cell += f", {row['with_value']:.0f} of {row['cars']:.0f}"
             cells.append(cell if row["with_value"] else "none")
