@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -271,8 +271,8 @@ def train(
     work: cli.WorkOptions,
     options: CaseOptions,
     candidate: Annotated[
-        str,
-        typer.Option(help="feedback, rollover-control or feedback-rollover-control."),
+        Literal["feedback", "rollover-control", "feedback-rollover-control"],
+        typer.Option(help="Whose numbers are searched."),
     ] = "feedback",
     cars: Annotated[int, typer.Option(help="So many of the training cars.", min=1)] = 6,
     laws: Annotated[int, typer.Option(help="Of a generation.", min=4)] = 16,
