@@ -36,8 +36,8 @@ from aerodima.workbench.core.elementwise import roll_pitch_yaw, rotation_rows
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.core.extras import require
 from aerodima.workbench.core.key_errors import nearest
-from aerodima.workbench.logs.hdf5_reading import read_hdf5
 from aerodima.workbench.logs.mapping import CsvFormat, time_factor
+from aerodima.workbench.logs.mat_reading import is_version_7_3, read_struct
 
 Columns = dict[str, pd.Series]
 """Values by the name of the column."""
@@ -252,14 +252,9 @@ def read_mat(path: Path) -> ForeignLog:
     """
     if is_version_7_3(path):
         require("logs", path, "h5py", error=LogError)
-        struct = read_hdf5(path)
-    else:
-        from scipy.io import loadmat
-
-        struct = loadmat(path, simplify_cells=True)
     columns: Columns = {}
     unreadable: Texts = {}
-    for name, value in _leaves("", struct):
+    for name, value in _leaves("", read_struct(path)):
         kind = "O" if isinstance(value, list) else np.asarray(value).dtype.kind
         if kind not in "fiub":
             reasons = {"U": "text", "S": "text", "c": "complex numbers; save their parts"}
@@ -269,15 +264,6 @@ def read_mat(path: Path) -> ForeignLog:
         else:
             columns |= _vectors(name, np.squeeze(value).astype(float))
     return ForeignLog(str(path), columns, unreadable=unreadable)
-
-
-def is_version_7_3(path: Path) -> bool:
-    """Says whether a MAT file is HDF5: its text header says so, or the HDF5 signature is at a place
-    where it may be.
-    """
-    with open(path, "rb") as stream:
-        head = stream.read(520)
-    return head.startswith(b"MATLAB 7.3") or b"\x89HDF\r\n\x1a\n" in (head[:8], head[512:520])
 
 
 def _vectors(name: str, value: NDArray) -> Columns:

@@ -28,7 +28,7 @@ WRITERS = {
     "run.parquet": lambda path: write_run_log(made_up_run(truth=False), path),
     "m.yaml": lambda path: path.write_text(MAPPING),
 }
-TRIED_ONE_IN = {"log_7_3.mat": 10}
+TRIED_ONE_IN = {"log.mat": 10, "log_7_3.mat": 10}
 """Files of which one in so many is tried: a process of its own reads each."""
 CHECKED = ("log.mat", "log.mcap", "log.parquet", "run.parquet")
 """Files with a checksum of every value."""
@@ -65,6 +65,14 @@ def test_a_file_that_makes_the_hdf5_library_crash_is_refused(tmp_path):
     content = bytearray(path.read_bytes())
     content[6065:6067] = b"\x93\x8c"  # the place of an attribute's type, which libhdf5 2.0 follows
     path.write_bytes(content)
+    assert_refused(lambda: read(path), LogError, path.name)
+
+
+def test_a_file_that_makes_scipy_crash_is_refused(tmp_path):
+    path = tmp_path / "log.mat"
+    WRITERS[path.name](path)
+    content = path.read_bytes()
+    path.write_bytes(content[:370] + content[341:])  # bytes that come twice, which loadmat follows
     assert_refused(lambda: read(path), LogError, path.name)
 
 

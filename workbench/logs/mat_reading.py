@@ -1,6 +1,6 @@
-"""HDF5 files, read by a process of its own: some damaged ones make the library crash.
+"""MAT files, read by a process of its own: some damaged ones make SciPy or the HDF5 library crash.
 
-`python -m aerodima.workbench.logs.hdf5_reading FILE` writes what is in it to stdout, pickled.
+`python -m aerodima.workbench.logs.mat_reading FILE` writes what is in it to stdout, pickled.
 """
 
 import pickle
@@ -19,8 +19,9 @@ _TIMEOUT = 600.0
 """Longest time of reading, s."""
 
 
-def read_hdf5(path: Path) -> dict[str, Any]:
-    """Reads the file as `_content` gives it.
+def read_struct(path: Path) -> dict[str, Any]:
+    """Reads the variables of a file: of version 7.3 as `_content` gives them, of others as SciPy's
+    `loadmat` does with simplified cells.
 
     Raises:
         ValueError: what the library says of a damaged file, or that it crashed.
@@ -28,11 +29,20 @@ def read_hdf5(path: Path) -> dict[str, Any]:
     command = [sys.executable, "-P", "-m", __name__, str(path)]  # -P: no module of the folder
     reader = subprocess.run(command, capture_output=True, timeout=_TIMEOUT, check=False)
     if reader.returncode < 0:
-        raise ValueError(f"it makes the HDF5 library crash (signal {-reader.returncode})")
+        raise ValueError(f"it makes the library that reads it crash (signal {-reader.returncode})")
     if reader.returncode:
         raise ValueError(reader.stderr.decode(errors="replace").splitlines()[-1])
     content: dict[str, Any] = pickle.loads(reader.stdout)
     return content
+
+
+def is_version_7_3(path: Path) -> bool:
+    """Says whether a MAT file is HDF5: its text header says so, or the HDF5 signature is at a place
+    where it may be.
+    """
+    with open(path, "rb") as stream:
+        head = stream.read(520)
+    return head.startswith(b"MATLAB 7.3") or b"\x89HDF\r\n\x1a\n" in (head[:8], head[512:520])
 
 
 def _content(dataset: Any, follow: bool = True) -> Any:
@@ -62,10 +72,17 @@ def _content(dataset: Any, follow: bool = True) -> Any:
 
 def main() -> None:
     """Reads the file that the command line names."""
-    import h5py
+    path = Path(sys.argv[1])
+    if is_version_7_3(path):
+        import h5py
 
-    with h5py.File(sys.argv[1], "r") as file:
-        pickle.dump(_content(file), sys.stdout.buffer)
+        with h5py.File(path, "r") as file:
+            content = _content(file)
+    else:
+        from scipy.io import loadmat
+
+        content = loadmat(path, simplify_cells=True)
+    pickle.dump(content, sys.stdout.buffer)
 
 
 if __name__ == "__main__":
