@@ -77,7 +77,7 @@ def stored_swerves() -> pd.DataFrame:
 def swerve_medians(plant: str = "reduced") -> pd.DataFrame:
     """Lists median metres aside of the shipped table as texts: a row per candidate, a column per
     floor and speed. Beside them: the median gain over the same cars without tail, and in brackets
-    how many cars complete the swerve.
+    how many cars complete the swerve. A dash stands for none, and for what was not compared.
 
     Args:
         plant: `reduced` or `full` cars.
@@ -90,13 +90,12 @@ def swerve_medians(plant: str = "reduced") -> pd.DataFrame:
         gains = (values / values.loc[NO_TAIL] - 1.0).median(axis=1)
         cells = {}
         for candidate, row in values.iterrows():
-            name = str(candidate)
-            cells[name] = "–"
             if row.count():
+                name = str(candidate)
                 cars = f"({row.count()} of {row.size})"
                 cells[name] = f"{row.median():.3f}, {gains[name]:+.0%} {cars}"
         columns[f"friction {floor}, {speed:g} m/s"] = cells
-    return pd.DataFrame(columns).reindex(table["candidate"].unique())
+    return pd.DataFrame(columns).reindex(table["candidate"].unique()).fillna("–")
 
 
 def outlines_in_step(run_logs: Sequence[RunLog]) -> Templated:

@@ -74,6 +74,8 @@ def test_medians_say_how_many_cars_and_the_gain_over_the_same_cars(tmp_path, mon
         "z": "0.520, +15% (2 of 3)",
         "none of it": "–",
     }
+    eight = medians["friction x 1, 8 m/s"].to_dict()
+    assert eight == {"no tail": "0.300, +0% (1 of 1)", "z": "–", "none of it": "–"}, "not compared"
     assert list(medians.index) == ["no tail", "z", "none of it"], "in the order of the table"
 
 
