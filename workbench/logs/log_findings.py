@@ -179,8 +179,9 @@ def inconsistent_rates(table: pd.DataFrame) -> list[str]:
         ratio = _rate_ratio(*np.array([table[TIME], turned, steered], float))
         if ratio is not None and ratio < 0.0:
             problems.append(
-                f"column {_STEERING!r}: the car yaws to the other side than it is steered; both "
-                f"must be positive to the left, `scale: -1` in the mapping mirrors a column {off}"
+                f"column {_STEERING!r}: the car yaws to the other side than it is steered. Both "
+                "must be positive to the left; `scale: -1` in the mapping mirrors a column. A car "
+                f"that reverses does this, too {off}"
             )
     for rate, angle in RATE_OF.items():
         if rate not in table or angle not in table:

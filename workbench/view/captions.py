@@ -67,7 +67,7 @@ def run_caption(run_log: RunLog) -> Caption:
 
 
 def _car_facts(run_log: RunLog) -> str:
-    """Says who drove the car: manoeuvre and tail law, a diagram, or a person; and its stop."""
+    """Says who drove the car (manoeuvre and tail law, diagram or person), and what stopped it."""
     extra = run_log.extra
     if DRIVEN_BY in extra:
         facts = f"driven by {extra[DRIVEN_BY]}"
@@ -84,7 +84,7 @@ def _car_facts(run_log: RunLog) -> str:
         else:
             facts += MODE_WORDS[tail_mode_of(run_log.scenario)]
     if STOP[0] in extra:
-        time, reason = (extra[key] for key in STOP)
+        time, reason = map(extra.get, STOP)
         facts += f", stopped at {time:.2f} s ({reason})"
     if DEAD_RECKONING in extra:
         facts += ", path reckoned from the sensors"

@@ -139,7 +139,7 @@ def metrics_rows(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
     """Maps each metric with its unit to a value per run (None where a run has none).
 
     Raises:
-        LogError: a log ends before its turn does, or has no sensor columns.
+        LogError: as `metrics_of_runs`.
     """
     rows = metrics_of_runs(run_logs)
     names = dict.fromkeys(name for row in rows for name in row if not name.startswith("filtered_"))
