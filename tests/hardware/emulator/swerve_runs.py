@@ -142,8 +142,9 @@ FAULTS = (
 
 
 def car_settings(car: str, share: float | None) -> list[str]:
-    """Settings of a test car on its own friction that swerves from a standing start, with the law
-    and a share of the angles of its best steering; or None, at full lock, with law and control.
+    """Settings of a test car on its own friction that swerves from a standing start with the law
+    and a share of the angles of its best steering. A share of None is a driver at full lock, with
+    law and rollover control.
     """
     member = next(one for one in load_ensemble("physical").members if one.name == car)
     settings = [*member.settings_on("swerve"), *STANDING_START]
@@ -342,7 +343,13 @@ def main() -> None:
     parser.add_argument("--fault", nargs="*", help="names, all when none is given")
     parser.add_argument("--runs", type=int, default=1)
     parser.add_argument("--share", type=float, default=SHARE, help="of the best steering")
-    parser.add_argument("--at-full-lock", dest="share", action="store_const", const=None)
+    parser.add_argument(
+        "--at-full-lock",
+        dest="share",
+        action="store_const",
+        const=None,
+        help="turn the wheels to the stop, with law and rollover control",
+    )
     asked = parser.parse_args()
     if asked.plant is None:
         print(tables(pd.read_csv(asked.file)))

@@ -87,6 +87,8 @@ def test_the_bound_is_not_below_a_candidate_and_plays_what_it_claims(settings, s
     shooting = bound.program.shooting
     start = np.concatenate(STILL) / shooting.variables.units
     assert solution.aims[0] > shooting.at(start).aims[0] + 0.01
+    assert list(bound.table["wall_time_s"]) == [bound.wall_time]
+    assert bound.wall_time > 0.0
     assert list(bound.table["level_1"]) == pytest.approx([steering[0, 0]])
 
 

@@ -2,10 +2,13 @@
 search itself on one car.
 """
 
+from typing import get_args, get_type_hints
+
 import numpy as np
 import pytest
 
 from aerodima.optimisation import LawSearch, train_law
+from aerodima.optimisation.commands.swing_commands import train
 from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.optimisation.swerve.aims import AIMS
 from aerodima.optimisation.swerve.candidate import NO_TAIL
@@ -23,6 +26,7 @@ from aerodima.optimisation.swing.control_training import (
 )
 from aerodima.optimisation.swing.feedback_training import RANGES, law_settings
 from aerodima.optimisation.swing.full_runs import FullRun, drive_full
+from aerodima.optimisation.swing.swerve_study import TRAINABLE
 from aerodima.workbench.car.swerve import swerve_row
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.scenario import load_scenario
@@ -93,3 +97,7 @@ def test_a_candidate_without_numbers_to_search_is_refused(tmp_path):
     assert_refused(
         lambda: train_law(tmp_path, candidate="rollover"), UserError, "rollover", "rollover-control"
     )
+
+
+def test_the_command_takes_what_can_be_trained():
+    assert get_args(get_type_hints(train)["candidate"]) == TRAINABLE
