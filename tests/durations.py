@@ -22,14 +22,14 @@ MAX_SECONDS = 3.0
 """Longest test that needs no entry, s."""
 SLACK = 2.0
 """Factor by which a busy machine may exceed an entry."""
-PACED = frozenset({"realtime", "emulated"})
-"""Marks of tests whose length a clock sets, not the code."""
+PACED = frozenset({"realtime", "emulated", "nightly"})
+"""Marks of tests whose length a clock or a number of draws sets, not the code."""
 
 
 def write_durations(stats: Mapping[str, Iterable[Any]], path: Path) -> None:
     """Stores the seconds of each test, set-up and tear-down included, the longest first.
 
-    Tests that a clock paces are left out.
+    Tests of a mark of `PACED` are left out.
     """
     measured: dict[str, float] = defaultdict(float)
     for reports in stats.values():

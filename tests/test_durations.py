@@ -32,10 +32,14 @@ def test_a_slow_test_without_entry_and_one_above_its_entry_are_found() -> None:
     assert too_slow(durations, {"a.py::test_old": 11.0, "a.py::test_new": 3.0}) == []
 
 
-def test_a_test_that_a_clock_paces_is_not_timed(tmp_path) -> None:
+def test_a_test_that_a_clock_or_a_number_of_draws_paces_is_not_timed(tmp_path) -> None:
     reports = [
         SimpleNamespace(nodeid=name, when="call", duration=9.0, keywords={mark: 1})
-        for name, mark in (("a.py::test_code", "slow"), ("a.py::test_drive", "emulated"))
+        for name, mark in (
+            ("a.py::test_code", "slow"),
+            ("a.py::test_drive", "emulated"),
+            ("a.py::test_draws", "nightly"),
+        )
     ]
     path = tmp_path / "durations.csv"
     write_durations({"passed": reports}, path)
