@@ -57,7 +57,6 @@ from .view.notebook_cells import live_frame as live_frame
 from .view.notebook_cells import sliders as sliders
 from .view.observed_run import observe as observe
 from .view.run_figures import plot_overlay as plot_overlay
-from .view.run_figures import plot_turn as plot_turn
 from .view.swerve_chapter import load_shown_swerve as load_shown_swerve
 from .view.swerve_chapter import stored_swerves as stored_swerves
 from .view.swerve_chapter import swerve_medians as swerve_medians
