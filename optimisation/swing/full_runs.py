@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from aerodima.optimisation.studies.limit_search import LimitSearch, rounded, run_rounds
+from aerodima.optimisation.studies.limit_search import LimitSearch, run_rounds
 from aerodima.optimisation.studies.runs import (
     FINE_STEP,
     RUN_ERRORS,
@@ -30,7 +30,7 @@ from aerodima.optimisation.swerve.steering import (
 from aerodima.optimisation.swerve.suite import Case
 from aerodima.workbench.batch.row_store import Row, content_key
 from aerodima.workbench.batch.simulation import simulate
-from aerodima.workbench.car.swerve import swerve_of, swerve_row
+from aerodima.workbench.car.swerve import Swerve, swerve_of, swerve_row
 from aerodima.workbench.control.user_law import in_words, load_law
 from aerodima.workbench.scenario.scenario import load_scenario
 
@@ -41,9 +41,9 @@ to either side, until the swerve counts no more, or first counts."""
 CLIMB_STEP = 0.002
 """Step of the plant, s, at which steerings are scaled and searched; at a finer one the best run of
 each candidate is driven alone, its angles smaller until it counts there, too."""
-MIN_CONFIRMED_SHARE = 0.4
-"""Least share of the angles of the best run at the finer step; the first one is 1, the next is less
-by the tolerance of `SHARE_SEARCH`, and every further stride is twice as long."""
+CONFIRM_SEARCH = LimitSearch("share of the best angles", 0.4, 1.0, 0.1, 0.025)
+"""Shares of the angles of the best run with which it is driven at the finer step: all of them, and
+smaller ones where the swerve does not count so."""
 
 
 class FullRun(NamedTuple):
@@ -65,15 +65,19 @@ def drive_full(run: FullRun) -> Row:
     error.
     """
     try:
-        scenario = load_scenario(SWERVE, run.settings)
-        law = load_law(run.law, scenario) if run.law else None
-        log = simulate(scenario, record="outcome", stop_when_certain=True, law=law)
+        swerve = full_swerve(run)
     except Exception as error:
         if not (run.law or isinstance(error, RUN_ERRORS)):
             raise
         return {"counts": False, "error": in_words(error)}
-    swerve = swerve_of(log)
     return {**swerve_row(swerve), "value": float(find_aim(run.aim)(swerve)[0]), "error": ""}
+
+
+def full_swerve(run: FullRun) -> Swerve:
+    """Returns the swerve of a full run."""
+    scenario = load_scenario(SWERVE, run.settings)
+    law = load_law(run.law, scenario) if run.law else None
+    return swerve_of(simulate(scenario, record="outcome", stop_when_certain=True, law=law))
 
 
 def run_key(run: FullRun) -> str:
@@ -137,8 +141,7 @@ class Descent:
     @property
     def best(self) -> tuple[float, Row] | None:
         """Share and run of the largest value among those that count, if any does."""
-        counting = [(share, row) for share, row in self.rows.items() if row["counts"]]
-        return max(counting, key=lambda run: run[1]["value"], default=None)
+        return best_counting(self.rows)
 
     def run(self, share: float) -> FullRun:
         """Returns the full run at a share of the angles, which keep the limit of the wheels."""
@@ -165,13 +168,12 @@ class Descent:
 
     def next_confirmations(self) -> list[float]:
         """Returns the next share of the best run's angles at the finer step; none at the end."""
-        known = any(row["counts"] for row in self.confirmed.values())
-        if known or self.best_run is None or not self.has_finer_step:
+        is_driven = self.confirmed and self.candidate.is_at_full_lock
+        if is_driven or self.best_run is None or not self.has_finer_step:
             return []
-        if self.confirmed and self.candidate.is_at_full_lock:
-            return []
-        share = rounded(1.0 - SHARE_SEARCH.tolerance * (2 ** len(self.confirmed) - 1))
-        return [share] if share >= MIN_CONFIRMED_SHARE else []
+        return CONFIRM_SEARCH.next_values(
+            1.0, {one: row["counts"] for one, row in self.confirmed.items()}
+        )
 
     def confirming_run(self, share: float) -> FullRun:
         """Returns the best run at the finer step, with a share of its angles."""
@@ -188,21 +190,26 @@ class Descent:
         """Returns what the table has, as `best_run` does; None where nothing counts."""
         if self.best_run is None or not self.has_finer_step:
             return self.best_run
+        confirmed = best_counting(self.confirmed)
+        if confirmed is None:
+            return None
+        factor, row = confirmed
         share = self.best_run[2]
-        for factor, row in self.confirmed.items():
-            if row["counts"]:
-                return self.confirming_run(factor), row, share and share * factor
-        return None
+        return self.confirming_run(factor), row, share and share * factor
+
+    @property
+    def value(self) -> float:
+        """Aim of the best run; minus infinity where none counts."""
+        return self.best_run[1]["value"] if self.best_run else -np.inf
 
     def improve(self, runs: Sequence[FullRun], rows: Sequence[Row]) -> int | None:
         """Takes the best of further runs that counts, if its value is the largest so far; returns
         its index.
         """
         self.further += len(runs)
-        least = self.best_run[1]["value"] if self.best_run else -np.inf
         values = [row["value"] if row["counts"] else -np.inf for row in rows]
         index = int(np.argmax(values))
-        if values[index] <= least:
+        if values[index] <= self.value:
             return None
         self.found = runs[index], rows[index], None
         return index
@@ -232,6 +239,12 @@ class Descent:
         return row | result | {"share": share, "settings": json.dumps(run.settings)}
 
 
+def best_counting(rows: Mapping[float, Row]) -> tuple[float, Row] | None:
+    """Returns share and run of the largest value among those that count, if any does."""
+    counting = [(share, row) for share, row in rows.items() if row["counts"]]
+    return max(counting, key=lambda run: run[1]["value"], default=None)
+
+
 def drive_shares(descents: Sequence[Descent], runs: CachedRunner) -> None:
     """Drives full cars with smaller and larger angles, see `SHARE_SEARCH`."""
     runs.stage = "full cars"
@@ -244,14 +257,22 @@ def drive_shares(descents: Sequence[Descent], runs: CachedRunner) -> None:
 
 
 def confirm_best(descents: Sequence[Descent], runs: CachedRunner) -> None:
-    """Drives the best run of each at the step that the table has."""
+    """Drives the best run of each at the step that the table has; where that of a search counts at
+    no share there, the best one before it.
+    """
     runs.stage = "full cars at the finer step"
-    run_rounds(
-        descents,
-        Descent.next_confirmations,
-        lambda wanted: drive_items([*starmap(Descent.confirming_run, wanted)], runs),
-        lambda one: one.confirmed,
-    )
+    while descents:
+        run_rounds(
+            descents,
+            Descent.next_confirmations,
+            lambda wanted: drive_items([*starmap(Descent.confirming_run, wanted)], runs),
+            lambda one: one.confirmed,
+        )
+        descents = [one for one in descents if one.found and not best_counting(one.confirmed)]
+        for one in descents:
+            one.further += len(one.confirmed)
+            one.found = None
+            one.confirmed = {}
 
 
 def drive_items(items: Sequence[FullRun], runs: CachedRunner) -> list[Row]:

@@ -17,8 +17,15 @@ import numpy as np
 from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.optimisation.swerve.aims import FAILED
 from aerodima.optimisation.swerve.steering import possible_steering, steering_settings
-from aerodima.optimisation.swing.full_runs import Descent, FullRun, drive_items
-from aerodima.optimisation.swing.solution import KNOT_ROUNDING
+from aerodima.optimisation.swing.full_runs import (
+    Descent,
+    FullRun,
+    drive_items,
+    full_swerve,
+    run_key,
+)
+from aerodima.optimisation.swing.solution import KNOT_ROUNDING, with_tail
+from aerodima.optimisation.swing.swerve_shooting import tail_at_knots
 from aerodima.workbench.car.reduced.swerves import LEVELS, STEERING
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.scenario.swing_file import (
@@ -96,6 +103,27 @@ class FullSearch:
         return self.descent.run_with((*settings, *steering_settings(point[:STEERING])))
 
 
+def follow_leaders(searches: Sequence[FullSearch], runs: CachedRunner) -> None:
+    """Lets motions whose case has a better full run begin there: with its steering, and with what
+    its tail did, so that the search of a bound goes on where the best law ends.
+    """
+    runs.stage = "motions of full runs"
+    best = {one.descent.stem: one for one in sorted(searches, key=lambda one: one.descent.value)}
+    led = [one for one in searches if one.swing and best[one.descent.stem] is not one]
+    leaders = [best[one.descent.stem] for one in led]
+    driven = [one.run(one.point, Path()) for one in leaders]
+    tails = runs.map(driven_tail, driven, [f"tail of {run_key(run)}" for run in driven])
+    for one, leader, tail in zip(led, leaders, tails, strict=True):
+        assert one.swing is not None
+        one.swing = with_tail(one.swing, np.array(tail))
+        one.point = np.concatenate([leader.point, NO_CHANGE])
+
+
+def driven_tail(run: FullRun) -> list[float]:
+    """Returns pitch and rolls of the tail of a full run, see `tail_at_knots`."""
+    return [*map(float, tail_at_knots(full_swerve(run)))]
+
+
 def varied_swing(swing: SwingFile, change: FloatArray) -> SwingFile:
     """Returns a swing with a share of its roll, as far as its range allows, its times stretched
     and its pitch moved (3,).
@@ -130,19 +158,22 @@ def search_full(
         folder: of the varied motions.
         seed: of the mutations, which are drawn anew for each candidate.
     """
-    runs.stage = "search on full cars"
     folder.mkdir(parents=True, exist_ok=True)
     searches = []
     for descent in descents:
         if descent.result["score"] > FAILED:
             share = descent.best[0] if descent.best else 1.0
             searches.append(FullSearch.from_descent(descent, share))
+    follow_leaders(searches, runs)
+    runs.stage = "search on full cars"
     for index in range(number // ROUND):
         items = []
         points = []
         for place, search in enumerate(searches):
             generator = np.random.default_rng([seed, index, place])
             drawn = search.mutations(generator, search.descent.max_angle)
+            if index == 0:
+                drawn[0] = search.point
             points += [*drawn]
             for member, point in enumerate(drawn):
                 path = folder.resolve() / f"{search.descent.stem}_{index}_{member}.yaml"

@@ -100,6 +100,22 @@ def solution_swing(
     )
 
 
+def with_tail(swing: SwingFile, tail: FloatArray) -> SwingFile:
+    """Returns a solution with another pitch of its tail, and other rolls at the knots after the
+    first (`KNOTS`,), rad, within the stops.
+    """
+    pitch, *rolls = tail
+    stop = swing.limits.roll_position_rad - KNOT_ROUNDING
+    roll = np.clip([0.0, *rolls], -stop, stop)
+    rate = knot_rates() @ roll
+    data = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
+    data["knots"] = _knots(roll, rate, pitch)
+    data["limits"]["velocity_rad_per_s"] = max(
+        swing.limits.velocity_rad_per_s, *np.abs(rate).tolist()
+    )
+    return swing_from_dict(data, swing.name)
+
+
 def _knots(roll: FloatArray, rate: FloatArray, pitch: float) -> Json:
     """Returns the knots of a roll, rad, with its rate, rad/s, at a pitch, rad."""
     still = np.zeros(len(roll))
@@ -113,7 +129,7 @@ def _knots(roll: FloatArray, rate: FloatArray, pitch: float) -> Json:
 
 
 def _rounded(values: FloatArray) -> tuple[float, ...]:
-    return tuple(float(value) for value in np.round(values, 9) + 0.0)
+    return tuple((np.round(values, 9) + 0.0).tolist())
 
 
 def _limits(scenario: Scenario, rate: FloatArray) -> Json:

@@ -53,8 +53,9 @@ BOARD_CLEARANCE = 5e-4
 """Least height of the anti-ramp board over the ground while the car is steered, m."""
 MAX_LAG = 0.8
 """Largest distance of the tail from its knots, rad: the player of a swing gives up at 1 rad."""
-PLACES = np.arange(1, 8) / 8.0
-"""Places between two knots, as shares, at which the roll of the tail keeps its range."""
+PLACES = np.arange(1, 16) / 16.0
+"""Places between two knots, as shares, at which the roll of the tail keeps its range: those at
+which a swing file is checked."""
 ROLL_MARGIN = 0.01
 """Distance of these rolls from the limit of the tail, rad: the curve goes further between them."""
 FOLLOW_GAINS = {"kp": 60.0, "kd": 3.0}

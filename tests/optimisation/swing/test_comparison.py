@@ -13,7 +13,14 @@ import yaml
 from aerodima.optimisation import BoundEffort, SearchEffort, judge
 from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.optimisation.swerve.suite import FOLDED, ensemble_cases
-from aerodima.optimisation.swing.full_runs import CLIMB_STEP, Descent, FullRun, drive_full
+from aerodima.optimisation.swing import full_runs
+from aerodima.optimisation.swing.full_runs import (
+    CLIMB_STEP,
+    Descent,
+    FullRun,
+    confirm_best,
+    drive_full,
+)
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.swing_file import read_swing
 from tests.code_measure import ROOT
@@ -86,15 +93,17 @@ def test_the_best_run_is_driven_at_the_finer_step_with_angles_that_count_there()
     one.rows |= {1.1: {"counts": True, "value": 0.4}, 1.0: {"counts": True, "value": 0.5}}
     while shares := one.next_confirmations():
         (share,) = shares
-        one.confirmed[share] = {"counts": share < 0.96, "value": 0.3}
+        one.confirmed[share] = {"counts": share < 0.96, "value": share}
     row = one.as_row()
-    assert list(one.confirmed) == [1.0, 0.975, 0.925]
-    assert (row["value"], row["share"], row["runs"]) == (0.3, 0.925, 5)
+    assert list(one.confirmed) == [1.0, 0.9, 0.95, 0.975]
+    assert (row["value"], row["share"], row["runs"]) == (0.95, 0.95, 6)
     fine = load_scenario("swerve", json.loads(row["settings"]))
     assert fine.simulation.step == 0.0005
-    assert fine.manoeuvre.level_1 == pytest.approx(0.0925)
-    one.confirmed = {share: {"counts": False} for share in (1.0, 0.975, 0.925, 0.825, 0.625)}
-    assert one.next_confirmations() == []
+    assert fine.manoeuvre.level_1 == pytest.approx(0.095)
+    one.confirmed = {}
+    while shares := one.next_confirmations():
+        one.confirmed |= {share: {"counts": False} for share in shares}
+    assert min(one.confirmed) == 0.4
     assert one.as_row()["value"] is None
 
 
@@ -120,7 +129,27 @@ def test_a_run_of_a_search_is_confirmed_where_no_share_of_the_first_steering_cou
     one.improve([one.run(0.9)], [{"counts": True, "value": 0.4}])
     assert one.next_confirmations() == [1.0]
     one.confirmed[1.0] = {"counts": True, "value": 0.35}
+    assert one.next_confirmations() == []
     assert one.as_row()["value"] == 0.35
+
+
+def test_the_best_of_the_climb_is_driven_where_that_of_the_search_counts_with_no_share(
+    monkeypatch,
+):
+    one = descent()
+    one.step = 0.0005
+    one.rows[1.0] = {"counts": True, "value": 0.4}
+    one.improve([one.run(1.2)], [{"counts": True, "value": 0.6}])
+
+    def drive(items, _runs):
+        return [{"counts": one.found is None, "value": 0.39} for _ in items]
+
+    monkeypatch.setattr(full_runs, "drive_items", drive)
+    confirm_best([one], CachedRunner())
+    row = one.as_row()
+    assert (row["value"], row["share"]) == (0.39, 1.0)
+    assert list(one.confirmed) == [1.0]
+    assert row["runs"] == 1 + 1 + 7 + 1, "climb, search, seven shares of it, and the climb's best"
 
 
 def test_reduced_cars_alone_are_compared_without_a_full_run(tmp_path):

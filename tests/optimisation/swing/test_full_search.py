@@ -3,15 +3,21 @@
 import numpy as np
 import pytest
 
-from aerodima.optimisation.swerve.suite import BOUND, FOLDED, ensemble_cases
-from aerodima.optimisation.swing.full_runs import Descent
+from aerodima.optimisation.studies.runs import CachedRunner, step_settings
+from aerodima.optimisation.swerve.suite import BOUND, FOLDED, NAMED_CANDIDATES, ensemble_cases
+from aerodima.optimisation.swing import full_search
+from aerodima.optimisation.swing.full_runs import CLIMB_STEP, Descent, FullRun
 from aerodima.optimisation.swing.full_search import (
     NO_CHANGE,
     ROUND,
     TAIL_RANGES,
     FullSearch,
+    driven_tail,
+    follow_leaders,
     varied_swing,
 )
+from aerodima.optimisation.swing.solution import KNOT_ROUNDING, with_tail
+from aerodima.optimisation.swing.swerve_shooting import KNOTS, ROLL_MARGIN, within_reach
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.swing_file import read_swing, swing_at
 
@@ -19,11 +25,12 @@ INSIDE = model_path("swings/inside_8_rad_per_s.yaml")
 STEERING = [0.1, 0.05, -0.02, 0.2, 0.4]
 
 
-def search(motion=None):
+def search(motion=None, value=0.4):
     (case,) = ensemble_cases("physical", "test", 1, "built", [1.2])
     result = {"score": 0.4, "steering": STEERING, "variant": 0}
     candidate = FOLDED if motion is None else BOUND
-    descent = Descent(candidate, case, 6.0, "aside-0.5", (), result, motion=motion)
+    rows = {0.9: {"counts": True, "value": value}}
+    descent = Descent(candidate, case, 6.0, "aside-0.5", (), result, motion=motion, rows=rows)
     return FullSearch.from_descent(descent, 0.9)
 
 
@@ -56,3 +63,41 @@ def test_a_search_starts_at_the_best_run_and_its_mutations_are_possible(motion):
     assert (points[:, 4] >= points[:, 3]).all()
     low, high = np.array(TAIL_RANGES)[:, : len(expected) - 5]
     assert ((points[:, 5:] >= low) & (points[:, 5:] <= high)).all()
+
+
+@pytest.mark.parametrize(("value", "follows"), [(0.3, True), (0.5, False)])
+def test_a_motion_begins_where_a_better_candidate_of_its_case_ends(monkeypatch, value, follows):
+    tail = [-0.5, *np.linspace(0.1, 0.9, 9)]
+    monkeypatch.setattr(full_search, "driven_tail", lambda run: tail)
+    leader = search(value=0.4)
+    bound = search(INSIDE, value)
+    before = bound.swing
+    follow_leaders([leader, bound], CachedRunner())
+    assert leader.swing is None
+    if follows:
+        assert bound.swing.knots.roll_position_rad == pytest.approx([0.0, *tail[1:]])
+        assert set(bound.swing.knots.pitch_position_rad) == {-0.5}
+        assert bound.point == pytest.approx([*leader.point, *NO_CHANGE])
+    else:
+        assert bound.swing is before
+
+
+def test_the_tail_of_a_full_run_is_read_at_the_knots_with_its_sign():
+    """In a turn to the left the inside is the left."""
+    (case,) = ensemble_cases("physical", "test", 1, "built", [1.0])
+    driver = ("manoeuvre.speed=4.0", "manoeuvre.level_1=0.02", *step_settings(CLIMB_STEP))
+    inside = NAMED_CANDIDATES["held"].settings
+    _, *rolls = driven_tail(FullRun((*case.settings(), *inside, *driver), "aside-0.5"))
+    assert len(rolls) == 9
+    assert rolls[0] > rolls[1] > rolls[2]
+    assert rolls[4:] == pytest.approx([-np.pi / 2] * 5, abs=0.1)
+
+
+def test_every_motion_that_keeps_its_range_has_a_swing_file():
+    """The file is checked at more instants than its knots, and had been refused."""
+    swing = read_swing(INSIDE)
+    most = swing.limits.roll_position_rad - KNOT_ROUNDING - ROLL_MARGIN
+    rolls = np.random.default_rng(8).uniform(-9.0, 9.0, (300, len(KNOTS) - 1))
+    for kept in within_reach(rolls, most):
+        written = with_tail(swing, np.array([-0.4, *kept])).knots.roll_position_rad
+        assert np.array(written[1:]) == pytest.approx(kept, abs=1e-8)
