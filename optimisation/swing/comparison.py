@@ -176,9 +176,8 @@ def _search_bounds(
     for stem, own in places.items():
         starts = []
         for one in own:
-            scenario = load_scenario(SWERVE, one.settings)
-            known = not one.candidate.law and reduced_car_knows(scenario)
-            if known and scenario.tail.mode != "none" and one.result["score"] > FAILED:
+            known = not one.candidate.law and reduced_car_knows(load_scenario(SWERVE, one.settings))
+            if known and one.has_tail and one.result["score"] > FAILED:
                 starts.append((one.settings, tuple(one.result["steering"])))
         (settings,) = candidate_settings(BOUND, own[0].case, own[0].speed)
         items.append(

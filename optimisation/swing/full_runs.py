@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import starmap
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -124,6 +124,11 @@ class Descent:
         return "_".join(words).replace(" ", "").replace(":", "_")
 
     @property
+    def has_tail(self) -> bool:
+        """Whether the car has a tail."""
+        return load_scenario(SWERVE, self.settings).tail.mode != "none"
+
+    @property
     def max_angle(self) -> float:
         """Largest angle of the wheels, rad."""
         return load_scenario(SWERVE, self.settings).servo.limit
@@ -202,6 +207,12 @@ class Descent:
         """Aim of the best run; minus infinity where none counts."""
         return self.best_run[1]["value"] if self.best_run else -np.inf
 
+    @property
+    def final_value(self) -> float:
+        """Aim of what the table has; minus infinity where nothing counts."""
+        final = self.final_run()
+        return final[1]["value"] if final else -np.inf
+
     def improve(self, runs: Sequence[FullRun], rows: Sequence[Row]) -> int | None:
         """Takes the best of further runs that counts, if its value is the largest so far; returns
         its index.
@@ -257,22 +268,31 @@ def drive_shares(descents: Sequence[Descent], runs: CachedRunner) -> None:
 
 
 def confirm_best(descents: Sequence[Descent], runs: CachedRunner) -> None:
-    """Drives the best run of each at the step that the table has; where that of a search counts at
-    no share there, the best one before it.
+    """Drives the best run of each at the step that the table has. Where that of a search does not
+    count there with all its angles, the best one before it is driven, too, and the better of both
+    is kept.
     """
     runs.stage = "full cars at the finer step"
-    while descents:
-        run_rounds(
-            descents,
-            Descent.next_confirmations,
-            lambda wanted: drive_items([*starmap(Descent.confirming_run, wanted)], runs),
-            lambda one: one.confirmed,
-        )
-        descents = [one for one in descents if one.found and not best_counting(one.confirmed)]
-        for one in descents:
-            one.further += len(one.confirmed)
+    finer = [one for one in descents if one.has_finer_step]
+    _confirm(finer, runs)
+    doubtful = [one for one in finer if one.found and not one.confirmed[1.0]["counts"]]
+    climbed = [replace(one, found=None, confirmed={}) for one in doubtful]
+    _confirm(climbed, runs)
+    for one, before in zip(doubtful, climbed, strict=True):
+        if before.final_value > one.final_value:
             one.found = None
-            one.confirmed = {}
+            one.confirmed, before.confirmed = before.confirmed, one.confirmed
+        one.further += len(before.confirmed)
+
+
+def _confirm(descents: Sequence[Descent], runs: CachedRunner) -> None:
+    """Drives the best run of each at the finer step, see `CONFIRM_SEARCH`."""
+    run_rounds(
+        descents,
+        Descent.next_confirmations,
+        lambda wanted: drive_items([*starmap(Descent.confirming_run, wanted)], runs),
+        lambda one: one.confirmed,
+    )
 
 
 def drive_items(items: Sequence[FullRun], runs: CachedRunner) -> list[Row]:

@@ -16,7 +16,11 @@ import numpy as np
 
 from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.optimisation.swerve.aims import FAILED
-from aerodima.optimisation.swerve.steering import possible_steering, steering_settings
+from aerodima.optimisation.swerve.steering import (
+    possible_steering,
+    scaled_steering,
+    steering_settings,
+)
 from aerodima.optimisation.swing.full_runs import (
     Descent,
     FullRun,
@@ -24,7 +28,7 @@ from aerodima.optimisation.swing.full_runs import (
     full_swerve,
     run_key,
 )
-from aerodima.optimisation.swing.solution import KNOT_ROUNDING, with_tail
+from aerodima.optimisation.swing.solution import AIM, KNOT_ROUNDING, with_tail
 from aerodima.optimisation.swing.swerve_shooting import tail_at_knots
 from aerodima.workbench.car.reduced.swerves import LEVELS, STEERING
 from aerodima.workbench.core.array_types import FloatArray
@@ -75,8 +79,8 @@ class FullSearch:
     @classmethod
     def from_descent(cls, descent: Descent, share: float) -> FullSearch:
         """Makes the search that starts at the steering of a descent, its angles times a share."""
-        steering = np.array(descent.result["steering"])
-        steering[:LEVELS] *= share
+        found = np.array(descent.result["steering"])
+        steering = scaled_steering(found, share, descent.max_angle)
         largest = np.max(np.abs(steering[:LEVELS]))
         spread = np.array([LEVEL_SPREAD * largest] * LEVELS + [END_SPREAD] * (STEERING - LEVELS))
         if descent.motion is None:
@@ -97,19 +101,22 @@ class FullSearch:
     def run(self, point: FloatArray, path: Path) -> FullRun:
         """Returns the full run of a point; a varied motion is written to a path."""
         settings = self.descent.settings
+        steering = steering_settings(point[:STEERING])
         if self.swing is not None:
-            write_swing(varied_swing(self.swing, point[STEERING:]), path, force=True)
+            varied = varied_swing(self.swing, point[STEERING:], steering)
+            write_swing(varied, path, force=True)
             settings = (*settings, f"controller.swing_file={path}")
-        return self.descent.run_with((*settings, *steering_settings(point[:STEERING])))
+        return self.descent.run_with((*settings, *steering))
 
 
 def follow_leaders(searches: Sequence[FullSearch], runs: CachedRunner) -> None:
-    """Lets motions whose case has a better full run begin there: with its steering, and with what
-    its tail did, so that the search of a bound goes on where the best law ends.
+    """Lets motions whose case has a better full run with a tail begin there: with its steering, and
+    with what its tail did, so that the search of a bound goes on where the best law ends.
     """
     runs.stage = "motions of full runs"
-    best = {one.descent.stem: one for one in sorted(searches, key=lambda one: one.descent.value)}
-    led = [one for one in searches if one.swing and best[one.descent.stem] is not one]
+    tailed = [one for one in searches if one.descent.has_tail]
+    best = {one.descent.stem: one for one in sorted(tailed, key=lambda one: one.descent.value)}
+    led = [one for one in tailed if one.swing and best[one.descent.stem] is not one]
     leaders = [best[one.descent.stem] for one in led]
     driven = [one.run(one.point, Path()) for one in leaders]
     tails = runs.map(driven_tail, driven, [f"tail of {run_key(run)}" for run in driven])
@@ -124,9 +131,10 @@ def driven_tail(run: FullRun) -> list[float]:
     return [*map(float, tail_at_knots(full_swerve(run)))]
 
 
-def varied_swing(swing: SwingFile, change: FloatArray) -> SwingFile:
-    """Returns a swing with a share of its roll, as far as its range allows, its times stretched
-    and its pitch moved (3,).
+def varied_swing(swing: SwingFile, change: FloatArray, steering: Sequence[str]) -> SwingFile:
+    """Returns a solution with a share of its roll, as far as its range allows, its times stretched
+    and its pitch moved (3,). Its settings, which end with those of its steering, end with those of
+    another one, and of what was found it keeps the aim alone.
     """
     share, stretch, pitch = (float(value) for value in change)
     times = np.linspace(0.0, swing.knots.time_s[-1], CURVE_SAMPLES)
@@ -136,6 +144,10 @@ def varied_swing(swing: SwingFile, change: FloatArray) -> SwingFile:
     data = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
     knots = data["knots"]
     limits = data["limits"]
+    provenance = data["provenance"]
+    found = provenance["found"]
+    provenance["found"] = {key: found[key] for key in found if key == AIM}
+    provenance["settings"][-STEERING:] = steering
     rates = np.array(knots["roll_velocity_rad_per_s"]) * share / stretch
     knots["time_s"] = [stretch * time for time in knots["time_s"]]
     knots["roll_position_rad"] = [share * roll for roll in knots["roll_position_rad"]]
@@ -172,7 +184,7 @@ def search_full(
         for place, search in enumerate(searches):
             generator = np.random.default_rng([seed, index, place])
             drawn = search.mutations(generator, search.descent.max_angle)
-            if index == 0:
+            if index == 0 and search.swing:
                 drawn[0] = search.point
             points += [*drawn]
             for member, point in enumerate(drawn):

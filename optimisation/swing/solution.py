@@ -8,7 +8,12 @@ import numpy as np
 
 from aerodima.optimisation.swerve.steering import steering_settings
 from aerodima.optimisation.swing.bound import Bound
-from aerodima.optimisation.swing.swerve_shooting import FOLLOW_GAINS, KNOTS, knot_rates
+from aerodima.optimisation.swing.swerve_shooting import (
+    FOLLOW_GAINS,
+    KNOTS,
+    knot_rates,
+    within_reach,
+)
 from aerodima.workbench.car.laws import torque_speed_limits
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.file_reading import Json
@@ -102,11 +107,12 @@ def solution_swing(
 
 def with_tail(swing: SwingFile, tail: FloatArray) -> SwingFile:
     """Returns a solution with another pitch of its tail, and other rolls at the knots after the
-    first (`KNOTS`,), rad, within the stops.
+    first (`KNOTS`,), rad, all of them smaller where the curve goes beyond a stop.
     """
-    pitch, *rolls = tail
     stop = swing.limits.roll_position_rad - KNOT_ROUNDING
-    roll = np.clip([0.0, *rolls], -stop, stop)
+    far = swing.limits.pitch_position_rad - KNOT_ROUNDING
+    pitch = float(np.clip(tail[0], -far, far))
+    roll = np.append(0.0, within_reach(tail[None, 1:], stop))
     rate = knot_rates() @ roll
     data = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
     data["knots"] = _knots(roll, rate, pitch)

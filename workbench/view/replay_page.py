@@ -182,7 +182,7 @@ def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> Page:
         names: of the runs, all different.
 
     Raises:
-        LogError: wrong number of runs, or one of them has no turn or cannot be replayed.
+        LogError: wrong number of runs, or one of them cannot be replayed.
     """
     differences = scenario_differences(run_logs)
     plants = of_plants(run_logs)

@@ -133,23 +133,44 @@ def test_a_run_of_a_search_is_confirmed_where_no_share_of_the_first_steering_cou
     assert one.as_row()["value"] == 0.35
 
 
-def test_the_best_of_the_climb_is_driven_where_that_of_the_search_counts_with_no_share(
-    monkeypatch,
-):
+@pytest.mark.parametrize(
+    ("most", "value", "share", "runs"),
+    [(0.3, 0.39, 1.0, 10), (0.6, 0.39, 1.0, 10), (0.95, 0.57, None, 7)],
+)
+def test_the_better_of_climb_and_search_stands_in_the_table(monkeypatch, most, value, share, runs):
+    """The best run of the search counts at the finer step with at most so much of its angles: with
+    none that is tried, with some that make it the worse run, or that leave it the better one. Runs
+    are those of climb and search, one each, and the confirmations of both.
+    """
     one = descent()
     one.step = 0.0005
     one.rows[1.0] = {"counts": True, "value": 0.4}
-    one.improve([one.run(1.2)], [{"counts": True, "value": 0.6}])
+    searched = one.run(1.0)._replace(aim="aside-1.0")
+    one.improve([searched], [{"counts": True, "value": 0.6}])
 
     def drive(items, _runs):
-        return [{"counts": one.found is None, "value": 0.39} for _ in items]
+        rows = []
+        for item in items:
+            factor = load_scenario("swerve", item.settings).manoeuvre.level_1 / 0.1
+            if item.aim == searched.aim:
+                rows.append({"counts": factor < most + 1e-9, "value": 0.6 * factor})
+            else:
+                rows.append({"counts": True, "value": 0.39 * factor})
+        return rows
 
     monkeypatch.setattr(full_runs, "drive_items", drive)
     confirm_best([one], CachedRunner())
     row = one.as_row()
-    assert (row["value"], row["share"]) == (0.39, 1.0)
-    assert list(one.confirmed) == [1.0]
-    assert row["runs"] == 1 + 1 + 7 + 1, "climb, search, seven shares of it, and the climb's best"
+    assert row["value"] == pytest.approx(value)
+    assert (row["share"], row["runs"]) == (share, runs)
+
+
+def test_the_best_run_of_a_search_stands_in_a_table_of_the_coarse_step():
+    one = descent()
+    one.rows[1.0] = {"counts": True, "value": 0.4}
+    one.improve([one.run(0.9)], [{"counts": True, "value": 0.6}])
+    confirm_best([one], CachedRunner())
+    assert one.as_row()["value"] == 0.6
 
 
 def test_reduced_cars_alone_are_compared_without_a_full_run(tmp_path):

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from aerodima.optimisation.studies.runs import CachedRunner, step_settings
+from aerodima.optimisation.swerve.candidate import NO_TAIL
+from aerodima.optimisation.swerve.steering import steering_settings
 from aerodima.optimisation.swerve.suite import BOUND, FOLDED, NAMED_CANDIDATES, ensemble_cases
 from aerodima.optimisation.swing import full_search
 from aerodima.optimisation.swing.full_runs import CLIMB_STEP, Descent, FullRun
@@ -23,30 +25,45 @@ from aerodima.workbench.scenario.swing_file import read_swing, swing_at
 
 INSIDE = model_path("swings/inside_8_rad_per_s.yaml")
 STEERING = [0.1, 0.05, -0.02, 0.2, 0.4]
+STEERED = steering_settings(np.array(STEERING))
 
 
-def search(motion=None, value=0.4):
+def search(motion=None, value=0.4, candidate=FOLDED, share=0.9):
     (case,) = ensemble_cases("physical", "test", 1, "built", [1.2])
     result = {"score": 0.4, "steering": STEERING, "variant": 0}
-    candidate = FOLDED if motion is None else BOUND
-    rows = {0.9: {"counts": True, "value": value}}
-    descent = Descent(candidate, case, 6.0, "aside-0.5", (), result, motion=motion, rows=rows)
-    return FullSearch.from_descent(descent, 0.9)
+    if motion is not None:
+        candidate = BOUND
+    settings = ("tail.mode=swing",) if candidate is BOUND else candidate.settings
+    rows = {share: {"counts": True, "value": value}}
+    descent = Descent(candidate, case, 6.0, "aside-0.5", settings, result, motion=motion, rows=rows)
+    return FullSearch.from_descent(descent, share)
 
 
 def test_a_swing_is_scaled_in_roll_and_time_and_moved_in_pitch():
     swing = read_swing(INSIDE)
     times = np.linspace(0.0, 0.5, 11)
-    varied = varied_swing(swing, np.array([0.5, 2.0, -0.3]))
+    varied = varied_swing(swing, np.array([0.5, 2.0, -0.3]), STEERED)
     before = swing_at(swing, times / 2.0)
     after = swing_at(varied, times)
     assert after.roll_position == pytest.approx(0.5 * before.roll_position)
     assert after.pitch_position == pytest.approx(before.pitch_position - 0.3)
-    assert swing_at(varied_swing(swing, np.array(NO_CHANGE)), times).roll_position == pytest.approx(
+    same = varied_swing(swing, np.array(NO_CHANGE), STEERED)
+    assert swing_at(same, times).roll_position == pytest.approx(
         swing_at(swing, times).roll_position
     )
-    beyond = varied_swing(swing, np.array([1.5, 1.0, 0.0])).knots.roll_position_rad
+    beyond = varied_swing(swing, np.array([1.5, 1.0, 0.0]), STEERED).knots.roll_position_rad
     assert min(beyond) == pytest.approx(-swing.limits.roll_position_rad)
+
+
+def test_a_varied_solution_names_its_own_steering_and_claims_nothing_of_the_old_one():
+    swing = read_swing(INSIDE)
+    found = {"aim": "aside-0.5", "aim_reduced": 0.7, "evaluations": 90}
+    before = ("tail.length=0.4", *steering_settings(np.array([0.3, 0.2, 0.1, 0.3, 0.5])))
+    origin = swing.provenance.model_copy(update={"found": found, "settings": before})
+    solution = swing.model_copy(update={"provenance": origin})
+    varied = varied_swing(solution, np.array(NO_CHANGE), STEERED).provenance
+    assert varied.found == {"aim": "aside-0.5"}
+    assert varied.settings == ("tail.length=0.4", *STEERED)
 
 
 @pytest.mark.parametrize("motion", [None, INSIDE])
@@ -65,6 +82,12 @@ def test_a_search_starts_at_the_best_run_and_its_mutations_are_possible(motion):
     assert ((points[:, 5:] >= low) & (points[:, 5:] <= high)).all()
 
 
+def test_a_search_starts_with_wheels_within_their_limit():
+    one = search(share=9.0)
+    limit = one.descent.max_angle
+    assert one.point[:3] == pytest.approx([limit, 0.45, -0.18])
+
+
 @pytest.mark.parametrize(("value", "follows"), [(0.3, True), (0.5, False)])
 def test_a_motion_begins_where_a_better_candidate_of_its_case_ends(monkeypatch, value, follows):
     tail = [-0.5, *np.linspace(0.1, 0.9, 9)]
@@ -80,6 +103,15 @@ def test_a_motion_begins_where_a_better_candidate_of_its_case_ends(monkeypatch, 
         assert bound.point == pytest.approx([*leader.point, *NO_CHANGE])
     else:
         assert bound.swing is before
+
+
+def test_a_car_without_tail_leads_no_motion(monkeypatch):
+    """It goes further than the bound, and has no tail whose motion could be taken."""
+    monkeypatch.setattr(full_search, "driven_tail", lambda run: pytest.fail(str(run.settings)))
+    bound = search(INSIDE, 0.3)
+    before = bound.swing
+    follow_leaders([search(value=0.4, candidate=NO_TAIL), bound], CachedRunner())
+    assert bound.swing is before
 
 
 def test_the_tail_of_a_full_run_is_read_at_the_knots_with_its_sign():
@@ -101,3 +133,12 @@ def test_every_motion_that_keeps_its_range_has_a_swing_file():
     for kept in within_reach(rolls, most):
         written = with_tail(swing, np.array([-0.4, *kept])).knots.roll_position_rad
         assert np.array(written[1:]) == pytest.approx(kept, abs=1e-8)
+
+
+def test_a_tail_that_runs_into_its_stop_has_a_swing_file():
+    """It arrives fast, and the cubic between the knots goes beyond the stop; so does the pitch."""
+    swing = read_swing(INSIDE)
+    rolls = np.array([-0.25, -0.72, -1.32, *[-1.571] * 6])
+    knots = with_tail(swing, np.array([-1.6, *rolls])).knots
+    assert np.array(knots.roll_position_rad[1:]) == pytest.approx(rolls, abs=0.05)
+    assert min(knots.pitch_position_rad) >= -swing.limits.pitch_position_rad
