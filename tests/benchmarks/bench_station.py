@@ -9,7 +9,14 @@ from typing import Any
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, DiagramBuilder, EventStatus
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    EventStatus,
+    LeafSystem,
+    System,
+)
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
@@ -25,6 +32,21 @@ from tests.workbench.made_up_runs import signals_equal
 
 REPEATS = 5
 """Runs of each kind, in turns so that all meet the same disturbances."""
+COPIES_OF_A_PORT = 3
+"""Systems in Python before each of the three driven ports of a plant, nine in all: motors, joint
+friction, air, drive train, servo, sensors and controllers of a lean station are as many."""
+
+
+class Copy(LeafSystem):
+    """Copies its input: the least that a system in Python can do in a step."""
+
+    def __init__(self, size: int) -> None:
+        super().__init__()
+        self._input = self.DeclareVectorInputPort("input", size)
+        self.DeclareVectorOutputPort("output", size, self._calc)
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._input.Eval(context))
 
 
 def bench_step() -> list[BenchRow]:
@@ -34,8 +56,10 @@ def bench_step() -> list[BenchRow]:
     Peers: the same plant with its tail alone in a diagram, idle (all inputs zero) and driven
     (through the same turn, by the recorded torques, forces and steering angles of the station). The
     rest of the ratio is what the station adds. With Coulomb tyres a driven plant costs half as much
-    again, since its contact solver works harder, and the ratio is smaller. Each is stepped through
-    the whole published turn at 3.33 m/s. The least of all repeats counts, kind by kind.
+    again, since its contact solver works harder, and the ratio is smaller. What Drake takes to call
+    Python at all is the row of copies: as many systems in Python as the lean station evaluates in a
+    step, each of which copies its input. Each is stepped through the whole published turn at 3.33
+    m/s. The least of all repeats counts, kind by kind.
     """
     scenario = load_scenario("turn_swing")
     inputs = _recorded_inputs(scenario)
@@ -45,6 +69,7 @@ def bench_step() -> list[BenchRow]:
             taken = {
                 "idle": _timed(_bare_plant(scenario, {}), scenario),
                 "driven": _timed(_bare_plant(scenario, inputs), scenario),
+                "copies": _timed(_bare_plant(scenario, inputs, COPIES_OF_A_PORT), scenario),
                 "lean": _timed(
                     Simulator(assemble(scenario, minimal=True).builder.Build()), scenario
                 ),
@@ -60,6 +85,7 @@ def bench_step() -> list[BenchRow]:
     return [
         BenchRow("station_step_over_idle_plant", least["lean"], "us", "", idle),
         BenchRow("station_step_over_driven_plant", least["lean"], "us", "<= 1.6", driven),
+        BenchRow("station_step_of_copies_in_python", least["copies"], "us", "", driven),
         BenchRow("station_step_with_truth", least["whole"], "us", "", driven),
         BenchRow("station_step_recorded", least["recorded"], "us", "", driven),
         BenchRow("station_real_time_factor", step / (least["lean"] * 1e-6), "1"),
@@ -146,13 +172,22 @@ def _driven_ports(plant: Any) -> list[Any]:
     ]
 
 
-def _bare_plant(scenario: Scenario, inputs: dict[str, PiecewisePolynomial]) -> Simulator:
-    """The plant alone; `inputs` by name of the port, zero where there is none."""
+def _bare_plant(
+    scenario: Scenario, inputs: dict[str, PiecewisePolynomial], copies: int = 0
+) -> Simulator:
+    """The plant alone; `inputs` by name of the port, zero where there is none, each through so many
+    copies.
+    """
     builder = DiagramBuilder()
     plant = add_car_plant(builder, scenario).plant
     for port in _driven_ports(plant):
         held = inputs.get(port.get_name(), PiecewisePolynomial(np.zeros((port.size(), 1))))
-        builder.Connect(builder.AddSystem(TrajectorySource(held)).get_output_port(), port)
+        source: System = builder.AddSystem(TrajectorySource(held))
+        for _ in range(copies):
+            copy = builder.AddSystem(Copy(port.size()))
+            builder.Connect(source.get_output_port(), copy.get_input_port())
+            source = copy
+        builder.Connect(source.get_output_port(), port)
     return Simulator(builder.Build())
 
 

@@ -30,7 +30,7 @@ def _drive(given, received):
         signal=lambda name: columns.get(name, np.zeros(4)),
     )
     frames = (_frames([BEGIN + time for time in (-0.003, *times)]) for times in (given, received))
-    return Drive(log, (1, 2), *frames)
+    return Drive(log, (1, 2), *frames, car_delay=0.0)
 
 
 def test_a_reading_is_old_by_whoever_had_the_newer_reply():
