@@ -11,6 +11,7 @@ import numpy as np
 from aerodima.hardware.car.mounting import Mounting
 from aerodima.hardware.car.wiring import (
     PERIOD,
+    UNSOUND,
     CarCommand,
     CarReader,
     CarReading,
@@ -211,14 +212,14 @@ class WiredCar:
     def write(self, command: CarCommand, now: float) -> None:
         """Runs the second half of a cycle: sends the command.
 
-        What is not finite is a fault of both motors, and throttle 0.
+        What is not finite, or a negative gain, is a fault of both motors, and throttle 0.
         """
         devices = self.devices
         if devices is None:
             return
         servo = SERVO_PULSES[1]
         throttle = THROTTLE_PULSES[1]
-        if command.finite:
+        if command.sound:
             servo = self._mounting.servo_pulse(command.steering_angle)
             throttle = self._mounting.throttle_pulse(command.throttle)
             for motor, values in zip(
@@ -228,9 +229,7 @@ class WiredCar:
                     motor.set_command(MitCommand(*values.tolist()), now)
         else:
             for motor in devices.group.motors:
-                motor.set_fault(
-                    MotorFault.BAD_COMMAND, "the controller commands NaN or infinity", now
-                )
+                motor.set_fault(MotorFault.BAD_COMMAND, f"the controller commands {UNSOUND}", now)
         devices.teensy.set_pulses(servo, throttle)
         if self.reading.named_status.imu_fault == 0.0:
             imu = IMU.read(self.reading.imu)

@@ -49,6 +49,8 @@ _Sources = dict[str, tuple[float, int, str]]
 """Age (s), fault and fault in words, by the name of the source."""
 WiringName = Literal["teensy_bridge", "watched_can"]
 WIRINGS: tuple[WiringName, ...] = get_args(WiringName)
+UNSOUND = "NaN, infinity or a negative gain"
+"""What no motor is sent, in words."""
 PERIOD = 0.01
 """Time between two cycles of every loop that talks to the car, s."""
 _FORCE_SHARE = 0.05
@@ -107,12 +109,13 @@ class CarCommand:
     tail_roll: FloatArray = field(default_factory=TAIL_COMMAND.zeros)
 
     @property
-    def finite(self) -> bool:
-        """Returns whether every number is finite."""
+    def sound(self) -> bool:
+        """Returns whether every number is finite, and no gain of a motor negative."""
         numbers = np.concatenate(
             ([self.steering_angle, self.throttle], self.tail_pitch, self.tail_roll)
         )
-        return bool(np.all(np.isfinite(numbers)))
+        gains = np.concatenate((self.tail_pitch[2:4], self.tail_roll[2:4]))
+        return bool(np.all(np.isfinite(numbers)) and np.all(gains >= 0.0))
 
 
 @dataclass(frozen=True)

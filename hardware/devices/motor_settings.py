@@ -68,7 +68,7 @@ class MotorSafety(QuantityModel):
     enter_timeout: float = quantity("s", "longest wait for these replies", "(0, 5]")
     probe_torque: float = quantity("N m", "most torque with which the direction is tried", "(0, 5]")
     command_timeout: float = quantity(
-        "s", "time without a command, after which the position is held", "(0, 1]"
+        "s", "time without a command, after which the position is held", "(0, 0.15]"
     )
     stall_time: float = quantity("s", "longest gap between two cycles", "(0, 1]")
     exit_burst: int = quantity("1", "exit frames sent at once", "[1, 50]")

@@ -52,7 +52,8 @@ _WINDOW = 500
 _BACKWARDS = 1000
 """A count that falls by more than that is a restart of the microcontroller, ms."""
 _SILENT = 0.1
-"""Without a reply text frame for that long the Teensy counts as silent, s: ten cycles."""
+"""A Teensy that owes a reply text frame for that long counts as silent, s: ten cycles. A computer
+that paused has asked for none."""
 _MAX_REPEATS = 20
 """Cycles in which an order is repeated when its motor asks for nothing; a motor that runs asks at
 least every tenth."""
@@ -142,6 +143,7 @@ class TeensyLink:
         self._throttle = THROTTLE_PULSES[1]
         self._attitude: tuple[Attitude, float] | None = None
         self._reply_time = -math.inf
+        self._asked = math.inf
         self._clock = ClockAlignment()
         self.sail = math.nan
         self.sent_time = math.nan
@@ -198,6 +200,7 @@ class TeensyLink:
             attitude = replace(attitude, age=age)
         command = TeensyCommand((first, second), self._servo, self._throttle, attitude)
         self._link.write(make_command(command))
+        self._asked = min(self._asked, time.monotonic())
 
     def poll(self) -> TimedFrames:
         """Reads what came in; the motors' answers as frames, with their arrival."""
@@ -231,6 +234,7 @@ class TeensyLink:
 
     def _receive(self, reply: TeensyReply, arrival: float) -> None:
         self._reply_time = arrival
+        self._asked = math.inf
         self.sail = math.remainder(math.radians(reply.sail), 2.0 * math.pi)
         self.sent_time = self._clock.add(reply.clock, arrival)
         self.status = reply.status
@@ -255,13 +259,12 @@ class TeensyLink:
             return None  # beyond the range of the profile: the motor counts a missed reply
 
     def _check_silence(self, now: float) -> None:
-        age = self.age(now)
         if self._link.fault:
             self.fault = SourceFault.LOST
             self.fault_text = f"the Teensy's port is lost: {self._link.fault}"
-        elif _SILENT < age < math.inf:
+        elif now - self._asked > _SILENT and self.age(now) < math.inf:
             self.fault = SourceFault.SILENT
-            self.fault_text = f"the Teensy is silent for {age:.2f} s"
+            self.fault_text = f"the Teensy is silent for {self.age(now):.2f} s"
 
 
 def pulse(share: float, pulses: tuple[int, int, int]) -> int:

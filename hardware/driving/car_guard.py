@@ -25,7 +25,7 @@ from enum import IntEnum
 
 from aerodima.hardware.car.safety_settings import DriveSafety
 from aerodima.hardware.car.wired_car import WiredCar
-from aerodima.hardware.car.wiring import PERIOD, CarCommand, CarReading
+from aerodima.hardware.car.wiring import PERIOD, UNSOUND, CarCommand, CarReading
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_monitors import Debounce
 from aerodima.hardware.driving.drive_limits import DriveLimits
@@ -73,7 +73,6 @@ class CarGuard:
         reason: why the car stopped, empty before.
         hard: whether that reason switched the motors off at once.
         stop_time: when that reason came, s; NaN before.
-        needs_pilot: the tail follows the pilot, also of a car that stops.
         posture: of the tail since then, for how long, and how that ended, in words; empty before.
         least_delay: of the computer that explains the reason, s; infinite where none does.
         left: the operator has left the mode and reported while the car was being stopped. One who
@@ -98,7 +97,6 @@ class CarGuard:
         self.hard = False
         self.stop_time = math.nan
         self.posture = ""
-        self.needs_pilot = True
         self._moves = False
         self.least_delay = math.inf
         self.left = False
@@ -192,12 +190,9 @@ class CarGuard:
         elif self.stage in _LIVE and posture is Posture.OFF:
             self._exit(now)
         elif self.stage in _LIVE:
-            if self.needs_pilot and (posture is Posture.HELD or self.stage is Stage.ARMED):
-                self.wiring.hold(now, self._moves)
-                self.needs_pilot = False
-                self.posture = "pitch held, roll to the middle" if self._moves else "tail held"
             if self.stage is not Stage.HOLDING:
-                self.posture = self.posture or "tail by its law"
+                self.wiring.hold(now, self._moves)
+                self.posture = "pitch held, roll to the middle" if self._moves else "tail held"
                 self._go(Stage.HOLDING, now)
             if self.reading.named_status.tail_roll_fault:
                 self.posture = "pitch held, roll limp"
@@ -226,21 +221,14 @@ class CarGuard:
         return self.reading
 
     def write(self, command: CarCommand, now: float) -> None:
-        """Runs the second half: sends the command if the car drives, what it has for the tail if
-        that follows its law, else nothing but throttle 0.
-        """
-        obeys = self.needs_pilot and self.stage in (Stage.DRIVING, Stage.HOLDING)
-        if obeys and not command.finite:
-            obeys = False
-            self.stop("the controller commands NaN or infinity", now, "controller")
-        self._steering = 0.0
-        if not obeys:
-            command = CarCommand()
-        elif self.stage is Stage.DRIVING:
-            self._steering = command.steering_angle
+        """Runs the second half: sends the command if the car drives, else throttle 0 alone."""
+        if self.stage is Stage.DRIVING and not command.sound:
+            self.stop(f"the controller commands {UNSOUND}", now, "controller")
+        if self.stage is Stage.DRIVING:
             command = replace(command, throttle=self._limits.throttle(command.throttle, now))
         else:
-            command = replace(command, steering_angle=0.0, throttle=0.0)
+            command = CarCommand()
+        self._steering = command.steering_angle
         if self.stage is not Stage.READY:
             self.sent = command
         self.wiring.write(command, now)

@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem, State
 
-from aerodima.hardware.car.wiring import PERIOD, CarCommand, CarReading
+from aerodima.hardware.car.wiring import PERIOD, UNSOUND, CarCommand, CarReading
 from aerodima.hardware.driving.plain_loop import WRITE_DELAY, Pilot, PilotStep
 from aerodima.workbench.car.car_diagram import Build, assemble
 from aerodima.workbench.control.tail_law import TailLaw
@@ -111,7 +111,7 @@ class DiagramPilot(Pilot):
             Time of the slowest tick except the first, s.
 
         Raises:
-            HardwareError: a command that is not finite. Whatever the systems raise, such as a port
+            HardwareError: a command that is not sound. Whatever the systems raise, such as a port
                 without connection.
         """
         simulator = self._simulator
@@ -122,10 +122,9 @@ class DiagramPilot(Pilot):
             begin = time.monotonic()
             step = self.step(tick * PERIOD, reading)
             times.append(time.monotonic() - begin)
-            if not step.command.finite:
+            if not step.command.sound:
                 raise HardwareError(
-                    "the controller commands NaN or infinity before the car is armed: "
-                    f"{step.command}"
+                    f"the controller commands {UNSOUND} before the car is armed: {step.command}"
                 )
         self._simulator = simulator
         return max(times[1:])

@@ -355,7 +355,7 @@ class DriveSession:
             await_stop(guard)
         except BaseException as error:
             end_time_limit()
-            guard.stop(f"{type(error).__name__}: {error}", time.monotonic(), "controller")
+            guard.stop(type(error).__name__, time.monotonic(), "controller")
             with suppress(Exception):  # whatever it is, the motors must go off
                 await_stop(guard)
             self._car.stop(guard.reason)  # before anything else: writing a log may take its time

@@ -93,12 +93,14 @@ def _read_angles(ports: CarPorts, port: FramePort, commit: Callable[[], None]) -
     try:
         for cycle in range(_CYCLES):
             for motor_id in ids:
+                neutral = make_neutral(motor_id, ports.profile)
+                frames = [neutral]
                 if cycle < _EXIT_CYCLES:
-                    port.send(make_exit(motor_id))
-                elif cycle == _EXIT_CYCLES:
-                    port.send(make_enter(motor_id))
-                else:
-                    port.send(make_neutral(motor_id, ports.profile))
+                    frames = [make_exit(motor_id)]
+                elif cycle == _EXIT_CYCLES:  # a motor that enters goes on with its last command
+                    frames = [neutral, make_enter(motor_id), neutral]
+                for frame in frames:
+                    port.send(frame)
             commit()
             time.sleep(PERIOD)
             for _, frame in port.poll():

@@ -133,7 +133,7 @@ def run_loop(
             break
         reading = guard.read(clock(), start + time_now)
         spent = 0.0
-        if guard.needs_pilot:  # who may be what failed
+        if not guard.reason:  # the pilot may be what failed
             begin = clock()
             step = pilot.step(time_now, reading)
             spent = clock() - begin

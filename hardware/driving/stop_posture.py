@@ -2,8 +2,9 @@
 
 A tail that goes limp in mid-swerve turns the car over, and so may one that stands still. So while
 the car moves no single fault but one of the pitch motor itself switches that motor off, until the
-car is at rest or `max_tail_hold` has passed: the tail follows its law where that still knows the
-car, else the drive holds pitch and moves roll to the middle, unless its motor has failed.
+car is at rest or `max_tail_hold` has passed: the drive holds pitch and moves roll to the middle,
+unless its motor has failed. The pilot commands nothing any more: its schedule or its operator may
+still steer, and the wheels do not.
 """
 
 from enum import IntEnum
@@ -39,24 +40,20 @@ GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
 class Posture(IntEnum):
     """Says what becomes of the tail of a car that stops; a higher one gives up more."""
 
-    LAW = 0
-    """The pilot goes on commanding it, while throttle and steering are 0."""
-    HELD = 1
+    HELD = 0
     """Pitch is held; roll too, in the middle while the car moves, unless its motor has failed."""
-    OFF = 2
+    OFF = 1
     """The motors are switched off."""
 
 
-LAW, HELD, OFF = Posture
+HELD, OFF = Posture
 
 
 def posture_after(cause: StopCause, moves: bool) -> Posture:
     """Returns the posture that a cause of a stop asks for; `moves`: the car may move."""
-    if cause in ("radio", "speed", "mode", "log"):
-        return LAW if moves else HELD
     if cause in ("roll motor", "controller", "late loop", "current"):
         return HELD if moves else OFF
-    return HELD if cause == "imu" else OFF
+    return HELD if cause in ("imu", "radio", "speed", "mode", "log") else OFF
 
 
 def fault_causes(faults: FloatArray, has_tail: bool) -> list[StopCause]:

@@ -24,6 +24,7 @@ torque field of the motor's frame), pulses in us, sail angle in degrees, clock i
 import re
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cache
 
 from aerodima.hardware.protocol.ak70 import COMMAND_FIELDS, MitCommand, MitReply, check_motor_id
 from aerodima.hardware.protocol.can_frame import FrameError, check_field
@@ -194,10 +195,11 @@ def crc8(data: bytes) -> int:
     """
     value = 0
     for byte in data:
-        value = _CRC_TABLE[value ^ byte]
+        value = _crc_of(value ^ byte)
     return value
 
 
+@cache
 def _crc_of(byte: int) -> int:
     for _ in range(8):
         if byte & 0x80:
@@ -206,8 +208,6 @@ def _crc_of(byte: int) -> int:
             byte <<= 1
     return byte
 
-
-_CRC_TABLE = tuple(_crc_of(byte) for byte in range(256))
 
 _INTEGERS = {
     "id": (0, 255),

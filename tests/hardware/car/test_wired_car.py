@@ -252,8 +252,8 @@ def test_the_guard_on_the_wired_car_disarms_when_the_operator_falls_silent(bench
     off = driving.after(lambda bench: setattr(bench.radio, "silence", 0.26))
     assert off == pytest.approx([SAFETY.max_tail_hold] * 2, abs=0.03)
     assert "0.26 s" in driving.guard.reason
-    assert "by its law" in driving.guard.posture
-    assert bench.port.motors[1].position == pytest.approx(-1.5, abs=0.1)
+    assert "roll to the middle" in driving.guard.posture
+    assert bench.port.motors[1].position == pytest.approx(0.0, abs=0.1), "it was held out before"
 
 
 def test_a_lost_imu_in_mid_drive_leaves_the_pitch_motor_on_and_takes_roll_to_the_middle(bench):

@@ -193,9 +193,14 @@ def test_a_reply_has_the_form_of_its_profile_and_unknown_stays_unknown(profile, 
     assert reply.position == pytest.approx(0.5, abs=2e-3)
 
 
-def test_a_teensy_counts_as_silent_after_a_tenth_of_a_second(car):
+def test_a_teensy_counts_as_silent_a_tenth_of_a_second_after_it_was_asked(car):
+    """A computer that paused has asked for nothing."""
     car.turn(2)
+    car.wire.now += 0.5
     car.link.poll()
+    assert car.link.fault is SourceFault.NONE
+    car.teensy.damage = lambda text: b""
+    car.link.commit()
     begin = car.wire.now
     for silent, fault in ((0.099, SourceFault.NONE), (0.101, SourceFault.SILENT)):
         car.wire.now = begin + silent

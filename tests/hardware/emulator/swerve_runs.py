@@ -24,7 +24,7 @@ from pydrake.systems.framework import LeafSystem
 
 from aerodima.hardware.car.wiring import WIRINGS
 from aerodima.hardware.driving.drive_session import drive
-from aerodima.hardware.driving.stop_posture import HELD, LAW, OFF, Posture
+from aerodima.hardware.driving.stop_posture import HELD, OFF, Posture
 from aerodima.hardware.driving.watchdog_test import run_watchdog_test
 from aerodima.optimisation.swerve.steering import constant_steering, steering_settings
 from aerodima.optimisation.swerve.suite import FEEDBACK, NAMED_CANDIDATES
@@ -108,7 +108,7 @@ def _raise() -> None:
     raise ZeroDivisionError("in mid-swerve")
 
 
-NONE = Fault("none", None, math.inf, LAW)
+NONE = Fault("none", None, math.inf, HELD)
 FAULTS = (
     Fault("IMU silent", {"fault": "silent", "part": "imu"}, 0.1, HELD, is_blind=True),
     Fault("IMU frozen", {"fault": "frozen", "part": "imu"}, 0.1, HELD, is_blind=True),
@@ -133,8 +133,8 @@ FAULTS = (
         OFF,
         holds=True,
     ),
-    Fault("GPS silent", {"fault": "silent", "part": "gps"}, 0.98, LAW),
-    Fault("radio silent", {"fault": "silent", "part": "radio"}, 0.24, LAW),
+    Fault("GPS silent", {"fault": "silent", "part": "gps"}, 0.98, HELD),
+    Fault("radio silent", {"fault": "silent", "part": "radio"}, 0.24, HELD),
     Fault("emergency stop", None, 0.04, OFF, is_stop=True),
     Fault("controller raises", None, 0.01, HELD, _raise),
     Fault("controller takes 50 ms", None, 0.3, HELD, lambda: time.sleep(0.05), holds=True),
@@ -197,7 +197,7 @@ class FaultyLaw:
             return self._last
         if seen.time < FAULT_TIME + fault.acts and fault.holds:
             return self._last
-        if seen.time < FAULT_TIME + fault.acts or fault.posture is LAW:
+        if seen.time < FAULT_TIME + fault.acts:
             if fault.is_blind:
                 seen = replace(seen, imu=self._imu)
             return self._law.step(memory, seen)

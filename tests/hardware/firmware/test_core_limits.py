@@ -21,7 +21,7 @@ from aerodima.hardware.protocol.ak70 import MitCommand, make_exit
 from aerodima.hardware.protocol.teensy import Attitude, MotorRequest, TeensyStatus
 from tests.hardware.devices.test_motor_limits import settings as joint
 from tests.hardware.firmware.core_functions import limit_command
-from tests.hardware.firmware.test_core_watchdog import MS, PUSH, TIMING, Bench
+from tests.hardware.firmware.test_core_watchdog import LEVEL, MS, PUSH, TIMING, Bench
 
 SAFETY = load_drive_safety()
 MOUNTING = load_mounting()
@@ -159,14 +159,14 @@ class BusBench(Bench):
         super().__init__("watched_can")
         self.counter = 0
 
-    def beat(self, state, seconds, strings=True):
+    def beat(self, state, seconds, strings=True, throttle=1520, attitude=LEVEL):
         for _ in range(round(seconds / 0.01)):
             self.counter += 1
             self.core.receive(make_heartbeat(state, self.counter))
             if strings:
-                self.write(
-                    MotorRequest.EXIT, throttle=1520 if state is HeartbeatState.ARMED else 1500
-                )
+                armed = state is HeartbeatState.ARMED
+                pulse = throttle if armed else 1500
+                self.write(MotorRequest.EXIT, throttle=pulse, attitude=attitude)
             self.wait(0.01)
 
     def answers(self, since):
@@ -192,6 +192,15 @@ def test_on_the_bus_it_answers_every_beat_and_sends_nothing_else_while_all_is_we
         (TeensyStatus.RUNNING, (bench.counter - 19 + i) % 256) for i in range(20)
     ]
     assert {frame.arbitration_id for when, frame in bench.sent if when >= begin} == {0x7A1}
+
+
+def test_on_the_bus_a_car_on_its_side_is_stopped_at_neutral_throttle_too():
+    """Its tail is held for 2 s after a fault, at neutral throttle: the motors are on."""
+    bench = driving_on_the_bus()
+    begin = bench.now
+    bench.beat(HeartbeatState.ARMED, 0.5, throttle=1500, attitude=OVER)
+    assert bench.exits(1, since=begin)[0] - begin == pytest.approx(TIMING.attitude_time, abs=0.021)
+    assert bench.core.state.status == TeensyStatus.ATTITUDE
 
 
 @pytest.mark.parametrize("strings", [True, False])

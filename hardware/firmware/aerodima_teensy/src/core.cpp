@@ -92,7 +92,8 @@ bool TeensyCore::may_drive(const Command& command, uint32_t now) {
                        abs(throttle_ - kThrottle.idle) >= config_.driving_throttle;
   const bool straight = to_turn && fabs(a.yaw_rate) < config_.least_yaw_rate;
   const bool fallen = tilted_.lasts(tilted, now, config_.attitude_ms);
-  return !(straight_.lasts(straight, now, config_.straight_ms) || fallen) || is_neutral(command);
+  const bool at_rest = is_neutral(command) && !beats_armed_;
+  return !(straight_.lasts(straight, now, config_.straight_ms) || fallen) || at_rest;
 }
 
 // After the heartbeat has stopped all exit frames go out first, and a computer that says armed is not at rest.
