@@ -305,7 +305,8 @@ def train(
             **options.arguments(),
         )
     typer.echo(f"found: {path}")
-    typer.echo(f"judge it: aerodima swing judge --candidate {path} --out {out / 'judge'}")
+    split = f"--ensemble {options.ensemble} --tail {options.tail} --seed {options.seed}"
+    typer.echo(f"judge it: aerodima swing judge --candidate {path} {split} --out {out / 'judge'}")
 
 
 @contextmanager

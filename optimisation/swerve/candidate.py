@@ -168,14 +168,16 @@ def read_candidates(names: Iterable[str], known: Mapping[str, Candidate]) -> lis
 
 
 def user_law(path_and_class: str) -> Candidate:
-    """Makes the candidate of a tail law of the reader's, `my_law.py:MyLaw`, named after its class.
+    """Makes the candidate of a tail law of the reader's, `my_law.py:MyLaw`, named after its class;
+    the tail waits where that of the feedback law does.
 
     Raises:
         UserError: no such file or class, the file fails, or what it holds is no tail law.
     """
     path, _, name = path_and_class.rpartition(":")
     load_law(path_and_class, load_scenario(SWERVE, SWINGING))
-    return Candidate(name, SWINGING, law=f"{Path(path).resolve()}:{name}")
+    waiting = (*SWINGING, "controller.law=feedback")
+    return Candidate(name, waiting, law=f"{Path(path).resolve()}:{name}")
 
 
 def write_candidate(path: Path, candidate: Candidate, chosen: str, *, force: bool = False) -> Path:

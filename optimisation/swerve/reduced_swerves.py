@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from aerodima.optimisation.studies.runs import code_content, scenario_content
 from aerodima.optimisation.swerve.aims import find_aim, score
 from aerodima.optimisation.swerve.candidate import SWERVE, Settings
 from aerodima.optimisation.swerve.steering import (
@@ -17,6 +18,7 @@ from aerodima.optimisation.swerve.steering import (
     search_steering,
 )
 from aerodima.optimisation.swerve.suite import FOLDED
+from aerodima.workbench.batch.row_store import content_key
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.swerves import (
     FeedbackSwerve,
@@ -50,8 +52,8 @@ class ReducedSwerve:
     def __init__(self, scenario: Scenario) -> None:
         if not reduced_car_knows(scenario):
             raise SweepError(
-                f"{scenario.name}: the reduced car knows no tail, the feedback law, or a swing "
-                "that the steering releases; rollover control with the first two"
+                f"{scenario.name}: the reduced car knows no tail, the feedback law, or a swing to "
+                "the left that the steering releases; rollover control with the first two"
             )
         self.scenario = scenario
         self._car = VehicleParams.from_scenarios([scenario])
@@ -99,7 +101,8 @@ def reduced_car_knows(scenario: Scenario) -> bool:
         return scenario.tail.mode == "none" or scenario.follows_state
     if scenario.rollover_control.gain:
         return False
-    return swing.trigger.kind == "steering" and swing.trigger.delay_s == 0.0
+    is_released = swing.trigger.kind == "steering" and swing.trigger.delay_s == 0.0
+    return is_released and swing.direction == "left"
 
 
 def knots_of(swing: SwingFile, count: int) -> RollTrajectory:
@@ -139,6 +142,12 @@ class SteeringItem:
     variants: tuple[Settings, ...]
     aim: str
     effort: SearchEffort | None
+
+    @property
+    def key(self) -> str:
+        """Key of the cached result; files of the scenarios and of the aim count by content."""
+        scenarios = [scenario_content(SWERVE, settings) for settings in self.variants]
+        return content_key("steering", repr(self), scenarios, code_content(self.aim))
 
 
 def best_steering(item: SteeringItem) -> dict[str, Any]:

@@ -29,11 +29,12 @@ _HEADER = ("candidate", "median", "cars", "over no tail", "95 %", "worst", "abov
 
 
 def gains_over(table: pd.DataFrame, candidate: str) -> pd.Series:
-    """Computes the gain of each row's value over that of a candidate in the same swerve; NaN where
-    either has none.
+    """Computes the gain of each row's value over that of a candidate in the same swerve, as a share
+    of the size of the latter; NaN where either has none.
     """
-    others = table[table["candidate"] == candidate].set_index(PLACE)["value"].rename("other")
-    return (table["value"] / table.join(others, on=PLACE)["other"] - 1.0).rename("gain")
+    named = table[table["candidate"] == candidate].set_index(PLACE)["value"].rename("other")
+    others = table.join(named, on=PLACE)["other"]
+    return ((table["value"] - others) / others.abs()).rename("gain")
 
 
 def summarise_swerves(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:

@@ -218,8 +218,7 @@ def _first_search(shooting: SwerveShooting, effort: BoundEffort) -> list[FloatAr
 def _draw_tails(generator: np.random.Generator, members: int) -> FloatArray:
     """Draws pitches and rolls (members, knots) of tails that go from one roll to another."""
     pitch = generator.choice(DRAWN_PITCHES, (members, 1))
-    first = generator.uniform(-MAX_DRAWN_ROLL, MAX_DRAWN_ROLL, (members, 1))
-    last = generator.uniform(-MAX_DRAWN_ROLL, MAX_DRAWN_ROLL, (members, 1))
+    first, last = generator.uniform(-MAX_DRAWN_ROLL, MAX_DRAWN_ROLL, (2, members, 1))
     begin = generator.uniform(0.0, 1.0, (members, 1))
     length = generator.uniform(0.05, 1.0, (members, 1))
     share = np.array(KNOTS)[None, 1:] / KNOTS[-1]

@@ -143,7 +143,7 @@ def _search_steerings(
     runs: CachedRunner,
 ) -> list[Descent]:
     """Searches the steering of each candidate in each case, but for a driver at full lock; a law
-    that reduced cars cannot follow has that of the folded tail.
+    that reduced cars cannot follow has that of the folded tail, and no value on them.
     """
     descents = []
     items = []
@@ -156,8 +156,8 @@ def _search_steerings(
             variants.append(options)
             own = None if candidate.is_at_full_lock else effort
             items.append(SteeringItem(searched, aim, own))
-            descents.append(Descent(candidate, case, speed, aim, (), {}))
-    results = runs.map(best_steering, items)
+            descents.append(Descent(candidate, case, speed, aim, (), {}, borrows=not known))
+    results = runs.map(best_steering, items, [item.key for item in items])
     for descent, options, result in zip(descents, variants, results, strict=True):
         descent.settings = options[min(result["variant"], len(options) - 1)]
         descent.result = result

@@ -323,8 +323,7 @@ def score_law_batch(batch: LawBatch) -> list[float]:
         worth = PASSED * np.mean(values > FAILED, axis=1)
     else:
         worth = np.maximum(values.max(axis=1), 0.0) / place.reference
-    ratios: list[float] = worth.tolist()
-    return ratios
+    return worth.tolist()
 
 
 def repeated(laws: Sequence[Law], count: int) -> dict[str, FloatArray]:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import starmap
+from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -61,8 +62,8 @@ class FullRun(NamedTuple):
 
 
 def drive_full(run: FullRun) -> Row:
-    """Returns aim and measures of a full run; one that cannot be made does not count, and has an
-    error.
+    """Returns aim and measures of a full run; one whose aim is not finite does not count, nor does
+    one that cannot be made, which has an error.
     """
     try:
         swerve = full_swerve(run)
@@ -70,7 +71,9 @@ def drive_full(run: FullRun) -> Row:
         if not (run.law or isinstance(error, RUN_ERRORS)):
             raise
         return {"counts": False, "error": in_words(error)}
-    return {**swerve_row(swerve), "value": float(find_aim(run.aim)(swerve)[0]), "error": ""}
+    row = swerve_row(swerve)
+    value = float(find_aim(run.aim)(swerve)[0])
+    return row | {"counts": row["counts"] and isfinite(value), "value": value, "error": ""}
 
 
 def full_swerve(run: FullRun) -> Swerve:
@@ -96,6 +99,7 @@ class Descent:
         aim: name.
         settings: of the car, but for the steering.
         result: score, steering and variant of the search on the reduced car.
+        borrows: whether that is the result of another candidate, which the reduced car can follow.
         step: of the plant of the full car in the table, s; None for the reduced car alone.
         motion: file of the candidate's motion, which a search on the full car may vary.
         rows: full runs by share of the angles.
@@ -110,6 +114,7 @@ class Descent:
     aim: str
     settings: Settings
     result: Mapping[str, Any]
+    borrows: bool = False
     step: float | None = FINE_STEP
     motion: Path | None = None
     rows: dict[float, Row] = field(default_factory=dict)
@@ -145,7 +150,11 @@ class Descent:
 
     @property
     def best(self) -> tuple[float, Row] | None:
-        """Share and run of the largest value among those that count, if any does."""
+        """Share and run of the largest value among those that count, if any does. A driver at full
+        lock has one run, which counts or not at the step of the table.
+        """
+        if self.candidate.is_at_full_lock and self.has_finer_step:
+            return next(iter(self.rows.items()), None)
         return best_counting(self.rows)
 
     def run(self, share: float) -> FullRun:
@@ -228,7 +237,7 @@ class Descent:
     def as_row(self) -> Row:
         """Returns the row of the table."""
         score = self.result["score"]
-        reduced = score if score > FAILED else None
+        reduced = None if self.borrows or score <= FAILED else score
         row: Row = {
             "plant": "reduced" if self.step is None else "full",
             "candidate": self.candidate.name,

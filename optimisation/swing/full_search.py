@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 
@@ -168,7 +169,7 @@ def search_full(
         number: of runs for each.
         runs: where they are made.
         folder: of the varied motions.
-        seed: of the mutations, which are drawn anew for each candidate.
+        seed: of the mutations, which are drawn anew for each case, alike for its candidates.
     """
     folder.mkdir(parents=True, exist_ok=True)
     searches = []
@@ -181,8 +182,8 @@ def search_full(
     for index in range(number // ROUND):
         items = []
         points = []
-        for place, search in enumerate(searches):
-            generator = np.random.default_rng([seed, index, place])
+        for search in searches:
+            generator = np.random.default_rng([seed, index, crc32(search.descent.stem.encode())])
             drawn = search.mutations(generator, search.descent.max_angle)
             if index == 0 and search.swing:
                 drawn[0] = search.point

@@ -52,6 +52,12 @@ def test_gains_are_over_the_same_car_without_tail():
     assert summary.loc["no tail", "gain"] == 0.0
 
 
+def test_more_of_an_aim_below_zero_is_a_gain():
+    """Such as energy, which an aim counts as negative."""
+    summary = summarise_swerves(table({"no tail": [-2.0] * 4, "bound": [-1.0] * 4}))
+    assert summary.set_index("candidate").loc["bound", "gain"] == 0.5
+
+
 def test_nobody_is_above_low_ballast_that_was_not_compared():
     summary = summarise_swerves(table({"no tail": NONE, "bound": VALUES["bound"]}))
     assert summary["above_low_ballast"].isna().all()

@@ -12,6 +12,8 @@ import yaml
 
 from aerodima.optimisation import BoundEffort, SearchEffort, judge
 from aerodima.optimisation.studies.runs import CachedRunner
+from aerodima.optimisation.swerve.candidate import user_law
+from aerodima.optimisation.swerve.reduced_swerves import SteeringItem
 from aerodima.optimisation.swerve.suite import FOLDED, ensemble_cases
 from aerodima.optimisation.swing import full_runs
 from aerodima.optimisation.swing.full_runs import (
@@ -21,6 +23,7 @@ from aerodima.optimisation.swing.full_runs import (
     confirm_best,
     drive_full,
 )
+from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.swing_file import read_swing
 from tests.code_measure import ROOT
@@ -82,9 +85,14 @@ def test_a_driver_at_full_lock_is_driven_once_and_not_with_less():
     one.rows[1.0] = {"counts": True, "value": 0.4}
     assert one.next_shares() == []
     one.step = 0.0005
-    assert one.next_confirmations() == [1.0]
+    one.rows[1.0] = {"counts": False, "value": 0.4}
+    assert one.next_confirmations() == [1.0], "what counts is the step of the table"
+    one.confirmed[1.0] = {"counts": True, "value": 0.38}
+    assert one.next_confirmations() == []
+    assert one.as_row()["value"] == 0.38
     one.confirmed[1.0] = {"counts": False, "value": 0.0}
     assert one.next_confirmations() == []
+    assert one.as_row()["value"] is None
 
 
 def test_the_best_run_is_driven_at_the_finer_step_with_angles_that_count_there():
@@ -187,6 +195,70 @@ def test_reduced_cars_alone_are_compared_without_a_full_run(tmp_path):
     assert set(table["plant"]) == {"reduced"}
     assert table["value"].equals(table["reduced_value"])
     assert (table["runs"] == 0).all()
+
+
+STILL = '''"""A law that does nothing."""
+import numpy as np
+
+
+class Still:
+    rate, memory_size = 100.0, 1
+
+    def start(self):
+        return np.zeros(1)
+
+    def step(self, memory, seen):
+        return memory, np.zeros(5), np.zeros(5), 0
+'''
+
+
+def test_a_law_that_reduced_cars_cannot_follow_has_no_value_there(tmp_path):
+    """Its steering is that of the folded tail, and had brought its value along."""
+    law = tmp_path / "still.py"
+    law.write_text(STILL)
+    table = judge(
+        ["none", "folded"],
+        laws=[f"{law}:Still"],
+        cars=1,
+        speeds=[6.0],
+        folder=tmp_path / "out",
+        step=None,
+        runs=CachedRunner(),
+        steering_effort=SearchEffort(16, 1, 1),
+    ).set_index("candidate")
+    assert table["value"].notna().to_dict() == {
+        "no tail": True,
+        "tail folded back, locked": True,
+        "Still": False,
+    }
+    assert table.loc["Still", "level_1"] == table.loc["tail folded back, locked", "level_1"]
+
+
+def test_the_tail_of_a_law_of_the_readers_waits_in_the_middle(tmp_path):
+    law = tmp_path / "still.py"
+    law.write_text(STILL)
+    scenario = load_scenario("swerve", user_law(f"{law}:Still").settings)
+    assert scenario.resting_roll == 0.0
+
+
+def test_a_run_whose_aim_is_no_number_does_not_count(tmp_path):
+    aim = tmp_path / "aims.py"
+    aim.write_text("def unknown(swerve):\n    return float('nan') * swerve.speed[0]\n")
+    run = ("manoeuvre.level_1=0.05", "manoeuvre.speed=4", "simulation.step=0.002")
+    assert drive_full(FullRun(run, "aside-0.5"))["counts"]
+    assert not drive_full(FullRun(run, f"{aim}:unknown"))["counts"]
+
+
+def test_a_changed_swing_file_is_searched_anew(tmp_path):
+    path = tmp_path / "mine.yaml"
+    text = model_path("swings/inside_8_rad_per_s.yaml").read_text(encoding="utf-8")
+    path.write_text(text, encoding="utf-8")
+    settings = ("tail.mode=swing", f"controller.swing_file={path}")
+    item = SteeringItem((settings,), "aside-0.5", None)
+    before = item.key
+    assert item.key == before
+    path.write_text(text.replace("kp: 60.0", "kp: 50.0", 1), encoding="utf-8")
+    assert item.key != before
 
 
 def test_a_candidate_without_a_steering_is_not_driven():
