@@ -23,6 +23,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.car.car_diagram import assemble
 from aerodima.workbench.car.car_plant import add_car_plant
+from aerodima.workbench.core.port_wiring import vector_of
 from aerodima.workbench.logs.journal import JournalWriter
 from aerodima.workbench.logs.recorder import RunRecorder, recorded_columns
 from aerodima.workbench.logs.schema import run_metadata
@@ -46,7 +47,7 @@ class Copy(LeafSystem):
         self.DeclareVectorOutputPort("output", size, self._calc)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._input.Eval(context))
+        output.SetFromVector(vector_of(self._input, context))
 
 
 def bench_step() -> list[BenchRow]:

@@ -69,12 +69,9 @@ class AxleStatics:
 
 def axle_statics(car: CarParameters, gravity: float, axle: str) -> AxleStatics:
     """Static equilibrium of the car without its tail arm on level ground."""
-    if axle == "front":
-        share = car.com_x / car.wheelbase
-    else:
-        share = 1 - car.com_x / car.wheelbase
-    load = 0.5 * car.mass * gravity * share
     front = axle == "front"
+    share = car.com_x / car.wheelbase
+    load = 0.5 * car.mass * gravity * (share if front else 1 - share)
     tyre = car.tyre_stiffness_front if front else car.tyre_stiffness_rear
     spring, _ = wheel_rates(car, axle)
     sprung_load = load - gravity * unsprung_mass(car, axle)

@@ -141,8 +141,9 @@ def _add_simulated_car(
     ports = PlantPorts(builder, car)
 
     # Drive train, steering and tail.
-    drive = DriveTrain.add_to_builder(builder, scenario, spins=ports.motion("spins"))
-    servo = SteeringServo.add_to_builder(builder, scenario, last_frame=ports.motion("last_frame"))
+    drive = add_and_connect(builder, DriveTrain(scenario), spins=ports.motion("spins"))
+    frame = ports.motion("last_frame")  # the servo goes on from there
+    servo = add_and_connect(builder, SteeringServo(scenario), last_frame=frame)
     inputs: dict[str, InputPort] = {
         "throttle": drive.GetInputPort("throttle"),
         "steering_angle": servo.GetInputPort("steering_angle"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from aerodima.workbench.car.car_model import axle_statics, rolling_torques
 from aerodima.workbench.car.laws import (
@@ -14,7 +14,7 @@ from aerodima.workbench.car.laws import (
     shaft_torque,
     steering_motion,
 )
-from aerodima.workbench.core.port_wiring import add_and_connect, declare_output, vector_of
+from aerodima.workbench.core.port_wiring import declare_output, vector_of
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import WHEELS
 
@@ -46,13 +46,6 @@ class DriveTrain(LeafSystem):
         self._throttle = self.DeclareVectorInputPort("throttle", 1)
         self._spins = self.DeclareVectorInputPort("spins", 1 + len(WHEELS))
         declare_output(self, "torques", 1 + len(WHEELS), self._calc)
-
-    @classmethod
-    def add_to_builder(
-        cls, builder: DiagramBuilder, scenario: Scenario, *, spins: OutputPort
-    ) -> DriveTrain:
-        """Adds a drive train to the plant with these spins."""
-        return add_and_connect(builder, cls(scenario), spins=spins)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         (throttle,) = vector_of(self._throttle, context).tolist()
@@ -88,13 +81,6 @@ class SteeringServo(LeafSystem):
         self._command = self.DeclareVectorInputPort("steering_angle", 1)
         self._last_frame = self.DeclareVectorInputPort("last_frame", 4)
         declare_output(self, "steering", 7, self._calc, timed=True)
-
-    @classmethod
-    def add_to_builder(
-        cls, builder: DiagramBuilder, scenario: Scenario, *, last_frame: OutputPort
-    ) -> SteeringServo:
-        """Adds a servo that goes on from its frame in the plant's last step."""
-        return add_and_connect(builder, cls(scenario), last_frame=last_frame)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         time = context.get_time()

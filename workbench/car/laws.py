@@ -165,8 +165,7 @@ def shaft_torque(
     if throttle != throttle or throttle == 0.0:
         return 0.0
     target = steady_speed(clip(throttle, -1.0, 1.0), drive) / radius
-    torque: float = governor_torque(target, shaft_speed, gain, loss, drive.torque_limit)
-    return torque
+    return governor_torque(target, shaft_speed, gain, loss, drive.torque_limit)
 
 
 def ackermann(steering_angle: float, wheelbase: float, track: float) -> tuple[float, float]:
@@ -290,5 +289,4 @@ def mit_torque(
     )
     torque /= 1.0 + step * (kd + step * kp) / inertia
     lower, upper = torque_bounds(speed, motor.torque_limit, *line)
-    limited: float = clip(torque, lower, upper)
-    return limited
+    return clip(torque, lower, upper)

@@ -102,14 +102,12 @@ class Swerve:
         index = int(np.clip(np.searchsorted(self.time, instant), 1, len(self.time) - 1))
         before, after = self.time[index - 1 : index + 1]
         share = (instant - before) / (after - before)
-        result: FloatArray = values[index - 1] + share * (values[index] - values[index - 1])
-        return result
+        return values[index - 1] + share * (values[index] - values[index - 1])
 
     def to_the_left(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Returns how far places (..., n) in W, m, lie to the left of the course at the start."""
         course = self.at(self.course, 0.0)
-        left: FloatArray = np.cos(course) * y - np.sin(course) * x
-        return left
+        return np.cos(course) * y - np.sin(course) * x
 
 
 def car_outline(car: CarParameters) -> FloatArray:
@@ -157,11 +155,12 @@ def outline_from_above(run_log: RunLog, after: Sequence[float] | FloatArray) -> 
 
 def swerve_of(run_log: RunLog) -> Swerve:
     """Reads the swerve of a run of the car with ground truth; LogError for a missing column."""
+    signal = run_log.signal
     table = run_log.table
     side = turn_sign(run_log)
     speed, course = ground_velocity(run_log)
     contact = {
-        part: is_loaded(run_log.signal(f"ground_contact_{part}_truth_n"))
+        part: is_loaded(signal(f"ground_contact_{part}_truth_n"))
         for part in ("cage", "tail", "board")
     }
     touches = np.stack([contact["cage"] | contact["tail"], contact["board"]], axis=1)
@@ -170,32 +169,30 @@ def swerve_of(run_log: RunLog) -> Swerve:
     torques = np.zeros((len(table), 2))
     power = still
     if run_log.has_tail:
-        tail = {
-            name: run_log.signal(f"tail_{name}") for name in ("pitch_angle_rad", "roll_angle_rad")
-        }
-        tail["lag"] = tail["roll_angle_rad"] - run_log.signal("tail_roll_command_position_rad")
+        tail = {name: signal(f"tail_{name}") for name in ("pitch_angle_rad", "roll_angle_rad")}
+        tail["lag"] = tail["roll_angle_rad"] - signal("tail_roll_command_position_rad")
         torques = np.stack(
-            [run_log.signal(f"tail_{joint}_torque_n_m") for joint in ("pitch", "roll")], axis=1
+            [signal(f"tail_{joint}_torque_n_m") for joint in ("pitch", "roll")], axis=1
         )
-        power = run_log.signal("tail_power_truth_w")
+        power = signal("tail_power_truth_w")
     car = CarParameters(**run_log.scenario["car"])
     return Swerve(
         time=run_log.time - run_log.number("manoeuvre", "turn_start"),
-        x=run_log.signal("position_x_truth_m")[:, None],
-        y=side * run_log.signal("position_y_truth_m")[:, None],
-        heading=side * np.unwrap(run_log.signal("yaw_truth_rad"))[:, None],
+        x=signal("position_x_truth_m")[:, None],
+        y=side * signal("position_y_truth_m")[:, None],
+        heading=side * np.unwrap(signal("yaw_truth_rad"))[:, None],
         course=side * course[:, None],
         speed=speed[:, None],
-        yaw_rate=side * run_log.signal("gyro_z_truth_rad_per_s")[:, None],
-        roll=side * run_log.signal("roll_truth_rad")[:, None],
-        steering=side * run_log.signal("steering_command_rad")[:, None],
-        lifts=np.stack([run_log.signal(name) for name in LIFT_COLUMNS], axis=1)[..., None],
+        yaw_rate=side * signal("gyro_z_truth_rad_per_s")[:, None],
+        roll=side * signal("roll_truth_rad")[:, None],
+        steering=side * signal("steering_command_rad")[:, None],
+        lifts=np.stack([signal(name) for name in LIFT_COLUMNS], axis=1)[..., None],
         heights=np.where(touches, 0.0, np.inf)[..., None],
         tail=np.stack([tail["pitch_angle_rad"], side * tail["roll_angle_rad"]], axis=1)[..., None],
         lag=side * tail["lag"][:, None],
         torques=(torques * [1.0, side])[..., None],
         power=power[:, None],
-        flipped=np.array([np.max(run_log.signal("tilt_truth_rad")) > FLIP_TILT]),
+        flipped=np.array([np.max(signal("tilt_truth_rad")) > FLIP_TILT]),
         com_x=np.array([car.com_x]),
         outline=car_outline(car)[..., None],
     )
@@ -210,8 +207,7 @@ def _last_point(swerve: Swerve, instant: float) -> FloatArray:
     """Returns how far the outline's point furthest to the right lies to the left (n,), m."""
     origin = swerve.at(swerve.x, instant), swerve.at(swerve.y, instant)
     x, y = place_outline(swerve.outline, *origin, swerve.at(swerve.heading, instant))
-    last: FloatArray = np.min(swerve.to_the_left(x, y), axis=0)
-    return last
+    return np.min(swerve.to_the_left(x, y), axis=0)
 
 
 def centre_aside(swerve: Swerve, after: float = SOON) -> FloatArray:
@@ -283,7 +279,7 @@ def swerve_counts(swerve: Swerve) -> BoolArray:
     """Returns whose swerve counts (n,): straight at the start, upright to the end, straight again
     there.
     """
-    ends_straight = goes_straight(False, end_yaw_rate(swerve))
+    ends_straight = goes_straight(end_yaw_rate(swerve))
     return np.asarray(is_upright(swerve) & starts_straight(swerve) & ends_straight)
 
 

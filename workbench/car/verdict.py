@@ -102,11 +102,9 @@ def has_left_turn(wheels_straight: Any, yaw_rate: Any) -> Any:
     return wheels_straight & (np.abs(yaw_rate) < EXIT_YAW_RATE)
 
 
-def goes_straight(steered: Any, yaw_rate: Any) -> Any:
-    """Returns whether a car goes straight at the end, by its mean yaw rate over `LAST`, rad/s; a
-    car that is `steered` then need not.
-    """
-    return steered | (np.abs(yaw_rate) <= EXIT_YAW_RATE)
+def goes_straight(yaw_rate: Any) -> Any:
+    """Returns whether a car goes straight at the end, by its mean yaw rate over `LAST`, rad/s."""
+    return np.abs(yaw_rate) <= EXIT_YAW_RATE
 
 
 def side_lift(lifts: Any) -> Any:

@@ -233,5 +233,4 @@ def off_path(
     cosine = np.cos(heading)
     sine = np.sin(heading)
     outline = x + cosine * ahead - sine * across, y + sine * ahead + cosine * across
-    farthest: FloatArray = np.maximum.reduce(path.outside(*outline))
-    return farthest
+    return np.maximum.reduce(path.outside(*outline))

@@ -42,8 +42,7 @@ def load_law(place: str, scenario: Scenario) -> TailLaw:
             f"--law {place}: {name} has no {', '.join(missing)}; a tail law has "
             f"{', '.join(_MEMBERS)}"
         )
-    tail_law: TailLaw = law
-    return tail_law
+    return law
 
 
 def load_build(place: str) -> Any:

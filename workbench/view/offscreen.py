@@ -255,8 +255,7 @@ class OffscreenRun:
         query: Any = self.logged.scene_graph.get_query_output_port().Eval(self._scene_context)
         X_WC = RigidTransform(RotationMatrix(camera.axes.T), camera.p_WC)
         world = self.logged.scene_graph.world_frame_id()
-        drawn: Pixels = query.RenderColorImage(camera.render_camera, world, X_WC).data[..., :3]
-        return drawn
+        return query.RenderColorImage(camera.render_camera, world, X_WC).data[..., :3]
 
     def _shadow(self, row: int, floor: FloatArray) -> FloatArray:
         """Computes how much of the sun the robot takes from points of the floor (m, n, 3), from 0

@@ -103,8 +103,7 @@ def wheel_lifts(state: FloatArray, cars: VehicleParams, steering: FloatArray) ->
     """
     wheels = _wheel_poses(state, np.stack([steering, steering]), cars)
     middle = state[2] + dot(up_in_body(state)[:, None], wheels.centre)
-    lifts: FloatArray = middle - cars.edge * np.abs(wheels.tilt) - wheels.reach
-    return lifts
+    return middle - cars.edge * np.abs(wheels.tilt) - wheels.reach
 
 
 def _wheel_poses(state: FloatArray, steering: FloatArray, cars: VehicleParams) -> WheelPoses:

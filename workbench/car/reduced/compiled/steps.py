@@ -51,8 +51,7 @@ def run(batch: Any, ticks: BoolArray, *given: np.ndarray, keep: bool = False) ->
     if key not in _COMPILED:
         _COMPILED[key] = CompiledBatch(batch, len(given))
     numbers = np.stack([ticks, *given], axis=-1).astype(float)
-    kept: list[FloatArray] = _COMPILED[key](batch, numbers, keep)
-    return kept
+    return _COMPILED[key](batch, numbers, keep)
 
 
 def run_in_numpy(
