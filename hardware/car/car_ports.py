@@ -180,6 +180,8 @@ def ports_from_dict(data: Any, where: str = "ports") -> CarPorts:
     paths = ports.serial_paths
     if ports.console is not None:
         paths["console"] = ports.console.path
+    if ports.can is not None and ports.can.interface == "slcan":
+        paths["can"] = ports.can.channel.partition("@")[0]  # of PORT@BAUD_RATE
     for name, path in paths.items():
         if path in names:
             raise HardwareError(f"{where}: {name}.path: {path} is that of {names[path]} too")

@@ -90,7 +90,7 @@ def read_message(text: str) -> Message:
         return _MESSAGE.validate_json(text)
     except ValidationError as error:
         first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"]) or "message"
+        place = ".".join(map(str, first["loc"])) or "message"
         raise UserError(f"{place}: {first['msg']}") from None
 
 

@@ -14,7 +14,7 @@ FADE = 0.2
 
 def check_command(command: MitCommand) -> None:
     """Raises `HardwareError` for NaN, infinity and negative gains: no limit makes sense of them."""
-    if not all(math.isfinite(value) for value in vars(command).values()):
+    if not all(map(math.isfinite, vars(command).values())):
         raise HardwareError(f"{command}: must be finite")
     if command.kp < 0 or command.kd < 0:
         raise HardwareError(f"{command}: gains must not be negative")

@@ -192,7 +192,7 @@ class TeensyLink:
 
     def commit(self) -> None:
         """Writes the text frame of this cycle."""
-        first, second = (self._next_order(motor_id) for motor_id in self._ids)
+        first, second = map(self._next_order, self._ids)
         attitude = None
         if self._attitude is not None:
             attitude, taken = self._attitude

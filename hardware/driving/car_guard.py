@@ -175,7 +175,8 @@ class CarGuard:
         """Begins to stop, in the posture that gives up most of those of the causes; held, where
         there is none.
 
-        The first reason counts; later causes may give up more.
+        The first reason counts; later causes may give up more, and are added where they switch off
+        the motors of a car that moves.
 
         A car that is not armed yet is stopped at once, and cannot be armed any more.
         """
@@ -185,6 +186,9 @@ class CarGuard:
             self.reason = reason
             self.hard = posture is Posture.OFF
             self.stop_time = now
+        elif posture is Posture.OFF and self.stage is Stage.HOLDING and self._moves:
+            self.hard = True
+            self.reason += f"; then {reason}"
         if self.stage is Stage.READY:
             self._go(Stage.STOPPED, now)
         elif self.stage in _LIVE and posture is Posture.OFF:

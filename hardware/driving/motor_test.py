@@ -120,7 +120,7 @@ def _refuse_failed(test: MotorTest, step: float, fault: str) -> None:
     if fault:
         raise HardwareError(f"{name}: {fault}")
     if abs(test.moved - step) > _MAX_ERROR:
-        degrees, expected, error = (math.degrees(angle) for angle in (test.moved, step, _MAX_ERROR))
+        degrees, expected, error = map(math.degrees, (test.moved, step, _MAX_ERROR))
         raise HardwareError(
             f"{name}: moved by {degrees:+.1f} degrees; allowed is {expected:+g}, give or take "
             f"{error:g}"

@@ -333,7 +333,7 @@ class SlcanAdapter:
         frame = read_frame(line)
         if frame is None or not self._open or self._bus.off:
             return _ERROR
-        answers = b"".join(write_frame(answer) for answer in self._bus.carry(frame))
+        answers = b"".join(map(write_frame, self._bus.carry(frame)))
         return self._board.corrupt("can", answers)
 
 

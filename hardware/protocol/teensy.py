@@ -169,7 +169,7 @@ def make_command(command: TeensyCommand) -> bytes:
     _check_ids(*(order.motor_id for order in command.motors))
     _check_pulse("servo", command.servo, SERVO_PULSES)
     _check_pulse("throttle", command.throttle, THROTTLE_PULSES)
-    orders = "|;".join(_write_order(order) for order in command.motors)
+    orders = "|;".join(map(_write_order, command.motors))
     attitude = _write_attitude(command.attitude)
     data = f"{orders}|;{command.servo};{command.throttle}{attitude}".encode("ascii")
     return data + f";*{crc8(data):02X}".encode("ascii") + END

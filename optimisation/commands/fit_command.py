@@ -220,7 +220,7 @@ def bounds_of(given: list[str] | None) -> tuple[tuple[str, float, float], ...]:
     for text in given or []:
         name, _, numbers = text.partition("=")
         try:
-            low, high = (float(number) for number in numbers.split(","))
+            low, high = map(float, numbers.split(","))
         except ValueError:
             raise FitError(f"--bound {text}: write it as name=lowest,highest") from None
         if not low < high:

@@ -78,6 +78,7 @@ def best_motion(item: BoundItem) -> dict[str, Any]:
     bound = find_bound(scenarios, item.aim, limits, item.effort, starts, progress=progress)
     swing = solution_swing(item.name, item.settings, bound, item.aim)
     content = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
+    content["provenance"]["options"] = {"limits": " ".join(item.limits or ())}
     return bound.result | {"swing": content}
 
 
@@ -190,7 +191,16 @@ def _search_bounds(
         write_swing(swing_from_dict(result["swing"]), path, force=True)
         settings = (*item.settings, f"controller.swing_file={path}")
         bounds.append(
-            Descent(BOUND, first.case, first.speed, first.aim, settings, result, motion=path)
+            Descent(
+                BOUND,
+                first.case,
+                first.speed,
+                first.aim,
+                settings,
+                result,
+                motion=path,
+                limits=item.limits or (),
+            )
         )
     return bounds
 

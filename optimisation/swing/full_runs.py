@@ -29,6 +29,7 @@ from aerodima.optimisation.swerve.steering import (
     steering_settings,
 )
 from aerodima.optimisation.swerve.suite import Case
+from aerodima.optimisation.swing.swerve_shooting import read_limits
 from aerodima.workbench.batch.row_store import Row, content_key
 from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.car.swerve import Swerve, swerve_of, swerve_row
@@ -54,16 +55,18 @@ class FullRun(NamedTuple):
         settings: of the scenario `swerve`.
         aim: name, or function of a file.
         law: `FILE:CLASS` of the law that drives the tail instead of the scenario's; empty for that.
+        limits: that the run must keep, such as `roll=0.3`, see `LIMITS`.
     """
 
     settings: Settings
     aim: str
     law: str = ""
+    limits: tuple[str, ...] = ()
 
 
 def drive_full(run: FullRun) -> Row:
-    """Returns aim and measures of a full run; one whose aim is not finite does not count, nor does
-    one that cannot be made, which has an error.
+    """Returns aim and measures of a full run; one whose aim is not finite, or that breaks a limit,
+    does not count, nor does one that cannot be made, which has an error.
     """
     try:
         swerve = full_swerve(run)
@@ -73,7 +76,8 @@ def drive_full(run: FullRun) -> Row:
         return {"counts": False, "error": in_words(error)}
     row = swerve_row(swerve)
     value = float(find_aim(run.aim)(swerve)[0])
-    return row | {"counts": row["counts"] and isfinite(value), "value": value, "error": ""}
+    is_kept = isfinite(value) and all(one.is_kept(swerve) for one in read_limits(run.limits))
+    return row | {"counts": row["counts"] and is_kept, "value": value, "error": ""}
 
 
 def full_swerve(run: FullRun) -> Swerve:
@@ -86,7 +90,8 @@ def full_swerve(run: FullRun) -> Swerve:
 def run_key(run: FullRun) -> str:
     """Returns the key of a cached full run; files of a law and an aim count by their content."""
     files = code_content(run.law, run.aim)
-    return content_key("full run", run.aim, *files, *scenario_content(SWERVE, run.settings))
+    content = scenario_content(SWERVE, run.settings)
+    return content_key("full run", run.aim, run.limits, *files, *content)
 
 
 @dataclass
@@ -102,6 +107,7 @@ class Descent:
         borrows: whether that is the result of another candidate, which the reduced car can follow.
         step: of the plant of the full car in the table, s; None for the reduced car alone.
         motion: file of the candidate's motion, which a search on the full car may vary.
+        limits: of the full runs, beside those of every swerve.
         rows: full runs by share of the angles.
         further: full runs of such a search, and the best of them that counts, if it is above the
             best of `rows`.
@@ -117,6 +123,7 @@ class Descent:
     borrows: bool = False
     step: float | None = FINE_STEP
     motion: Path | None = None
+    limits: tuple[str, ...] = ()
     rows: dict[float, Row] = field(default_factory=dict)
     further: int = 0
     found: tuple[FullRun, Row, None] | None = None
@@ -165,7 +172,7 @@ class Descent:
     def run_with(self, settings: Settings) -> FullRun:
         """Returns the full run with settings of the car and of the steering."""
         step = step_settings(max(self.step or FINE_STEP, CLIMB_STEP))
-        return FullRun((*settings, *step), self.aim, self.candidate.law)
+        return FullRun((*settings, *step), self.aim, self.candidate.law, self.limits)
 
     @property
     def best_run(self) -> tuple[FullRun, Row, float | None] | None:

@@ -137,7 +137,7 @@ def varied_swing(swing: SwingFile, change: FloatArray, steering: Sequence[str]) 
     and its pitch moved (3,). Its settings, which end with those of its steering, end with those of
     another one, and of what was found it keeps the aim alone.
     """
-    share, stretch, pitch = (float(value) for value in change)
+    share, stretch, pitch = map(float, change)
     times = np.linspace(0.0, swing.knots.time_s[-1], CURVE_SAMPLES)
     reach = float(np.max(np.abs(swing_at(swing, times).roll_position)))
     most = swing.limits.roll_position_rad - KNOT_ROUNDING

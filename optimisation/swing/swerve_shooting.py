@@ -86,6 +86,11 @@ class Limit:
     lower: float = -np.inf
     upper: float = np.inf
 
+    def is_kept(self, swerve: Swerve) -> bool:
+        """Returns whether the cars of a swerve keep it."""
+        values = self.function(swerve)
+        return bool(np.all((self.lower <= values) & (values <= self.upper)))
+
 
 def peaks(swerve: Swerve, values: FloatArray) -> FloatArray:
     """Returns the largest values (steps, n) in each window from the start of the steering on

@@ -154,12 +154,14 @@ def verify_swing(
     return Verification(played, turn_words(played, driven), checks, log)
 
 
-def _turn_checks(row: Facts) -> Iterator[Check]:
-    yield Check("survives", float(row["outcome"] == "survived"), "", low=1.0)
-    yield Check("survives and touches nothing", float(is_clean(row)), "", low=1.0)
-    yield Check("heading change", row["heading_change_rad"], "rad")
-    yield Check("peak roll of the car", row["peak_roll_rad"], "rad")
-    yield Check("energy of the tail", row["tail_energy_j"], "J")
+def _turn_checks(row: Facts) -> list[Check]:
+    return [
+        Check("survives", float(row["outcome"] == "survived"), "", low=1.0),
+        Check("survives and touches nothing", float(is_clean(row)), "", low=1.0),
+        Check("heading change", row["heading_change_rad"], "rad"),
+        Check("peak roll of the car", row["peak_roll_rad"], "rad"),
+        Check("energy of the tail", row["tail_energy_j"], "J"),
+    ]
 
 
 def _aim_checks(swing: SwingFile, scenario: Scenario) -> Iterator[Check]:
@@ -175,7 +177,7 @@ def _aim_checks(swing: SwingFile, scenario: Scenario) -> Iterator[Check]:
     yield Check(f"aim {aim.name}", value, aim.unit, low=claimed - AIM_MARGIN * abs(claimed))
 
 
-def _tail_checks(swing: SwingFile, scenario: Scenario, log: RunLog) -> Iterator[Check]:
+def _tail_checks(swing: SwingFile, scenario: Scenario, log: RunLog) -> list[Check]:
     state = log.signal("controller_state")
     limits = swing.limits
     since = log.time - log.time[np.flatnonzero(state == SwingState.SWING)[0]]
@@ -194,15 +196,17 @@ def _tail_checks(swing: SwingFile, scenario: Scenario, log: RunLog) -> Iterator[
     followed = float(not np.any(state == SwingState.FALLBACK))
     max_roll = limits.roll_position_rad + _MARGIN
     max_pitch = limits.pitch_position_rad + _MARGIN
-    yield Check("knots followed to their end", followed, "", low=1.0)
-    yield _peak("tail roll off the knots", off, "rad")
-    yield _peak("tail roll off the last knot", off[-1], "rad")
-    yield _peak("tail pitch off the knots", pitch_off, "rad")
-    yield _peak("tail roll", roll[after], "rad", max_roll)
-    yield _peak("tail pitch", pitch[after], "rad", max_pitch)
-    yield _peak("motor torque", torques, "N m", limits.torque_n_m + _MARGIN)
-    yield Check("distance of the tail from the car", float(np.min(car)), "m", low=0.0)
-    yield Check("height of the tail over the ground", float(np.min(ground)), "m", low=0.0)
+    return [
+        Check("knots followed to their end", followed, "", low=1.0),
+        _peak("tail roll off the knots", off, "rad"),
+        _peak("tail roll off the last knot", off[-1], "rad"),
+        _peak("tail pitch off the knots", pitch_off, "rad"),
+        _peak("tail roll", roll[after], "rad", max_roll),
+        _peak("tail pitch", pitch[after], "rad", max_pitch),
+        _peak("motor torque", torques, "N m", limits.torque_n_m + _MARGIN),
+        Check("distance of the tail from the car", float(np.min(car)), "m", low=0.0),
+        Check("height of the tail over the ground", float(np.min(ground)), "m", low=0.0),
+    ]
 
 
 def _peak(name: str, values: ArrayLike, unit: str, high: float = math.inf) -> Check:

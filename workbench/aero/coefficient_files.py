@@ -21,6 +21,7 @@ from aerodima.workbench.aero.section_laws import (
     speed_line,
 )
 from aerodima.workbench.core.errors import ModelError
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.yaml_files import (
     StrictModel,
     checked,
@@ -280,9 +281,9 @@ def load_coefficients(name_or_path: str | Path) -> CoefficientSet:
     return coefficients_from_dict(content, str(path))
 
 
-def _csv_content(path: Path) -> dict[str, Any]:
+def _csv_content(path: Path) -> Json:
     """Reads a CSV table as the content of a YAML file of the same table."""
-    columns: dict[str, Any] = dict.fromkeys(("speed_m_per_s", "angle_rad", "cd", "cl"), float)
+    columns: Json = dict.fromkeys(("speed_m_per_s", "angle_rad", "cd", "cl"), float)
     columns["source"] = str
     try:
         nodes = pd.read_csv(path).astype(columns)
@@ -316,7 +317,7 @@ def coefficients_from_dict(content: Any, where: str) -> CoefficientSet:
     law = str(content.get("law"))
     kind = str(content.get("kind"))
     if (law, kind) not in _KINDS and content.get("schema") == SCHEMA:
-        allowed = ", ".join("/".join(pair) for pair in _KINDS)
+        allowed = ", ".join(map("/".join, _KINDS))
         raise ModelError(f"{where}: law/kind is {law}/{kind} (allowed: {allowed})")
     model = _KINDS.get((law, kind), _TwoSided)  # of another schema no model is asked
     result = checked(model, content, where, ModelError, schema=SCHEMA)

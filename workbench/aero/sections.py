@@ -228,7 +228,7 @@ class Jet:
         Exposure along a hanging tail then starts at edge_depth / (cos(angle) + slope sin(angle))
         for psi = 0.
         """
-        x, y, z = (float(value) for value in p_WP)
+        x, y, z = map(float, p_WP)
         return cls((x, y, z - edge_depth), (math.sin(psi), -math.cos(psi), 0.0), slope)
 
     def height_below_edge(self, p_WQ: Any) -> Any:

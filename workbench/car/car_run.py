@@ -23,6 +23,7 @@ from aerodima.workbench.control.manoeuvre import (
 from aerodima.workbench.control.swing_library import swing_facts
 from aerodima.workbench.control.tail_law import TailLaw
 from aerodima.workbench.core.file_reading import Json
+from aerodima.workbench.core.port_wiring import add_and_connect
 from aerodima.workbench.core.system_lifetime import break_reference_cycles
 from aerodima.workbench.logs.recorder import (
     RunRecorder,
@@ -56,9 +57,9 @@ def run_car(
     car = assemble(scenario, meshcat=view.meshcat, tail_law=law, build=build, bodies=bodies)
     watch: FlipWatch | None = None
     if stop_when_certain:
-        watch = FlipWatch.add_to_builder(
-            car.builder, car.station, scenario.simulation.log_rate, turn_end(scenario)
-        )
+        watch = FlipWatch(car.station, scenario.simulation.log_rate, turn_end(scenario))
+        state = car.station.GetOutputPort("plant_state_truth")
+        add_and_connect(car.builder, watch, "flip_watch", plant_state=state)
     columns = recorded_columns(car.signals)
     metadata = _metadata(car, scenario, law, build)
     with _released(car, build or bodies), open_log(log, columns, metadata, force) as rows:

@@ -26,6 +26,7 @@ from aerodima.workbench.car.verdict import (
     stays_upright,
     touches_ground,
 )
+from aerodima.workbench.control.paths import place_outline
 from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.scenario.car_parameters import CarParameters
@@ -120,18 +121,6 @@ def car_outline(car: CarParameters) -> FloatArray:
         corners.append(corners[-1])
     left = np.array(corners).T
     return np.concatenate([left, left * [[1.0], [-1.0]]], axis=1)
-
-
-def place_outline(
-    outline: FloatArray, x: float | FloatArray, y: float | FloatArray, heading: float | FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Returns x and y in W of corners in B (2, corners, ...), m, of a car whose origin of B is at x
-    and y, m, with a heading, rad.
-    """
-    ahead, left = outline
-    cosine = np.cos(heading)
-    sine = np.sin(heading)
-    return x + cosine * ahead - sine * left, y + sine * ahead + cosine * left
 
 
 def outline_from_above(run_log: RunLog, after: Sequence[float] | FloatArray) -> FloatArray:

@@ -7,7 +7,6 @@ from typing import Any
 from pydrake.systems.framework import (
     Context,
     Diagram,
-    DiagramBuilder,
     EventStatus,
     LeafSystem,
 )
@@ -20,7 +19,7 @@ from aerodima.workbench.control.manoeuvre import (
     turn_start,
 )
 from aerodima.workbench.core.event_order import EVENT_OFFSET, nominal_time, row_period, step_instant
-from aerodima.workbench.core.port_wiring import add_and_connect, vector_of
+from aerodima.workbench.core.port_wiring import vector_of
 from aerodima.workbench.scenario.scenario import Scenario
 
 _TIME_MARGIN = 1e-9
@@ -100,16 +99,6 @@ class FlipWatch(LeafSystem):
         self.stopped: float | None = None
         self._state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
         self.DeclarePeriodicPublishEvent(row_period(rate, plant.time_step()), 0.0, self._update)
-
-    @classmethod
-    def add_to_builder(
-        cls, builder: DiagramBuilder, station: Diagram, rate: float, stop_after: float
-    ) -> "FlipWatch":
-        """Adds a watch to the diagram of a simulated station."""
-        state = station.GetOutputPort("plant_state_truth")
-        return add_and_connect(
-            builder, cls(station, rate, stop_after), "flip_watch", plant_state=state
-        )
 
     def facts(self) -> dict[str, float]:
         """Returns when the watch ended the run, if it did, for `extra` of the log."""

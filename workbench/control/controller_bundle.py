@@ -3,21 +3,20 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
 from aerodima.workbench.control.swing_library import SWING, swing_facts
 from aerodima.workbench.control.swing_player import SwingPlayer
 from aerodima.workbench.control.tail_law import TailLaw
 from aerodima.workbench.core.errors import ScenarioError
-from aerodima.workbench.core.file_reading import read_text, reading
+from aerodima.workbench.core.file_reading import Json, read_text, reading
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario, scenario_from_dict
 from aerodima.workbench.scenario.swing_file import (
     swing_from_dict,
 )
 
 
-def make_bundle(scenario: Scenario) -> dict[str, Any]:
+def make_bundle(scenario: Scenario) -> Json:
     """Returns the scenario as plain data, with the swing that it names, if any, under `swing`.
 
     Raises:

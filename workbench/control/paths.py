@@ -192,6 +192,18 @@ def path_of(scenario: Any) -> Path:
     return LaneChange(car.track + car.tyre_width, begin, side)
 
 
+def place_outline(
+    outline: FloatArray, x: float | FloatArray, y: float | FloatArray, heading: float | FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Returns x and y in W of corners in B (2, corners, ...), m, of a car whose origin of B is at x
+    and y, m, with a heading, rad.
+    """
+    ahead, left = outline
+    cosine = np.cos(heading)
+    sine = np.sin(heading)
+    return x + cosine * ahead - sine * left, y + sine * ahead + cosine * left
+
+
 def off_path(
     path: Path,
     x: FloatArray,
@@ -230,7 +242,5 @@ def off_path(
     one = np.ones(OUTLINE)
     ahead = wheelbase * np.concatenate([share, share, 0.0 * one, one])[:, None]
     across = half_width * np.concatenate([one, -one, 2.0 * share - 1.0, 2.0 * share - 1.0])[:, None]
-    cosine = np.cos(heading)
-    sine = np.sin(heading)
-    outline = x + cosine * ahead - sine * across, y + sine * ahead + cosine * across
-    return np.maximum.reduce(path.outside(*outline))
+    placed = place_outline(np.array([ahead, across]), x, y, heading)
+    return np.maximum.reduce(path.outside(*placed))

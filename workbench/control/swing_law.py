@@ -72,13 +72,9 @@ class SwingSettings(ControllerParameters):
 
     @classmethod
     def from_scenario(cls, scenario: Any) -> "SwingSettings":
-        """Reads the settings from `controller` and `tail.mode` of a scenario, or of any object with
-        them.
-        """
-        values = {
-            key: getattr(scenario.controller, key) for key in ControllerParameters.model_fields
-        }
-        return checked(cls, {**values, "mode": scenario.tail.mode}, "controller")
+        """Reads the settings from `controller` and `tail.mode` of a scenario."""
+        values = {**scenario.controller.model_dump(), "mode": scenario.tail.mode}
+        return checked(cls, values, "controller")
 
 
 class SwingPhase(NamedTuple):

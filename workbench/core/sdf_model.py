@@ -96,7 +96,7 @@ class SdfModel:
     def inertial(self, link: str) -> Inertial:
         """Read mass, centre of mass, moments and products of inertia of a link."""
         element = self._child(self._named("link", link), "inertial")
-        x, y, z = (float(word) for word in (self._child(element, "pose").text or "").split()[:3])
+        x, y, z = map(float, (self._child(element, "pose").text or "").split()[:3])
         inertia = self._child(element, "inertia")
         xx, yy, zz = (float(self._child(inertia, tag).text or "nan") for tag in _MOMENTS)
         xy, xz, yz = (float(inertia.findtext(tag, "0")) for tag in _PRODUCTS)

@@ -35,6 +35,7 @@ from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.elementwise import roll_pitch_yaw, rotation_rows
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.core.extras import require
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.logs.mapping import CsvFormat, time_factor
 from aerodima.workbench.logs.mat_reading import is_version_7_3, read_struct
@@ -316,7 +317,7 @@ def read_mcap(path: Path) -> ForeignLog:
     from mcap.stream_reader import StreamReader
 
     unreadable: Texts = {}
-    messages: dict[str, list[dict[str, Any]]] = {}
+    messages: dict[str, list[Json]] = {}
     channels: dict[int, Channel] = {}
     count = 0
     with open(path, "rb") as stream:
@@ -353,7 +354,7 @@ def read_bag(path: Path) -> ForeignLog:
     from rosbags.typesys import Stores, get_typestore
 
     unreadable: Texts = {}
-    messages: dict[str, list[dict[str, Any]]] = {}
+    messages: dict[str, list[Json]] = {}
     count = 0
     with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
         for connection, time, data in reader.messages():
@@ -368,9 +369,9 @@ def read_bag(path: Path) -> ForeignLog:
     return _of_topics(path, messages, unreadable)
 
 
-def _row(topic: str, message: Any, time: int) -> dict[str, Any]:
+def _row(topic: str, message: Any, time: int) -> Json:
     """Makes the row of a message: single values, and the time (ns) at which it was logged, in s."""
-    row: dict[str, Any] = {f"{topic}@log_time": time * NANOSECOND}
+    row: Json = {f"{topic}@log_time": time * NANOSECOND}
     for name, value in _leaves(topic, message):
         if isinstance(value, list) or np.size(value) > MAX_COLUMNS:
             row[name] = f"{len(value)} values"
@@ -391,9 +392,7 @@ def _refuse_lost(path: Path, count: int, written: int) -> None:
         )
 
 
-def _of_topics(
-    path: Path, messages: Mapping[str, list[dict[str, Any]]], unreadable: Texts
-) -> ForeignLog:
+def _of_topics(path: Path, messages: Mapping[str, list[Json]], unreadable: Texts) -> ForeignLog:
     """Makes the columns of the messages of each topic, in the order of their times."""
     columns: Columns = {}
     time_of: Texts = {}

@@ -169,7 +169,7 @@ class RunLog:
 def _finite(values: Any) -> tuple[float, ...]:
     """Converts values to finite numbers; none if one of them is not."""
     try:
-        numbers = tuple(float(value) for value in values)
+        numbers = tuple(map(float, values))
     except (TypeError, ValueError, OverflowError):
         return ()
     return numbers if all(map(math.isfinite, numbers)) else ()

@@ -253,7 +253,7 @@ class ScenarioFile(StrictModel):
         return cls.from_dict(data, where, settings)
 
     @classmethod
-    def _with_base(cls, data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    def _with_base(cls, data: Json, folder: Path) -> Json:
         """Join the content of a file in a folder with that of the scenario that it names as
         `base`.
         """

@@ -77,6 +77,12 @@ WRONG = {
     "unknown key": ({"gyro": {"path": "/dev/x"}}, "gyro"),
     "schema": ({"schema": "aerodima/ports/2"}, "aerodima/ports/1", "aerodima/ports/2"),
     "device twice": ({"gps": {"path": "/dev/b"}}, "gps.path", "/dev/b", "imu"),
+    "Teensy as adapter": (
+        {"can": {"interface": "slcan", "channel": "/dev/a@115200"}, "teensy": {"path": "/dev/a"}},
+        "can",
+        "/dev/a",
+        "teensy",
+    ),
     "profile": ({"firmware_profile": "ak70_10_v9"}, "ak70_10_v9"),
     "ids": ({"tail_roll": {"motor_id": 1}}, "id 1"),
     "id": ({"tail_roll": {"motor_id": 64}}, "tail_roll.motor_id", "64"),

@@ -303,7 +303,9 @@ def test_a_hard_reason_while_holding_exits_at_once(car):
     car.wiring.motor_fault("pitch")
     car.turn()
     assert car.guard.stage is Stage.EXITING
-    assert car.guard.reason == "the operator is silent"
+    assert car.guard.reason.startswith("the operator is silent; then ")
+    assert "pitch" in car.guard.reason
+    assert car.guard.hard, "it does not end in order"
     assert car.guard.posture.startswith("pitch held, roll limp for 0.05 s")
 
 

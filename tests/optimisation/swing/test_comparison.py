@@ -241,6 +241,17 @@ def test_the_tail_of_a_law_of_the_readers_waits_in_the_middle(tmp_path):
     assert scenario.resting_roll == 0.0
 
 
+def test_a_run_that_breaks_a_limit_does_not_count():
+    run = FullRun(
+        ("manoeuvre.level_1=0.05", "manoeuvre.speed=4", "simulation.step=0.002"), "course"
+    )
+    rolls = drive_full(run)
+    for limit, counts in (("roll=0.3", True), ("roll=0.001", False), ("speed=4.2", False)):
+        row = drive_full(run._replace(limits=(limit,)))
+        assert row["counts"] is counts, limit
+        assert row["value"] == rolls["value"]
+
+
 def test_a_run_whose_aim_is_no_number_does_not_count(tmp_path):
     aim = tmp_path / "aims.py"
     aim.write_text("def unknown(swerve):\n    return float('nan') * swerve.speed[0]\n")
@@ -322,6 +333,7 @@ def test_an_aim_of_ones_own_becomes_a_verified_motion_and_a_replay(tmp_path):
     assert "0 runs made" in found.stderr
     swing = read_swing(path)
     assert str(swing.provenance.found["aim"]).endswith("aims.py:thrifty")
+    assert swing.provenance.options["limits"] == "roll=0.3"
     verdict = call("swing", "verify", path, "--out", tmp_path / "v")
     assert found.exit_code == verdict.exit_code == 0, found.output
     checks = yaml.safe_load((tmp_path / "v" / "verification.yaml").read_text())["checks"]
