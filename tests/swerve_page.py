@@ -2,7 +2,7 @@
 `python -m tests.swerve_page FOLDER...`, folders of `aerodima swing judge`.
 
 The motions of the case that the demo shows are copied to `models/swings`, and its settings name
-them there; those of other full runs are left out.
+them there; settings of other full runs that name a motion are left out.
 """
 
 import json
@@ -97,7 +97,8 @@ def store(folders: list[Path]) -> None:
     is_shown = (table["plant"] == "full") & table["value"].notna()
     for column in PLACE:
         is_shown &= table[column] == getattr(shown, column)
-    table["settings"] = table["settings"].where(is_shown, "")
+    names_a_file = table["settings"].str.contains(f"{SWING}/", regex=False, na=False)
+    table["settings"] = table["settings"].where(is_shown | ~names_a_file, "")
     for index in table.index[is_shown]:
         settings = json.loads(table.loc[index, "settings"])
         for number, setting in enumerate(settings):
