@@ -177,15 +177,15 @@ def ports_from_dict(data: Any, where: str = "ports") -> CarPorts:
     """Checks the ports in plain data; see `read_ports`."""
     ports = checked(CarPorts, data, where, HardwareError, schema=SCHEMA)
     names: dict[str, str] = {}
-    paths = ports.serial_paths
+    paths = {f"{name}.path": path for name, path in ports.serial_paths.items()}
     if ports.console is not None:
-        paths["console"] = ports.console.path
+        paths["console.path"] = ports.console.path
     if ports.can is not None and ports.can.interface == "slcan":
-        paths["can"] = ports.can.channel.partition("@")[0]  # of PORT@BAUD_RATE
-    for name, path in paths.items():
+        paths["can.channel"] = ports.can.channel.partition("@")[0]  # of PORT@BAUD_RATE
+    for key, path in paths.items():
         if path in names:
-            raise HardwareError(f"{where}: {name}.path: {path} is that of {names[path]} too")
-        names[path] = name
+            raise HardwareError(f"{where}: {key}: {path} is that of {names[path]} too")
+        names[path] = key
     ports.profile  # noqa: B018 - raises if it is unknown
     return ports
 

@@ -3,7 +3,7 @@
 ```
  READY -- arm, by hand --> ARMED -- drive --> DRIVING    (a reason to stop before that: STOPPED)
                              |                   |
-                             +-- held first -----+--> HOLDING (throttle 0, tail held or by its law)
+                             +-- held first -----+--> HOLDING (throttle 0, tail held)
                              |                             | at rest, or after `max_tail_hold`
                              +-- at once --------------> EXITING (exit frames)
                                                            | after `after_exit`

@@ -18,7 +18,7 @@ from aerodima.optimisation.swerve.steering import (
     search_steering,
 )
 from aerodima.optimisation.swerve.suite import FOLDED
-from aerodima.workbench.batch.row_store import content_key
+from aerodima.workbench.batch.row_store import Row, content_key
 from aerodima.workbench.car.reduced.parameters import VehicleParams
 from aerodima.workbench.car.reduced.swerves import (
     FeedbackSwerve,
@@ -150,7 +150,7 @@ class SteeringItem:
         return content_key("steering", repr(self), scenarios, code_content(self.aim))
 
 
-def best_steering(item: SteeringItem) -> dict[str, Any]:
+def best_steering(item: SteeringItem) -> Row:
     """Returns score and steering of a search, and the index of the best variant."""
     aim = find_aim(item.aim)
     results = []

@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -33,7 +32,7 @@ from aerodima.optimisation.swing.full_search import search_full
 from aerodima.optimisation.swing.solution import solution_swing
 from aerodima.optimisation.swing.swerve_shooting import read_limits, tail_at_knots
 from aerodima.optimisation.swing.verification import car_limit
-from aerodima.workbench.batch.row_store import no_progress, print_progress
+from aerodima.workbench.batch.row_store import Row, no_progress, print_progress
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.swing_file import swing_from_dict, write_swing
 
@@ -63,7 +62,7 @@ class BoundItem:
     name: str = ""
 
 
-def best_motion(item: BoundItem) -> dict[str, Any]:
+def best_motion(item: BoundItem) -> Row:
     """Returns score and steering of a bound, and its swing file as plain data."""
     scenarios = [load_scenario(SWERVE, one) for one in (item.settings, *item.others)]
     limits = []
@@ -78,7 +77,8 @@ def best_motion(item: BoundItem) -> dict[str, Any]:
     bound = find_bound(scenarios, item.aim, limits, item.effort, starts, progress=progress)
     swing = solution_swing(item.name, item.settings, bound, item.aim)
     content = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
-    content["provenance"]["options"] = {"limits": " ".join(item.limits or ())}
+    if item.limits:
+        content["provenance"]["options"] = {"limits": " ".join(item.limits)}
     return bound.result | {"swing": content}
 
 

@@ -34,8 +34,9 @@ from tests.workbench.made_up_runs import signals_equal
 REPEATS = 5
 """Runs of each kind, in turns so that all meet the same disturbances."""
 COPIES_OF_A_PORT = 3
-"""Systems in Python before each of the three driven ports of a plant, nine in all: motors, joint
-friction, air, drive train, servo, sensors and controllers of a lean station are as many."""
+"""Systems in Python before each of the three driven ports of a plant, nine in all. A lean station
+has six that are evaluated in every step (motors, their friction, air, drive train, servo), and six
+at the rate of a sensor or controller."""
 
 
 class Copy(LeafSystem):
@@ -58,9 +59,9 @@ def bench_step() -> list[BenchRow]:
     (through the same turn, by the recorded torques, forces and steering angles of the station). The
     rest of the ratio is what the station adds. With Coulomb tyres a driven plant costs half as much
     again, since its contact solver works harder, and the ratio is smaller. What Drake takes to call
-    Python at all is the row of copies: as many systems in Python as the lean station evaluates in a
-    step, each of which copies its input. Each is stepped through the whole published turn at 3.33
-    m/s. The least of all repeats counts, kind by kind.
+    Python at all is the row of copies: some more systems in Python than the lean station evaluates
+    in a step, each of which copies its input. Each is stepped through the whole published turn at
+    3.33 m/s. The least of all repeats counts, kind by kind.
     """
     scenario = load_scenario("turn_swing")
     inputs = _recorded_inputs(scenario)

@@ -79,9 +79,9 @@ WRONG = {
     "device twice": ({"gps": {"path": "/dev/b"}}, "gps.path", "/dev/b", "imu"),
     "Teensy as adapter": (
         {"can": {"interface": "slcan", "channel": "/dev/a@115200"}, "teensy": {"path": "/dev/a"}},
-        "can",
+        "can.channel",
         "/dev/a",
-        "teensy",
+        "teensy.path",
     ),
     "profile": ({"firmware_profile": "ak70_10_v9"}, "ak70_10_v9"),
     "ids": ({"tail_roll": {"motor_id": 1}}, "id 1"),
