@@ -56,8 +56,8 @@ Candidates = Annotated[
     list[str] | None,
     typer.Option(
         help="none, low-ballast, folded, held, published, feedback, bound, rollover-control, "
-        "feedback-rollover-control, a swing, or a file of candidates; may be repeated; by default "
-        "the first nine. The car without tail always takes part.",
+        "feedback-rollover-control, bound-announced, a swing, or a file of candidates; may be "
+        "repeated; by default the first nine. The car without tail always takes part.",
         autocompletion=_candidate_names,
     ),
 ]
@@ -251,15 +251,15 @@ def _standard(
     conditions: tuple[str, ...],
     runs: CachedRunner,
 ) -> pd.DataFrame:
-    """Drives the manoeuvres of the standard with all candidates but the bound, which has no law."""
+    """Drives the manoeuvres of the standard with all candidates but bounds, which have no law."""
     from aerodima.optimisation.swerve.standard_manoeuvres import compare_standard
-    from aerodima.optimisation.swerve.suite import ensemble_cases, select_candidates
+    from aerodima.optimisation.swerve.suite import BOUNDS, ensemble_cases, select_candidates
 
     where = options.arguments() | {"seed": options.seed}
     where.pop("speeds", None)
     cases = ensemble_cases(part="test", number=cars, conditions=conditions, **where)
-    without_bound = [name for name in names if name != "bound"]
-    return compare_standard(select_candidates(without_bound, laws), cases, runs)
+    chosen = [one for one in select_candidates(names, laws) if one not in BOUNDS]
+    return compare_standard(chosen, cases, runs)
 
 
 @cli.grouped

@@ -1,8 +1,6 @@
 """What a swerve aims at, by name or as a function of the user's, and when it counts."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -10,6 +8,7 @@ import numpy as np
 
 from aerodima.workbench.car.swerve import (
     LATER,
+    Measure,
     Swerve,
     aside,
     course_change,
@@ -42,7 +41,7 @@ class Aim:
     """
 
     name: str
-    function: Callable[[Swerve], FloatArray]
+    function: Measure
     unit: str
     size: float
 
@@ -91,7 +90,7 @@ def find_aim(name: str) -> Aim:
     return AIMS[name]
 
 
-def as_aim(aim: Aim | Callable[[Swerve], FloatArray] | str) -> Aim:
+def as_aim(aim: Aim | Measure | str) -> Aim:
     """Returns the aim of a name or a function."""
     if isinstance(aim, Aim):
         return aim
@@ -100,7 +99,7 @@ def as_aim(aim: Aim | Callable[[Swerve], FloatArray] | str) -> Aim:
     return Aim(aim.__name__, aim, "", USUAL_SIZE)
 
 
-def score(swerve: Swerve, aim: Callable[[Swerve], FloatArray]) -> FloatArray:
+def score(swerve: Swerve, aim: Measure) -> FloatArray:
     """Returns the aim of swerves that count (n,); what is below `FAILED` of the others."""
     value = aim(swerve)
     lifted = FAILED - LIFT_WEIGHT * np.maximum(max_side_lift(swerve), 0.0)

@@ -1,7 +1,5 @@
 """Conditions of a car that is not as modelled, in which rollover controls are trained."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from aerodima.optimisation.swerve.candidate import SWERVE, Settings

@@ -1,7 +1,5 @@
 """Differential evolution (Storn and Price 1997, doi 10.1023/A:1008202821328)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from scipy.optimize import differential_evolution

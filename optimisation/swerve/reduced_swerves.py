@@ -1,7 +1,5 @@
 """Swerves of a candidate on reduced cars."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -19,7 +17,7 @@ from aerodima.optimisation.swerve.steering import (
 )
 from aerodima.optimisation.swerve.suite import FOLDED
 from aerodima.workbench.batch.row_store import Row, content_key
-from aerodima.workbench.car.reduced.parameters import VehicleParams
+from aerodima.workbench.car.reduced.parameters import VehicleParams, take
 from aerodima.workbench.car.reduced.swerves import (
     FeedbackSwerve,
     LimitedSwerve,
@@ -66,7 +64,7 @@ class ReducedSwerve:
         law and the rollover control by their keys, such as `feedback.kp`, if asked.
         """
         n = steering.shape[1]
-        cars = self._car.take(np.zeros(n, int))
+        cars = take(self._car, np.zeros(n, int))
         rollout: SwerveRollout
         if self._swing is None:
             others = numbers or {}

@@ -5,8 +5,6 @@ car with the same cornering stiffness per load on both axles is wheelbase x 0.3 
 Speeds are those of the standard over the root of 10, for a car of 1:10; so are times.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple

@@ -2,8 +2,6 @@
 differential evolution with the same budget for all.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +11,7 @@ import numpy as np
 from aerodima.optimisation.swerve.aims import score
 from aerodima.optimisation.swerve.evolution import evolve
 from aerodima.workbench.car.reduced.swerves import LEVELS, STEERING
-from aerodima.workbench.car.swerve import Swerve
+from aerodima.workbench.car.swerve import Measure, Swerve
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
@@ -22,6 +20,8 @@ MIN_FIRST_LEVEL = 0.012
 """Least first angle, rad: it begins the swerve, and is above what counts as steering."""
 MIN_DRAWN_LEVEL = 0.015
 """Least angle of the first generation, rad."""
+TRIMS = (-0.05, 0.009)
+"""Least and largest trim, rad: into the turn it stays below what releases a swing."""
 FIRST_ENDS = (0.02, 0.6)
 """Range of the end of the first level, s."""
 SECOND_ENDS = (0.04, 1.2)
@@ -30,8 +30,9 @@ CONSTANT_ENDS = (0.2, 0.6)
 """Ends of the first two levels of a steering that is constant, s."""
 TICK = 0.01
 """Ends of levels are whole ticks of the driver, s."""
-STEERING_KEYS = ("level_1", "level_2", "level_3", "level_1_end", "level_2_end")
-"""Keys of section `manoeuvre` that are a steering, in the order of its array."""
+STEERING_KEYS = ("level_1", "level_2", "level_3", "level_1_end", "level_2_end", "trim_angle")
+"""Keys of section `manoeuvre` that are a steering, in the order of its array, which ends before the
+trim where the car needs none."""
 MIN_MEMBERS = 8
 """Least number of members of a generation."""
 
@@ -59,7 +60,7 @@ class SearchEffort:
 
 def search_steering(
     drive: Callable[[FloatArray], Swerve],
-    aim: Callable[[Swerve], FloatArray],
+    aim: Measure,
     limit: float,
     effort: SearchEffort,
 ) -> tuple[float, FloatArray]:
@@ -125,8 +126,8 @@ def scaled_steering(steering: FloatArray, share: float, limit: float = math.inf)
 
 
 def steering_settings(steering: FloatArray) -> tuple[str, ...]:
-    """Returns the settings of a steering (`STEERING`,)."""
-    numbers = zip(STEERING_KEYS, steering, strict=True)
+    """Returns the settings of a steering (`STEERING`,), or of one with a trim."""
+    numbers = zip(STEERING_KEYS, steering, strict=False)
     return tuple(f"manoeuvre.{key}={float(f'{value:.9g}')!r}" for key, value in numbers)
 
 

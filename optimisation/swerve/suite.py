@@ -1,7 +1,5 @@
 """Tails, candidates and cases of a comparison by name, from `models/swerve/suite.yaml`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -49,10 +47,15 @@ _PATH = model_path("swerve/suite.yaml")
 SUITE = checked(SuiteFile, read_yaml(_PATH), str(_PATH), SweepError, schema=SCHEMA)
 BOUND = Candidate("bound", ("tail.mode=swing",))
 """Stands for the best motion of the tail; it is searched for every car."""
+ANNOUNCED = Candidate("announced bound", BOUND.settings)
+"""The same of a tail that knows of the turn and may wait at a side; the car goes straight there."""
+BOUNDS = (BOUND, ANNOUNCED)
+"""All of these."""
 NAMED_CANDIDATES = {
     "none": NO_TAIL,
     "low-ballast": LOW_BALLAST,
     "bound": BOUND,
+    "bound-announced": ANNOUNCED,
     **{name: one.candidate() for name, one in SUITE.candidates.items()},
 }
 """Name that asks for one -> candidate."""

@@ -2,8 +2,6 @@
 as a table for the terminal and as a page.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -14,7 +12,7 @@ from matplotlib.figure import Figure
 from aerodima.optimisation.studies.runs import make_frame
 from aerodima.optimisation.swerve.candidate import LOW_BALLAST, NO_TAIL
 from aerodima.workbench.batch.row_store import Row
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Pair
 from aerodima.workbench.core.text_table import text_table
 from aerodima.workbench.view.figure_style import BLUE, SKY, new_figure, styled
 from aerodima.workbench.view.report_page import Page, Plot, Section, Table, percent
@@ -79,7 +77,7 @@ def has_gain(summary: pd.DataFrame) -> bool:
     return with_tail.empty or bool((with_tail["gain"] > 0.0).any())
 
 
-def median_interval(values: FloatArray, seed: int) -> tuple[float, float]:
+def median_interval(values: FloatArray, seed: int) -> Pair:
     """Computes the 95 % interval of the median over cars, which are drawn again with replacement;
     NaN without a car.
 

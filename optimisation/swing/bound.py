@@ -6,8 +6,6 @@ variables, the best of its first generation, and motions and steerings of candid
 tail, so that the bound is not below one whose motion its variables contain.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -38,7 +36,7 @@ from aerodima.optimisation.swing.swerve_shooting import (
 )
 from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, no_progress
 from aerodima.workbench.car.reduced.swerves import STEERING
-from aerodima.workbench.car.swerve import Swerve
+from aerodima.workbench.car.swerve import Measure
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SwingError
 from aerodima.workbench.scenario.scenario import Scenario
@@ -47,6 +45,8 @@ MAX_DRAWN_ROLL = 1.5
 """Largest roll of the tail in the first generation, rad."""
 DRAWN_PITCHES = (-1.1, -0.6, 0.0, 0.0)
 """Pitches of the tail in the first generation, rad."""
+WAITS = (-0.4, -0.8, -1.2)
+"""Rolls, rad, at which the tail waits in further starts where the turn is announced: inside."""
 STILL_SHARE = 4
 """One in so many tails of the first generation does not roll."""
 
@@ -88,7 +88,7 @@ class Bound:
     wall_time: float
 
     def steering(self, member: int = 0) -> FloatArray:
-        """Returns the steering (`STEERING`,) of one car, rad and s."""
+        """Returns the steering (`STEERING`,) of one car, rad and s, with its trim if announced."""
         variables = self.program.shooting.variables
         return (self.solution.x * variables.units)[variables.own(member)[variables.tail :]]
 
@@ -107,7 +107,7 @@ class Bound:
             "car": [scenario.name for scenario in self.scenarios],
             "speed_m_per_s": [scenario.manoeuvre.speed for scenario in self.scenarios],
             "aim": solution.aims,
-            **dict(zip(STEERING_KEYS, np.transpose(steerings), strict=True)),
+            **dict(zip(STEERING_KEYS, np.transpose(steerings), strict=False)),
             "violation": solution.violation,
             "worst": solution.worst,
             "evaluations": solution.evaluations,
@@ -118,12 +118,14 @@ class Bound:
 
 def find_bound(
     scenarios: Sequence[Scenario],
-    aim: Aim | Callable[[Swerve], FloatArray] | str = "aside-0.5",
+    aim: Aim | Measure | str = "aside-0.5",
     limits: Sequence[Limit] = (),
     effort: BoundEffort | None = None,
     candidates: Sequence[tuple[FloatArray, FloatArray]] = (),
     extend: Callable[[SwerveNlp], None] | None = None,
     progress: ProgressLine = no_progress,
+    *,
+    announced: bool = False,
 ) -> Bound:
     """Searches steering and motion of the tail that are best for one car, or one motion for many.
 
@@ -136,6 +138,9 @@ def find_bound(
             (`KNOTS`,), rad, and steering (`STEERING`,), from which the program starts, too.
         extend: adds costs and constraints to the program before it is solved.
         progress: receives a line after the first search and after each start.
+        announced: whether the tail knows of the turn and may wait at a side, while the driver keeps
+            the car straight; the program then also starts from the motion of the last candidate
+            with other rolls at which the tail waits.
 
     Raises:
         UserError: no swerve keeps all limits; what the reduced car does not know.
@@ -143,7 +148,7 @@ def find_bound(
     begin = time.monotonic()
     effort = effort or BoundEffort()
     chosen = as_aim(aim)
-    shooting = SwerveShooting.from_scenarios(scenarios, chosen, limits)
+    shooting = SwerveShooting.from_scenarios(scenarios, chosen, limits, announced)
     program = SwerveNlp(shooting, chosen.size)
     if extend is not None:
         extend(program)
@@ -151,11 +156,15 @@ def find_bound(
     for (pitch, *rolls), steering in candidates:
         kept = within_reach(np.array([rolls]), shooting.variables.max_roll)[0]
         points.append(np.concatenate([steering, [pitch], kept]))
-    bar = ProgressBar(progress, 1 + len(points) + effort.starts)
+    waits = WAITS if announced else ()
+    bar = ProgressBar(progress, 1 + len(points) + effort.starts + len(waits))
     points += _first_search(shooting, effort)
     bar.advance("first search")
     solutions = []
-    for start in _with_one_steering(shooting.variables, np.array(points)):
+    starts = [*_with_one_steering(shooting.variables, np.array(points))]
+    last = starts[len(candidates) - 1]
+    starts += [np.concatenate([last[:1], [wait], last[2:]]) for wait in waits]
+    for start in starts:
         solutions.append(program.solve(start, effort.iterations, effort.solver))
         bar.advance("starts of the program")
     kept = [one for one in solutions if one.violation <= FEASIBILITY_TOL]
@@ -170,9 +179,12 @@ def find_bound(
 
 def _with_one_steering(variables: SwerveVariables, points: FloatArray) -> FloatArray:
     """Returns the scaled variables (n, size) of points (n, `STEERING` + knots): a steering of all
-    cars, rad and s, and a motion of the tail, rad.
+    cars, rad and s, without trim, and a motion of the tail from the middle, rad.
     """
     steering, tail = np.split(points, [STEERING], axis=1)
+    if variables.announced:
+        steering = np.insert(steering, STEERING, 0.0, axis=1)
+        tail = np.insert(tail, 1, 0.0, axis=1)
     return np.concatenate([tail, *[steering] * variables.members], axis=1) / variables.units
 
 
@@ -206,7 +218,8 @@ def _first_search(shooting: SwerveShooting, effort: BoundEffort) -> list[FloatAr
 
     first = possible(first)
     best_first = first[np.argsort(-evaluate(first), kind="stable")[: effort.starts - 1]]
-    low, high = (np.roll(ends[variables.own(0)], STEERING) for ends in variables.ranges)
+    alone = variables._replace(members=1, announced=False)
+    low, high = (np.roll(ends, STEERING) for ends in alone.ranges)
 
     def cost(points: FloatArray) -> FloatArray:
         return -evaluate(possible(points))

@@ -2,8 +2,6 @@
 driven on the full car, its angles scaled to where the swerve just counts there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,7 +23,7 @@ from aerodima.optimisation.swerve.reduced_swerves import (
     reduced_car_knows,
 )
 from aerodima.optimisation.swerve.steering import SearchEffort
-from aerodima.optimisation.swerve.suite import BOUND, FOLDED, Case
+from aerodima.optimisation.swerve.suite import ANNOUNCED, BOUNDS, FOLDED, Case
 from aerodima.optimisation.swing.bound import BoundEffort, find_bound
 from aerodima.optimisation.swing.full_runs import Descent, confirm_best, drive_shares
 from aerodima.optimisation.swing.full_search import search_full
@@ -51,6 +49,7 @@ class BoundItem:
         starts: settings and steering of candidates with the same tail, whose motions it starts
             from, too.
         name: of the swing that is made.
+        announced: whether the tail may wait at a side.
     """
 
     settings: Settings = ()
@@ -60,6 +59,7 @@ class BoundItem:
     limits: tuple[str, ...] | None = None
     starts: tuple[tuple[Settings, tuple[float, ...]], ...] = ()
     name: str = ""
+    announced: bool = False
 
 
 def best_motion(item: BoundItem) -> Row:
@@ -74,7 +74,15 @@ def best_motion(item: BoundItem) -> Row:
         steering = np.array(numbers)
         swerve = ReducedSwerve(load_scenario(SWERVE, settings)).drive(steering[:, None])
         starts.append((tail_at_knots(swerve), steering))
-    bound = find_bound(scenarios, item.aim, limits, item.effort, starts, progress=progress)
+    bound = find_bound(
+        scenarios,
+        item.aim,
+        limits,
+        item.effort,
+        starts,
+        progress=progress,
+        announced=item.announced,
+    )
     swing = solution_swing(item.name, item.settings, bound, item.aim)
     content = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
     if item.limits:
@@ -98,7 +106,7 @@ def compare_swerves(
     """Compares candidates; the car without tail is always among them.
 
     Args:
-        candidates: with their laws; `suite.BOUND` is the best motion of the tail.
+        candidates: with their laws; `suite.BOUNDS` are the best motions of the tail.
         cases: cars with their tail and floor.
         speeds: m/s.
         aims: names of `AIMS`, or functions of a file, `mine.py:my_aim`.
@@ -116,7 +124,7 @@ def compare_swerves(
         NaN where the search on the full car found better.
     """
     effort = steering_effort or SearchEffort()
-    chosen = [one for one in candidates if one is not BOUND]
+    chosen = [one for one in candidates if one not in BOUNDS]
     if NO_TAIL not in chosen:
         chosen.insert(0, NO_TAIL)
     if FOLDED not in chosen:
@@ -124,9 +132,10 @@ def compare_swerves(
     places = [(case, speed, aim) for case in cases for speed in speeds for aim in aims]
     runs.stage = "steerings"
     descents = _search_steerings(chosen, places, effort, runs)
-    if BOUND in candidates:
-        runs.stage = "bounds"
-        descents += _search_bounds(descents, bound or BoundItem(), runs, folder)
+    runs.stage = "bounds"
+    for one in BOUNDS:
+        if one in candidates:
+            descents += _search_bounds(one, descents, bound or BoundItem(), runs, folder)
     for descent in descents:
         descent.step = step
     drive_shares(descents, runs)
@@ -166,9 +175,13 @@ def _search_steerings(
 
 
 def _search_bounds(
-    descents: Sequence[Descent], bound: BoundItem, runs: CachedRunner, folder: Path
+    candidate: Candidate,
+    descents: Sequence[Descent],
+    bound: BoundItem,
+    runs: CachedRunner,
+    folder: Path,
 ) -> list[Descent]:
-    """Searches the bound in each case, from the motions of candidates with a tail, too."""
+    """Searches a bound in each case, from the motions of candidates with a tail, too."""
     folder.mkdir(parents=True, exist_ok=True)
     items = []
     places: dict[str, list[Descent]] = {}
@@ -180,9 +193,16 @@ def _search_bounds(
             known = not one.candidate.law and reduced_car_knows(load_scenario(SWERVE, one.settings))
             if known and one.has_tail and one.result["score"] > FAILED:
                 starts.append((one.settings, tuple(one.result["steering"])))
-        (settings,) = candidate_settings(BOUND, own[0].case, own[0].speed)
+        (settings,) = candidate_settings(candidate, own[0].case, own[0].speed)
         items.append(
-            replace(bound, settings=settings, aim=own[0].aim, starts=tuple(starts), name=stem)
+            replace(
+                bound,
+                settings=settings,
+                aim=own[0].aim,
+                starts=tuple(starts),
+                name=stem + "_announced" * (candidate is ANNOUNCED),
+                announced=candidate is ANNOUNCED,
+            )
         )
     results = runs.map(best_motion, items)
     bounds = []
@@ -192,7 +212,7 @@ def _search_bounds(
         settings = (*item.settings, f"controller.swing_file={path}")
         bounds.append(
             Descent(
-                BOUND,
+                candidate,
                 first.case,
                 first.speed,
                 first.aim,

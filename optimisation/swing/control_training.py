@@ -6,8 +6,6 @@ Numbers are scored by how far the last point of the outline has moved aside afte
 all runs, half the mean of the worst fifth. A run that does not count is worth nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -10,8 +10,6 @@ Law and steerings are searched in turns, since a law that kicks the car wants an
 a car without tail.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -39,13 +37,13 @@ from aerodima.optimisation.swerve.suite import FEEDBACK, SUITE, Case
 from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine
 from aerodima.workbench.car.reduced.swerves import LEVELS
 from aerodima.workbench.car.swerve import Swerve
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, NamedArrays, Pair
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.core.extras import require
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.scenario.scenario import load_scenario
 
-Ranges = Mapping[str, tuple[float, float]]
+Ranges = Mapping[str, Pair]
 """Key of a number -> its lowest and highest value."""
 RANGES: Ranges = {name: (low, high) for name, (low, high, _) in SUITE.trained.items()}
 """Numbers that are free, in the units of `FeedbackParameters`."""
@@ -326,7 +324,7 @@ def score_law_batch(batch: LawBatch) -> list[float]:
     return worth.tolist()
 
 
-def repeated(laws: Sequence[Law], count: int) -> dict[str, FloatArray]:
+def repeated(laws: Sequence[Law], count: int) -> NamedArrays:
     """Returns the numbers of laws by their keys, each law so many times in a row."""
     return {name: np.repeat([law[name] for law in laws], count) for name in laws[0]}
 

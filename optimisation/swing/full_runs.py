@@ -1,7 +1,5 @@
 """Runs of the full car in a comparison: its steering is scaled to where the swerve just counts."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -203,7 +201,7 @@ class Descent:
         manoeuvre = load_scenario(SWERVE, run.settings).manoeuvre
         steering = np.array([getattr(manoeuvre, key) for key in STEERING_KEYS])
         angles = steering_settings(scaled_steering(steering, share))
-        replaced = ("manoeuvre.level_", *step_settings(CLIMB_STEP))
+        replaced = ("manoeuvre.level_", "manoeuvre.trim", *step_settings(CLIMB_STEP))
         kept = [setting for setting in run.settings if not setting.startswith(replaced)]
         return run._replace(settings=(*kept, *angles, *step_settings(self.step or FINE_STEP)))
 
@@ -256,7 +254,7 @@ class Descent:
             "share": None,
             "runs": len(self.rows) + self.further + len(self.confirmed),
             "variant": self.result["variant"],
-            **dict(zip(STEERING_KEYS, self.result["steering"], strict=True)),
+            **dict(zip(STEERING_KEYS, self.result["steering"], strict=False)),
             "settings": "",
         }
         final = self.final_run()

@@ -18,6 +18,7 @@ import numpy as np
 from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.optimisation.swerve.aims import FAILED
 from aerodima.optimisation.swerve.steering import (
+    TRIMS,
     possible_steering,
     scaled_steering,
     steering_settings,
@@ -47,6 +48,8 @@ MUTATED_SHARE = 0.5
 """Chance of a number to be mutated."""
 SHRINK = 0.85
 """Factor of the spread after a round without anything better."""
+TRIM_SPREAD = 1e-3
+"""First spread of a trim, rad."""
 LEVEL_SPREAD = 0.2
 """First spread of an angle, as a share of the largest of the three."""
 END_SPREAD = 0.05
@@ -83,18 +86,25 @@ class FullSearch:
         found = np.array(descent.result["steering"])
         steering = scaled_steering(found, share, descent.max_angle)
         largest = np.max(np.abs(steering[:LEVELS]))
-        spread = np.array([LEVEL_SPREAD * largest] * LEVELS + [END_SPREAD] * (STEERING - LEVELS))
+        spreads = [LEVEL_SPREAD * largest] * LEVELS + [END_SPREAD] * (STEERING - LEVELS)
+        spread = np.array([*spreads, TRIM_SPREAD][: len(steering)])
         if descent.motion is None:
             return cls(descent, None, steering, spread)
         point = np.concatenate([steering, NO_CHANGE])
         return cls(descent, read_swing(descent.motion), point, np.append(spread, TAIL_SPREADS))
+
+    @property
+    def driver(self) -> int:
+        """Number of those of the steering."""
+        return len(self.descent.result["steering"])
 
     def mutations(self, generator: np.random.Generator, limit: float) -> FloatArray:
         """Draws possible points (`ROUND`, numbers); `limit` of the angles, rad."""
         shape = (ROUND, self.point.size)
         drawn = generator.standard_normal(shape) * (generator.random(shape) < MUTATED_SHARE)
         points = possible_steering(self.point + self.spread * drawn, limit)
-        tail = points[:, STEERING:]
+        trim, tail = points[:, STEERING : self.driver], points[:, self.driver :]
+        np.clip(trim, *TRIMS, out=trim)
         if self.swing is not None:
             np.clip(tail, *TAIL_RANGES, out=tail)
         return points
@@ -102,9 +112,9 @@ class FullSearch:
     def run(self, point: FloatArray, path: Path) -> FullRun:
         """Returns the full run of a point; a varied motion is written to a path."""
         settings = self.descent.settings
-        steering = steering_settings(point[:STEERING])
+        steering = steering_settings(point[: self.driver])
         if self.swing is not None:
-            varied = varied_swing(self.swing, point[STEERING:], steering)
+            varied = varied_swing(self.swing, point[self.driver :], steering)
             write_swing(varied, path, force=True)
             settings = (*settings, f"controller.swing_file={path}")
         return self.descent.run_with((*settings, *steering))
@@ -112,19 +122,28 @@ class FullSearch:
 
 def follow_leaders(searches: Sequence[FullSearch], runs: CachedRunner) -> None:
     """Lets motions whose case has a better full run with a tail begin there: with its steering, and
-    with what its tail did, so that the search of a bound goes on where the best law ends.
+    with what its tail did, so that the search of a bound goes on where the best law ends. One that
+    waits at a side leads no other.
     """
     runs.stage = "motions of full runs"
     tailed = [one for one in searches if one.descent.has_tail]
-    best = {one.descent.stem: one for one in sorted(tailed, key=lambda one: one.descent.value)}
-    led = [one for one in tailed if one.swing and best[one.descent.stem] is not one]
-    leaders = [best[one.descent.stem] for one in led]
-    driven = [one.run(one.point, Path()) for one in leaders]
+    ranked = sorted(tailed, key=lambda one: one.descent.value)
+    best = {one.descent.stem: one for one in ranked if one.driver == STEERING}
+    led = []
+    driven = []
+    for one in tailed:
+        leader = best.get(one.descent.stem, one).descent
+        if one.swing and leader.best_run and leader.value > one.descent.value:
+            led.append(one)
+            driven.append(leader.best_run[0])
     tails = runs.map(driven_tail, driven, [f"tail of {run_key(run)}" for run in driven])
-    for one, leader, tail in zip(led, leaders, tails, strict=True):
+    for one, tail in zip(led, tails, strict=True):
         assert one.swing is not None
+        leader = best[one.descent.stem]
         one.swing = with_tail(one.swing, np.array(tail))
-        one.point = np.concatenate([leader.point, NO_CHANGE])
+        steering = np.zeros(one.driver)
+        steering[:STEERING] = leader.point[:STEERING]
+        one.point = np.concatenate([steering, NO_CHANGE])
 
 
 def driven_tail(run: FullRun) -> list[float]:
@@ -148,7 +167,7 @@ def varied_swing(swing: SwingFile, change: FloatArray, steering: Sequence[str]) 
     provenance = data["provenance"]
     found = provenance["found"]
     provenance["found"] = {key: found[key] for key in found if key == AIM}
-    provenance["settings"][-STEERING:] = steering
+    provenance["settings"][-len(steering) :] = steering
     rates = np.array(knots["roll_velocity_rad_per_s"]) * share / stretch
     knots["time_s"] = [stretch * time for time in knots["time_s"]]
     knots["roll_position_rad"] = [share * roll for roll in knots["roll_position_rad"]]
@@ -189,7 +208,8 @@ def search_full(
                 drawn[0] = search.point
             points += [*drawn]
             for member, point in enumerate(drawn):
-                path = folder.resolve() / f"{search.descent.stem}_{index}_{member}.yaml"
+                name = search.descent.motion.stem if search.descent.motion else ""
+                path = folder.resolve() / f"{name}_{index}_{member}.yaml"
                 items.append(search.run(point, path))
         rows = drive_items(items, runs)
         for place, search in enumerate(searches):

@@ -2,8 +2,6 @@
 car holds, compared with the other candidates there.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

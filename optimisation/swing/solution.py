@@ -1,7 +1,5 @@
 """Swing files of solutions: motion of the tail, steering, car, floor, aim and claimed value."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -68,13 +66,14 @@ def solution_swing(
     solution = bound.solution
     variables = bound.program.shooting.variables
     pitch, *rolls = (solution.x * variables.units)[: variables.tail]
+    waiting = [0.0] * (len(KNOTS) - len(rolls))
     found: Json = {
         AIM: aim,
         "aim_reduced": float(np.mean(solution.aims)),
         "cars": variables.members,
         "evaluations": solution.evaluations,
     }
-    roll = np.array([0.0, *rolls])
+    roll = np.array([*waiting, *rolls])
     rate = knot_rates() @ roll
     scenario = bound.scenarios[0]
     resolved = scenario.resolved()

@@ -11,8 +11,6 @@ keeps all constraints is taken. Levels end at whole ticks of the driver: their e
 fixed once, and the rest is solved again.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -27,7 +25,7 @@ from aerodima.optimisation.swing.swerve_shooting import (
     SwerveShooting,
     between_knots,
 )
-from aerodima.workbench.car.reduced.swerves import LEVELS, STEERING
+from aerodima.workbench.car.reduced.swerves import LEVELS
 from aerodima.workbench.core.array_types import FloatArray
 
 FEASIBILITY_TOL = 1e-3
@@ -94,7 +92,7 @@ class SwerveNlp:
         prog.AddBoundingBoxConstraint(*variables.bounds, x)
         prog.AddCost(self._aim_cost, x)
         prog.AddConstraint(self._rows, low, high, x, description=ROWS_DESCRIPTION)
-        rolls = between_knots()[:, 1:]
+        rolls = between_knots()[:, 1 - variables.tail :]
         ends = variables.max_roll * np.ones(len(rolls))
         travel = prog.AddLinearConstraint(rolls, -ends, ends, x[1 : variables.tail])
         travel.evaluator().set_description("range of the tail")
@@ -144,7 +142,7 @@ class SwerveNlp:
     def _first_ends(self) -> range:
         """Returns the index of the end of the first level of each car."""
         variables = self.shooting.variables
-        return range(variables.tail + LEVELS, variables.size, STEERING)
+        return range(variables.tail + LEVELS, variables.size, variables.driver)
 
     def _solve(self, start: FloatArray, iterations: int, solver: Solver) -> FloatArray:
         """Returns the best point that was visited and keeps all constraints, else where the solver

@@ -6,6 +6,8 @@ Variables, all scaled, are one tail for all cars and the steering of each car:
     tail:       its pitch (rad), its roll at the knots after the first (rad), which is the middle
     each car:   three angles (rad), the ends of the first two (s)
 
+Where the turn is announced the tail may wait at a side: its roll at the first knot comes before the
+others, and each car has a trim (rad) besides, which keeps it straight until the steering starts.
 Between knots the roll is the cubic that a swing file plays, at rest at the first and the last; the
 rate at a knot is that of the line between its neighbours. The knots begin one tick after the
 steering, when the controller sees it.
@@ -24,14 +26,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aerodima.optimisation.swerve.steering import TICK, steering_ranges
-from aerodima.workbench.car.reduced.parameters import VehicleParams
+from aerodima.optimisation.swerve.steering import TICK, TRIMS, steering_ranges
+from aerodima.workbench.car.reduced.parameters import VehicleParams, take
 from aerodima.workbench.car.reduced.swerves import LEVELS, STEERING, PlayedSwerve, drive_swerves
-from aerodima.workbench.car.swerve import Swerve, end_yaw_rate, energy
+from aerodima.workbench.car.swerve import Measure, Swerve, end_yaw_rate, energy, start_deviation
 from aerodima.workbench.car.turn_signals import STEERED
 from aerodima.workbench.car.verdict import EXIT_YAW_RATE, TWO_WHEELS, side_lift
 from aerodima.workbench.control.swing_player import RollTrajectory
-from aerodima.workbench.core.array_types import FloatArray, IntArray
+from aerodima.workbench.core.array_types import FloatArray, IntArray, Pair
 from aerodima.workbench.core.errors import SwingError
 from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.scenario.scenario import Scenario
@@ -66,6 +68,8 @@ ANGLE_SCALE = 0.1
 """One unit of a steering angle, rad."""
 TIME_SCALE = 0.2
 """One unit of the end of a level, s."""
+TRIM_SCALE = 0.01
+"""One unit of a trim, rad."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +84,7 @@ class Limit:
     """
 
     name: str
-    function: Callable[[Swerve], FloatArray]
+    function: Measure
     unit: str
     size: float
     lower: float = -np.inf
@@ -129,6 +133,8 @@ STANDARD_LIMITS = (
     ),
 )
 """Limits of every swerve: it counts, and its tail can be played."""
+STRAIGHT = Limit("straight start", start_deviation, "of what counts", 10.0, -0.5, 0.5)
+"""Limit of a swerve whose tail may wait at a side, with room for the reduced car's error."""
 LIMITS: Mapping[str, Callable[[float], Limit]] = {
     "roll": lambda most: Limit("roll", lambda s: peaks(s, np.abs(s.roll)), "rad", 0.1, upper=most),
     "energy": lambda most: Limit("energy", lambda s: energy(s)[None], "J", 1.0, upper=most),
@@ -163,41 +169,50 @@ class SwerveVariables(NamedTuple):
         max_roll: of the tail, to either side, rad.
         pitches: least and largest pitch of the tail, rad.
         max_angle: of the steering, rad.
+        announced: whether the tail may wait at a side.
     """
 
     members: int
     max_roll: float
-    pitches: tuple[float, float]
+    pitches: Pair
     max_angle: float
+    announced: bool = False
 
     @property
     def tail(self) -> int:
         """Number of the tail's variables, which come first."""
-        return len(KNOTS)
+        return len(KNOTS) + self.announced
+
+    @property
+    def driver(self) -> int:
+        """Number of variables of the steering of each car."""
+        return STEERING + self.announced
 
     @property
     def size(self) -> int:
         """Number of all."""
-        return self.tail + STEERING * self.members
+        return self.tail + self.driver * self.members
 
     def own(self, member: int) -> IntArray:
         """Returns the indices of the variables of one car: the tail's, then its steering's."""
-        first = self.tail + STEERING * member
-        return np.concatenate([np.arange(self.tail), np.arange(first, first + STEERING)])
+        first = self.tail + self.driver * member
+        return np.concatenate([np.arange(self.tail), np.arange(first, first + self.driver)])
 
     @property
     def units(self) -> FloatArray:
         """One unit of every variable (size,)."""
         steering = [ANGLE_SCALE] * LEVELS + [TIME_SCALE] * (LEVELS - 1)
+        steering += [TRIM_SCALE] * self.announced
         return np.array([1.0] * self.tail + steering * self.members)
 
     @property
     def ranges(self) -> tuple[FloatArray, FloatArray]:
         """Least and largest values (size,), rad and s."""
         rolls = np.full(self.tail - 1, self.max_roll)
-        steering = steering_ranges(self.max_angle)
-        low = [self.pitches[0], *-rolls, *np.tile(steering[0], self.members)]
-        high = [self.pitches[1], *rolls, *np.tile(steering[1], self.members)]
+        ends = np.append(steering_ranges(self.max_angle), np.transpose([TRIMS]), axis=1)
+        least, largest = ends[:, : self.driver]
+        low = [self.pitches[0], *-rolls, *np.tile(least, self.members)]
+        high = [self.pitches[1], *rolls, *np.tile(largest, self.members)]
         return np.array(low), np.array(high)
 
     @property
@@ -239,7 +254,7 @@ def within_reach(rolls: FloatArray, max_roll: float) -> FloatArray:
 
 def tail_at_knots(swerve: Swerve) -> FloatArray:
     """Returns the pitch of a tail when the steering starts, and its roll at the knots after the
-    first (`KNOTS`,), rad, of a swerve of one car.
+    first (`KNOTS`,), rad, of a swerve of one car whose tail waits in the middle.
     """
     pitch, roll = swerve.tail[:, 0, 0], swerve.tail[:, 1, 0]
     rolls = [swerve.at(roll, TICK + knot) for knot in KNOTS[1:]]
@@ -275,17 +290,19 @@ class SwerveShooting:
     scenario: Scenario
     cars: VehicleParams
     variables: SwerveVariables
-    aim: Callable[[Swerve], FloatArray]
+    aim: Measure
     limits: tuple[Limit, ...]
 
     @classmethod
     def from_scenarios(
         cls,
         scenarios: Sequence[Scenario],
-        aim: Callable[[Swerve], FloatArray],
+        aim: Measure,
         limits: Sequence[Limit] = (),
+        announced: bool = False,
     ) -> SwerveShooting:
-        """Makes the shooting of scenarios of kind `levels`; their steering and law do not matter.
+        """Makes the shooting of scenarios of kind `levels`, whose turn is announced if asked; their
+        steering and law do not matter.
 
         Raises:
             UserError: a car without tail; what the reduced car does not know.
@@ -299,7 +316,10 @@ class SwerveShooting:
             max_roll=min(one.tail.roll_limit for one in scenarios) - ROLL_MARGIN,
             pitches=(max(PITCHES[0], -far), min(PITCHES[1], far)),
             max_angle=min(one.servo.limit for one in scenarios),
+            announced=announced,
         )
+        if announced:
+            limits = [STRAIGHT, *limits]
         cars = VehicleParams.from_scenarios(scenarios)
         return cls(first, cars, variables, aim, (*STANDARD_LIMITS, *limits))
 
@@ -309,11 +329,11 @@ class SwerveShooting:
         count = len(members)
         values = own * variables.units[variables.own(0)][:, None]
         pitch, rolls, steering = np.split(values, [1, variables.tail])
-        rolls = np.concatenate([np.zeros((1, count)), rolls])
+        rolls = np.concatenate([np.zeros((len(KNOTS) - len(rolls), count)), rolls])
         one = np.ones(count)
         gains = [gain * one for gain in FOLLOW_GAINS.values()] * 2
         knots = RollTrajectory(np.outer(KNOTS, one), rolls, knot_rates() @ rolls, *gains)
-        rollout = PlayedSwerve(self.cars.take(members), self.scenario, steering, pitch[0], knots)
+        rollout = PlayedSwerve(take(self.cars, members), self.scenario, steering, pitch[0], knots)
         return drive_swerves(rollout, self.scenario)
 
     def at(self, x: FloatArray) -> Evaluation:

@@ -1,7 +1,5 @@
 """`judge` and `train_law`: comparisons and searches of laws by names; results are data frames."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path

@@ -4,8 +4,6 @@ It measures how far the motion is from the knots, whether anything leaves its li
 car, whether the car survives clean, and whether its aim reaches the claim of the file.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass

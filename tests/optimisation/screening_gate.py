@@ -25,7 +25,7 @@ from aerodima.optimisation.studies.limit_search import Bracket, LimitSearch, run
 from aerodima.optimisation.studies.runs import CachedRunner, RunTask, is_clean, open_run_engine
 from aerodima.workbench import load_ensemble, load_scenario
 from aerodima.workbench.batch.row_store import RowStore
-from aerodima.workbench.car.reduced.parameters import VehicleParams
+from aerodima.workbench.car.reduced.parameters import VehicleParams, take
 from aerodima.workbench.car.reduced.turn_plans import TurnPlans
 from aerodima.workbench.car.reduced.turns import drive_turns
 
@@ -114,7 +114,7 @@ def screened_friction(scenarios, search):
         places = [place for place, _ in wanted]
         frictions = [value for _, value in wanted]
         turns = drive_turns(
-            replace(cars.take(places), friction=np.array(frictions)), plans.take(places)
+            replace(take(cars, places), friction=np.array(frictions)), take(plans, places)
         )
         return turns.clean.tolist()
 
@@ -221,8 +221,8 @@ def main():
 def reduced_seconds(scenarios, count=768):
     """CPU time of one run among many, s."""
     places = np.arange(count) % len(scenarios)
-    vehicles = VehicleParams.from_scenarios(scenarios).take(places)
-    plans = TurnPlans.from_scenarios(scenarios).take(places)
+    vehicles = take(VehicleParams.from_scenarios(scenarios), places)
+    plans = take(TurnPlans.from_scenarios(scenarios), places)
     begin = time.process_time()
     drive_turns(vehicles, plans)
     return (time.process_time() - begin) / count

@@ -7,7 +7,7 @@ right; the centre of mass alone would pay a car for turning round it. Definition
 10.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -109,6 +109,10 @@ class Swerve:
         """Returns how far places (..., n) in W, m, lie to the left of the course at the start."""
         course = self.at(self.course, 0.0)
         return np.cos(course) * y - np.sin(course) * x
+
+
+Measure = Callable[[Swerve], FloatArray]
+"""A number of each car (n,)."""
 
 
 def car_outline(car: CarParameters) -> FloatArray:
@@ -248,14 +252,20 @@ def is_upright(swerve: Swerve) -> BoolArray:
     return np.asarray(stays_upright(max_side_lift(swerve), touched, swerve.flipped))
 
 
-def starts_straight(swerve: Swerve) -> BoolArray:
-    """Returns whose course is that of the start of the run when the steering starts, and whose
-    yaw rate was zero in the mean until then (n,).
+def start_deviation(swerve: Swerve) -> FloatArray:
+    """Returns how far cars are from a straight start (2, n): their course off that of the start of
+    the run when the steering starts, and their mean yaw rate until then, over the largest ones of a
+    car that starts straight.
     """
-    off = np.abs(swerve.at(swerve.course, 0.0) - swerve.heading[0])
-    turned = np.abs(swerve.at(swerve.heading, 0.0) - swerve.heading[0])
-    yaw_rate = turned / -swerve.time[0]
-    return np.asarray((off <= MAX_START_COURSE) & (yaw_rate <= MAX_START_YAW_RATE))
+    first = swerve.heading[0]
+    course = swerve.at(swerve.course, 0.0) - first
+    yaw_rate = (swerve.at(swerve.heading, 0.0) - first) / -swerve.time[0]
+    return np.stack([course / MAX_START_COURSE, yaw_rate / MAX_START_YAW_RATE])
+
+
+def starts_straight(swerve: Swerve) -> BoolArray:
+    """Returns who starts straight (n,), see `start_deviation`."""
+    return np.all(np.abs(start_deviation(swerve)) <= 1.0, axis=0)
 
 
 def end_yaw_rate(swerve: Swerve) -> FloatArray:

@@ -269,6 +269,7 @@ class LevelSchedule:
         start: of the first level, s.
         levels: angles to that side, rad; none for straight driving.
         ends: of the levels, s after the start.
+        trim: angle to that side before the start, rad.
 
     Raises:
         UserError: a level that ends before the one before it.
@@ -279,6 +280,7 @@ class LevelSchedule:
     start: float
     levels: tuple[float, ...]
     ends: tuple[float, ...]
+    trim: float = 0.0
 
     def __post_init__(self) -> None:
         for number in range(1, len(self.ends)):
@@ -287,7 +289,8 @@ class LevelSchedule:
 
     def at(self, time: float) -> DriverInput:
         """Returns inputs at `time` s since the start."""
-        angle = level_angle(self.levels, self.ends, time + TICK_TOLERANCE - self.start)
+        since = time + TICK_TOLERANCE - self.start
+        angle = self.trim if since < 0.0 else level_angle(self.levels, self.ends, since)
         return DriverInput(self.side * angle, self.ramp.throttle(time), self.side)
 
 
@@ -389,7 +392,8 @@ def make_schedule(scenario: Any) -> Schedule:
     if manoeuvre.kind == "levels":
         levels = (manoeuvre.level_1, manoeuvre.level_2, manoeuvre.level_3)
         ends = (manoeuvre.level_1_end, manoeuvre.level_2_end, manoeuvre.turn_hold)
-        return LevelSchedule(ramp, side, manoeuvre.turn_start, levels, ends)
+        trim = manoeuvre.trim_angle
+        return LevelSchedule(ramp, side, manoeuvre.turn_start, levels, ends, trim)
     if manoeuvre.kind == "straight":  # for the throttle tests (thesis 6.2)
         return LevelSchedule(ramp, 0.0, 0.0, (), ())
     if manoeuvre.kind == "rising":

@@ -1,5 +1,7 @@
 """Types of arrays that every package uses."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -8,3 +10,9 @@ IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
 Vector3 = tuple[float, float, float]
 """Components along three axes."""
+Pair = tuple[float, float]
+"""Two numbers that belong together, such as the ends of a range."""
+Values = Mapping[str, float]
+"""Numbers by their names."""
+NamedArrays = dict[str, FloatArray]
+"""Arrays by their names."""

@@ -114,7 +114,7 @@ class Scenario(ScenarioFile):
     def _turn_is_possible(self) -> Self:
         turn = self.manoeuvre
         self._require_at_most("manoeuvre.first_hold", "manoeuvre.turn_hold")
-        for angle in ("steer_angle", "first_angle", "level_1", "level_2", "level_3"):
+        for angle in ("steer_angle", "first_angle", "level_1", "level_2", "level_3", "trim_angle"):
             self._require_at_most(f"manoeuvre.{angle}", "servo.limit")
         if turn.kind in ("turn", "fishhook", "path") and not turn.rolling_start:
             self._require_at_most("manoeuvre.speed_ramp", "manoeuvre.turn_start")

@@ -6,7 +6,9 @@ import pytest
 from aerodima.optimisation import AIMS, LIMITS, BoundEffort, find_bound
 from aerodima.optimisation.swerve.aims import score
 from aerodima.optimisation.swerve.reduced_swerves import ReducedSwerve
+from aerodima.optimisation.swerve.steering import TRIMS, steering_settings
 from aerodima.optimisation.swerve.suite import BOUND, ensemble_cases
+from aerodima.optimisation.swing.full_runs import FullRun, full_swerve
 from aerodima.optimisation.swing.solution import solution_swing
 from aerodima.optimisation.swing.swerve_nlp import FEASIBILITY_TOL, SwerveNlp
 from aerodima.optimisation.swing.swerve_shooting import (
@@ -16,10 +18,16 @@ from aerodima.optimisation.swing.swerve_shooting import (
     tail_at_knots,
     within_reach,
 )
-from aerodima.workbench.car.swerve import aside, energy
+from aerodima.workbench.car.swerve import aside, energy, start_deviation
 from aerodima.workbench.core.errors import SwingError
+from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.scenario import load_scenario
-from aerodima.workbench.scenario.swing_file import hermite, write_swing
+from aerodima.workbench.scenario.swing_file import (
+    hermite,
+    read_swing,
+    swing_from_dict,
+    write_swing,
+)
 from tests.refusals import assert_refused
 
 FEW = BoundEffort(members=24, generations=1, starts=1, iterations=4)
@@ -103,6 +111,74 @@ def test_the_motion_of_a_candidate_is_one_that_the_program_can_play(settings, sc
     shooting = SwerveShooting.from_scenarios([scenario], AIMS["aside-0.5"])
     x = np.concatenate([tail, steering]) / shooting.variables.units
     assert shooting.at(x).aims == pytest.approx(aside(swerve), abs=5e-3)
+
+
+def test_a_tail_that_waits_at_a_side_needs_a_trim(settings, scenario, tmp_path):
+    """At the left it drags the car to the left; the full car agrees with the reduced one."""
+    shooting = SwerveShooting.from_scenarios([scenario], AIMS["aside-0.5"], announced=True)
+    variables = shooting.variables
+    trims = np.array([0.0, -0.008])
+    point = np.concatenate([[0.0, -0.8], np.zeros(len(KNOTS) - 1), STILL[1]])
+    columns = np.repeat(np.append(point, 0.0)[:, None], 2, axis=1)
+    columns[-1] = trims
+    swerve = shooting.drive(columns / variables.units[:, None], np.zeros(2, int))
+    _, yaw_rate = start_deviation(swerve)
+    assert swerve.time[0] == pytest.approx(-0.298)
+    assert yaw_rate[0] > 1.0
+    assert yaw_rate[1] < yaw_rate[0] - 1.0
+    assert swerve.steering[0] == pytest.approx(trims)
+    waiting = swing_from_dict(
+        read_swing(model_path("swings/inside_8_rad_per_s.yaml"))
+        .model_copy(update={"name": "waiting"})
+        .model_dump(mode="json", by_alias=True, exclude_none=True)
+        | {"knots": still_knots(-0.8)}
+    )
+    path = tmp_path / "waiting.yaml"
+    write_swing(waiting, path)
+    for trim, reduced in zip(trims, yaw_rate, strict=True):
+        steering = steering_settings(np.append(STILL[1], trim))
+        file = f"controller.swing_file={path}"
+        full = full_swerve(FullRun((*settings, file, *steering), "aside-0.5"))
+        assert start_deviation(full)[1] == pytest.approx(reduced, rel=0.1, abs=0.1)
+
+
+def still_knots(roll):
+    """Knots of a tail that stays at a roll, rad."""
+    return {
+        "time_s": [0.0, 1.0],
+        "roll_position_rad": [roll] * 2,
+        "roll_velocity_rad_per_s": [0.0] * 2,
+        "pitch_position_rad": [0.0] * 2,
+        "pitch_velocity_rad_per_s": [0.0] * 2,
+    }
+
+
+def test_an_announced_bound_is_straight_at_the_start_and_not_below_its_candidate(
+    settings, scenario, tmp_path
+):
+    aim = AIMS["aside-0.5"]
+    lines = []
+    bound = find_bound(
+        [scenario], aim, effort=FEW, candidates=[STILL], progress=lines.append, announced=True
+    )
+    assert lines[-1].split("] ")[1].startswith("6/6")
+    shooting = bound.program.shooting
+    start = np.concatenate([STILL[0][:1], [0.0], STILL[0][1:], STILL[1], [0.0]])
+    start = start / shooting.variables.units
+    assert bound.solution.aims[0] > shooting.at(start).aims[0] + 0.01
+    steering = bound.steering()
+    assert steering.shape == (6,)
+    assert TRIMS[0] <= steering[-1] <= TRIMS[1]
+    assert list(bound.table["trim_angle"]) == [steering[-1]]
+    path = tmp_path / "found.yaml"
+    swing = solution_swing("found", settings, bound, aim.name)
+    assert swing.provenance.settings[-1] == f"manoeuvre.trim_angle={steering[-1]:.9g}"
+    write_swing(swing, path)
+    played = load_scenario("swerve", (*settings, f"controller.swing_file={path}"))
+    swerve = ReducedSwerve(played).drive(steering[:, None])
+    assert score(swerve, aim) == pytest.approx(bound.solution.aims, abs=1e-6)
+    assert np.abs(start_deviation(swerve)).max() <= 0.51
+    assert swerve.tail[0, 1, 0] == pytest.approx(swing.knots.roll_position_rad[0], abs=0.02)
 
 
 def test_an_aim_and_limits_of_the_user_are_kept(scenario):

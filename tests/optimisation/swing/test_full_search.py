@@ -1,11 +1,13 @@
 """Search on the full car: what is varied, and that it stays possible."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from aerodima.optimisation.studies.runs import CachedRunner, step_settings
 from aerodima.optimisation.swerve.candidate import NO_TAIL
-from aerodima.optimisation.swerve.steering import steering_settings
+from aerodima.optimisation.swerve.steering import TRIMS, steering_settings
 from aerodima.optimisation.swerve.suite import BOUND, FOLDED, NAMED_CANDIDATES, ensemble_cases
 from aerodima.optimisation.swing import full_search
 from aerodima.optimisation.swing.full_runs import CLIMB_STEP, Descent, FullRun
@@ -80,6 +82,45 @@ def test_a_search_starts_at_the_best_run_and_its_mutations_are_possible(motion):
     assert (points[:, 4] >= points[:, 3]).all()
     low, high = np.array(TAIL_RANGES)[:, : len(expected) - 5]
     assert ((points[:, 5:] >= low) & (points[:, 5:] <= high)).all()
+
+
+def test_a_trim_is_varied_within_its_range_and_named_in_the_run(tmp_path):
+    one = announced(0.4)
+    assert one.point == pytest.approx([*0.9 * np.array(STEERING[:3]), 0.2, 0.4, -0.01, *NO_CHANGE])
+    one.spread = 20.0 * one.spread
+    points = one.mutations(np.random.default_rng(3), 0.5)
+    trims = points[:, 5]
+    assert ((trims >= TRIMS[0]) & (trims <= TRIMS[1])).all()
+    assert len(set(trims)) > 2
+    low, high = TAIL_RANGES
+    assert ((points[:, 6:] >= low) & (points[:, 6:] <= high)).all()
+    run = one.run(points[0], tmp_path / "varied.yaml")
+    trim = f"manoeuvre.trim_angle={trims[0]:.9g}"
+    assert trim in run.settings
+    assert read_swing(tmp_path / "varied.yaml").provenance.settings[-1] == trim
+
+
+def test_a_motion_that_waits_at_a_side_leads_no_other_and_is_led_without_trim(monkeypatch):
+    tail = [-0.5, *np.linspace(0.1, 0.9, 9)]
+    monkeypatch.setattr(full_search, "driven_tail", lambda run: tail)
+    bound = search(INSIDE, 0.4)
+    before = bound.swing
+    ahead = announced(0.5)
+    follow_leaders([bound, ahead], CachedRunner())
+    assert bound.swing is before
+    assert ahead.swing is not None
+    assert ahead.point[5] == -0.01
+    behind = announced(0.3)
+    follow_leaders([bound, behind], CachedRunner())
+    assert behind.point == pytest.approx([*bound.point[:5], 0.0, *NO_CHANGE])
+    assert behind.swing.knots.roll_position_rad[0] == 0.0
+
+
+def announced(value):
+    """The search of a motion that waits at a side, with a trim of -0.01 rad."""
+    one = search(INSIDE, value)
+    result = one.descent.result | {"steering": [*STEERING, -0.01]}
+    return FullSearch.from_descent(replace(one.descent, result=result), 0.9)
 
 
 def test_a_search_starts_with_wheels_within_their_limit():

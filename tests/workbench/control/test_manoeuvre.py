@@ -83,7 +83,14 @@ def test_a_turn_of_two_levels_has_each_for_its_time():
     }
 
 
-LEVELS = {"level_1": 0.3, "level_2": -0.2, "level_3": 0.1, "level_1_end": 0.2, "level_2_end": 0.5}
+LEVELS = {
+    "level_1": 0.3,
+    "level_2": -0.2,
+    "level_3": 0.1,
+    "level_1_end": 0.2,
+    "level_2_end": 0.5,
+    "trim_angle": 0.0,
+}
 
 
 def test_levels_follow_one_another_and_end_straight():
@@ -92,6 +99,10 @@ def test_levels_follow_one_another_and_end_straight():
     for first, end, angle in ((0, 200, 0.0), (200, 220, 0.3), (220, 250, -0.2), (250, 280, 0.1)):
         assert set(angles[first:end]) == {-angle}
     assert not angles[280:].any()
+    trimmed = LEVELS | {"trim_angle": -0.05}
+    schedule = make_schedule(scenario(kind="levels", turn_hold=0.8, direction="right", **trimmed))
+    assert set(steering(schedule, 0.01 * np.arange(200))) == {0.05}
+    assert (steering(schedule, 0.01 * np.arange(200, 400)) == angles[200:]).all()
     wrong = LEVELS | {"level_1_end": 0.6}
     assert_refused(
         lambda: make_schedule(scenario(kind="levels", turn_hold=0.8, **wrong)), UserError, "0.6"

@@ -26,7 +26,7 @@ from aerodima.workbench.car.car_plant import add_car_plant
 from aerodima.workbench.car.laws import shaft_gain, torque_speed_limits
 from aerodima.workbench.car.swerve import car_outline
 from aerodima.workbench.car.tail_plant import SAIL_TIP_MARGIN
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Pair
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import AXLES
@@ -155,10 +155,6 @@ class VehicleParams:
                 for name in cars[0]
             }
         )
-
-    def take(self, places: Any) -> VehicleParams:
-        """Returns the cars at these places, again and again if asked."""
-        return take(self, places)
 
 
 def take(batch: Any, places: Any) -> Any:
@@ -297,7 +293,7 @@ def _tail(scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def _coefficients(law: object) -> tuple[float, float]:
+def _coefficients(law: object) -> Pair:
     # A sail that faces the wind has one drag in every direction.
     if isinstance(law, CrossedPlatesLaw):
         return _coefficients(law.normal)[0], _coefficients(law.side)[0]

@@ -38,7 +38,9 @@ WITHIN = (np.arange(4.0)[:, None] + 0.5) / 4.0
 LEVELS = 3
 """Number of the levels; their ends but the last follow them in an array of steering."""
 STEERING = 2 * LEVELS - 1
-"""Length of an array of steering: angles, rad, then the ends of all but the last, s."""
+"""Length of an array of steering: angles, rad, then the ends of all but the last, s. One of a car
+whose tail waits at a side is longer by one: the trim, an angle that keeps the car straight until
+the steering starts, rad."""
 
 
 class SwerveRollout(Rollout):
@@ -48,8 +50,12 @@ class SwerveRollout(Rollout):
     Args:
         cars: n of them, at their speeds.
         scenario: of servo, controller, IMU and the end of the last level; wheelbase of all.
-        steering: of each car (`STEERING`, n).
+        steering: of each car (`STEERING`, n), or with a trim; the whole straight of the scenario
+            is driven with it, else `LEAD` of it.
         pitch, roll: at which the tails wait (n), rad.
+
+    Attributes:
+        lead: straight that is driven before the steering, s.
     """
 
     def __init__(
@@ -68,15 +74,24 @@ class SwerveRollout(Rollout):
         rates[V][0] = cars.speed
         rates[SPIN] = cars.speed / cars.rolling_radius
         super().__init__(cars, state, delay_ticks(scenario), STEP)
+        plan = scenario.manoeuvre
+        last = np.full((1, n), plan.turn_hold)
         self._levels = steering[:LEVELS]
-        last = np.full((1, n), scenario.manoeuvre.turn_hold)
-        self._ends = np.concatenate([steering[LEVELS:], last])
+        self._ends = np.concatenate([steering[LEVELS:STEERING], last])
+        self._first = 0.0  # start of the first angle
+        self.lead = LEAD
+        trim = steering[STEERING:]
+        if len(trim):
+            self.lead = plan.turn_start
+            self._first = -self.lead
+            self._levels = np.concatenate([trim, self._levels])
+            self._ends = self.lead + np.concatenate([np.zeros((1, n)), self._ends])
         self._servo_rate = scenario.servo.rate * np.ones(n)
         self._rate = scenario.controller.rate
 
     def _commanded(self, since: Any) -> Any:
         """Returns the steering command at a time since the start of the steering (n), rad."""
-        return level_angle([*self._levels], [*self._ends], since)
+        return level_angle([*self._levels], [*self._ends], since - self._first)
 
     def _seen_steering(self, time: Any) -> Any:
         """Returns the steering that a controller sees at a tick (n), rad: that of the last one."""
@@ -84,7 +99,7 @@ class SwerveRollout(Rollout):
 
     def _wheels(self, time: Any) -> Any:
         """Returns the mean angle of the wheels in a step (n), rad."""
-        within = time + STEP * WITHIN
+        within = time - self._first + STEP * WITHIN
         angles = slewed_angle([*self._levels], [*self._ends], self._servo_rate, within)
         return np.sum(angles, axis=0) / len(WITHIN)
 
@@ -220,8 +235,9 @@ def drive_swerves(rollout: SwerveRollout, scenario: Scenario) -> Swerve:
     """Drives the cars of a rollout to the end of the run of a scenario."""
     cars = rollout._cars
     plan = scenario.manoeuvre
-    index = np.arange(round((LEAD + plan.duration - plan.turn_start) / STEP))
-    time = np.asarray(index * STEP - LEAD, dtype=np.float64)
+    lead = rollout.lead
+    index = np.arange(round((lead + plan.duration - plan.turn_start) / STEP))
+    time = np.asarray(index * STEP - lead, dtype=np.float64)
     ticked = tick_flags(index, scenario.controller.rate, STEP)
     body, lifts, above, joints, torques = run(rollout, ticked, time, keep=True)
     x, y, heading, course, speed, yaw_rate, roll, steering, lag, power = np.moveaxis(body, 1, 0)

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.workbench.car.reduced.parameters import take
 from aerodima.workbench.car.reduced.rollout import delay_ticks
 from aerodima.workbench.control.manoeuvre import TurnSchedule, make_schedule
 from aerodima.workbench.control.swing_law import SwingSettings
@@ -76,10 +75,6 @@ class TurnPlans:
                     "once have one"
                 )
         return plans
-
-    def take(self, places: Any) -> TurnPlans:
-        """Returns the plans at these places, again and again if asked."""
-        return take(self, places)
 
 
 def stack_fields(objects: Sequence[Any], names: Sequence[str] | Mapping[str, Any]) -> Any:

@@ -13,7 +13,7 @@ from aerodima.workbench import load_scenario
 from aerodima.workbench.car.car_model import axle_statics
 from aerodima.workbench.car.car_plant import add_car_plant
 from aerodima.workbench.car.reduced.dynamics import configuration_rate, equations, solve
-from aerodima.workbench.car.reduced.parameters import VehicleParams
+from aerodima.workbench.car.reduced.parameters import VehicleParams, take
 from aerodima.workbench.car.reduced.states import RATES, STATES, Commands, V, W, cross, up
 from aerodima.workbench.car.reduced.tail_terms import STOP_RATE
 from aerodima.workbench.car.reduced.turn_plans import TurnPlans
@@ -159,13 +159,13 @@ def test_a_car_tips_where_friction_passes_the_static_stability_factor():
     stiff = np.full((4, len(friction)), 1e5)
     one = np.zeros(len(friction), int)
     cars = replace(
-        VehicleParams.from_scenarios([scenario]).take(one),
+        take(VehicleParams.from_scenarios([scenario]), one),
         friction=friction,
         spring=stiff,
         tyre_stiffness=stiff,
         damper=0.02 * stiff,
     )
-    turns = drive_turns(cars, TurnPlans.from_scenarios([scenario]).take(one), duration=3.0)
+    turns = drive_turns(cars, take(TurnPlans.from_scenarios([scenario]), one), duration=3.0)
     critical = friction[np.argmin(turns.survived)]
     assert not turns.survived[-1]
     assert 0.97 < critical * car.com_height / car.outer_half_track < 1.25
