@@ -33,7 +33,7 @@ from aerodima.hardware.protocol.radio import (
     make_report,
 )
 from aerodima.hardware.transport.can_bus import CanBus
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Pair
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.core.quantity import STANDARD_GRAVITY
 from aerodima.workbench.scenario.signal_table import (
@@ -254,10 +254,10 @@ class _SailRate:
     """Sail angle and rate from the Teensy's replies, each with the time at which it was sent."""
 
     def __init__(self) -> None:
-        self._past: deque[tuple[float, float]] = deque(maxlen=64)
+        self._past: deque[Pair] = deque(maxlen=64)
         self._seen = (0.0, 0.0)
 
-    def update(self, teensy: TeensyLink, mounting: Mounting) -> tuple[float, float]:
+    def update(self, teensy: TeensyLink, mounting: Mounting) -> Pair:
         """Returns angle in [0, 2 pi) rad and rate rad/s; zeros before the first reply."""
         sent = teensy.sent_time
         past = self._past

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from aerodima.hardware.protocol.ak70 import MAX_ID, FirmwareProfile
+from aerodima.workbench.core.array_types import Pair
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.core.quantity import QuantityModel, quantity
 from aerodima.workbench.core.resources import model_path
@@ -145,8 +146,8 @@ def motor_settings(
     motor_id: int,
     profile: FirmwareProfile,
     parameters: TailMotorParameters,
-    joint_range: tuple[float, float],
-    hold_gains: tuple[float, float],
+    joint_range: Pair,
+    hold_gains: Pair,
     direction: int = 1,
     zero: float = 0.0,
 ) -> MotorSettings:

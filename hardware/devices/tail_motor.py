@@ -42,6 +42,7 @@ from aerodima.hardware.protocol.ak70 import (
     unwrap,
 )
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
+from aerodima.workbench.core.array_types import Pair
 from aerodima.workbench.core.errors import HardwareError
 
 _REMIND = 0.1
@@ -264,7 +265,7 @@ class Motor:
         if failure:
             self.set_fault(MotorFault.NOT_FOLLOWING, failure, time)
 
-    def _unwrapped(self, reading: float, time: float) -> tuple[float, float]:
+    def _unwrapped(self, reading: float, time: float) -> Pair:
         """Returns the motor angle of a reading, and by how much it changed more than the motor can
         turn, rad.
         """

@@ -23,7 +23,7 @@ from aerodima.workbench.car.roll_filter import RollEstimate, RollFilterSettings,
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
 from aerodima.workbench.control.manoeuvre import make_schedule
 from aerodima.workbench.control.tail_law import TailLaw, observe
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Pair
 from aerodima.workbench.core.realtime import SWITCH_INTERVAL
 from aerodima.workbench.logs.signals import RowUnwrapper
 from aerodima.workbench.scenario.scenario import Scenario
@@ -205,8 +205,8 @@ class LawPilot(Pilot):
         self,
         time: float,
         reading: CarReading,
-        observed: tuple[float, float],
-        drive: tuple[float, float],
+        observed: Pair,
+        drive: Pair,
         plan: float,
     ) -> PilotStep:
         """Runs a tick of the law, which has `observed` a planned turn and a steering angle (rad);

@@ -19,7 +19,7 @@ from pydantic import AfterValidator, Field, model_validator
 from scipy.stats import norm, qmc
 
 from aerodima.workbench.car.car_model import chassis_centre
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, NamedArrays, Pair
 from aerodima.workbench.core.errors import ScenarioError
 from aerodima.workbench.core.key_errors import nearest, require_unique
 from aerodima.workbench.core.yaml_files import StrictModel, checked, find_file, read_yaml
@@ -53,14 +53,14 @@ commanded."""
 SCHEMA = "aerodima/calibration-plan/3"
 
 
-def _ordered(ends: tuple[float, float]) -> tuple[float, float]:
+def _ordered(ends: Pair) -> Pair:
     low, high = ends
     if not low < high:
         raise ValueError(f"{low:g} to {high:g}; the lower end must come first")
     return ends
 
 
-Range = Annotated[tuple[float, float], AfterValidator(_ordered)]
+Range = Annotated[Pair, AfterValidator(_ordered)]
 """Lower and upper end."""
 Ends = Literal["survived", "flipped"]
 Tail = Literal["none", "held", "swing"]
@@ -421,7 +421,7 @@ class CarPrior:
         """Returns which cars (m) of (m, n) exist: gyration of a body, and a chassis with its centre
         of mass inside the car.
         """
-        changes: dict[str, dict[str, FloatArray]] = defaultdict(dict)
+        changes: dict[str, NamedArrays] = defaultdict(dict)
         for key in self.plan.body:
             section, _, name = key.partition(".")
             changes[section][name] = cars[:, self.column(key)]

@@ -34,6 +34,8 @@ MIN_MEAN = 1e-3
 """Least mean that has a logarithm, in the unit of its metric."""
 TurnResults = Mapping[str, Facts]
 """Name of a turn -> lists of the results of its cars, by name."""
+Regressions = dict[str, Regression]
+"""By the name of a turn."""
 MIN_REDUCED_CARS = 8
 """Cars that a process needs."""
 MIN_FULL_CARS = 3
@@ -61,11 +63,11 @@ class Surrogate:
     """
 
     prior: CarPrior
-    flips: dict[str, Regression]
-    figures: dict[str, Regression]
-    shifts: dict[str, Regression] = field(default_factory=dict)
-    corrections: dict[str, Regression] = field(default_factory=dict)
-    means: dict[str, Regression] = field(default_factory=dict)
+    flips: Regressions
+    figures: Regressions
+    shifts: Regressions = field(default_factory=dict)
+    corrections: Regressions = field(default_factory=dict)
+    means: Regressions = field(default_factory=dict)
 
     @classmethod
     def from_reduced(
@@ -186,7 +188,7 @@ TrainingSets = Mapping[str, TrainingSet]
 """Name of a turn -> rows that its regression is fitted to."""
 
 
-def _fit_processes(runs: CachedRunner, sets: TrainingSets) -> dict[str, Regression]:
+def _fit_processes(runs: CachedRunner, sets: TrainingSets) -> Regressions:
     """Fits a Gaussian process to each training set."""
     items = [data.tuning_rows() for data in sets.values()]
     keys = [content_key("tune", *(array.tolist() for array in item)) for item in items]
@@ -198,19 +200,19 @@ def _fit_processes(runs: CachedRunner, sets: TrainingSets) -> dict[str, Regressi
     }
 
 
-def _fit_lines(sets: TrainingSets) -> dict[str, Regression]:
+def _fit_lines(sets: TrainingSets) -> Regressions:
     """Fits a plane to each training set."""
     return {name: Regression.line(data) for name, data in sets.items()}
 
 
 def _fit(
-    fit: Callable[[TrainingSets], dict[str, Regression]],
+    fit: Callable[[TrainingSets], Regressions],
     prior: CarPrior,
     cars: FloatArray,
     results: TurnResults,
     min_cars: int,
     base: Surrogate | None = None,
-) -> tuple[dict[str, Regression], dict[str, Regression]]:
+) -> tuple[Regressions, Regressions]:
     """Fits the flips and figures of every turn, or what they are beyond those of a surrogate.
 
     Args:

@@ -3,7 +3,7 @@ thesis, information.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
@@ -26,7 +26,7 @@ from aerodima.optimisation.calibrate.calibration_plan import (
 from aerodima.optimisation.calibrate.surrogate import Surrogate
 from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.workbench.batch.row_store import Row, content_key
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Values
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.scenario import load_scenario
@@ -282,7 +282,7 @@ def combinations(
     return best
 
 
-def brier(surrogate: Surrogate, cars: FloatArray) -> tuple[float, Mapping[str, float]]:
+def brier(surrogate: Surrogate, cars: FloatArray) -> tuple[float, Values]:
     """Returns the Brier score of the published outcomes, and the probability of surviving each
     turn.
     """

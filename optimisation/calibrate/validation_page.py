@@ -42,7 +42,7 @@ from aerodima.optimisation.calibrate.validation import (
 )
 from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.workbench.batch.row_store import Row
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Values
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.view.figure_style import BLUE, GREY, VERMILION, new_figure, styled
 from aerodima.workbench.view.report_page import (
@@ -266,7 +266,7 @@ def _densities(result: Result) -> list[Any]:
     return [_table(densities, DENSITY_COLUMNS), rigid_words]
 
 
-def outcome_table(result: Result, chances: Mapping[str, float]) -> pd.DataFrame:
+def outcome_table(result: Result, chances: Values) -> pd.DataFrame:
     """Lists how each turn ended in print, the probability to survive it by the surrogate, and the
     fine runs.
     """

@@ -12,8 +12,6 @@ standard deviation are not. So a fit ends when its next step is small against th
 when it finds no lower cost.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from itertools import pairwise
@@ -34,7 +32,7 @@ from aerodima.optimisation.identify.least_squares import (
 )
 from aerodima.optimisation.identify.noise import Noise, serial_noise
 from aerodima.optimisation.identify.uncertainty import uncertainty
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Pair
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.logs.mapping import unit_in_name
@@ -106,7 +104,7 @@ _NEAR = 25.0
 """A step that predicts less ends the fit with the noise of the sensors alone."""
 
 
-def prior_range(name: str, car: CarParameters) -> tuple[float, float]:
+def prior_range(name: str, car: CarParameters) -> Pair:
     """Look up the range of an unknown of `UNITS` that is known beforehand.
 
     A car of another size, whose own value lies outside the range of `models/parameters`, has that

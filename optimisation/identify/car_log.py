@@ -2,8 +2,6 @@
 played to a model.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -16,7 +14,7 @@ from aerodima.workbench.car.laws import steady_speed
 from aerodima.workbench.car.turn_signals import STEERED
 from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE, DriverInput, throttle_line
 from aerodima.workbench.control.tail_law import Observation
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, NamedArrays, Values
 from aerodima.workbench.core.errors import FitError, UserError
 from aerodima.workbench.logs.log_findings import inconsistent_rates
 from aerodima.workbench.logs.schema import RunLog
@@ -167,9 +165,7 @@ class CarDrive:
         """Whether the car has a tail."""
         return self.scenario.tail.mode != "none"
 
-    def run(
-        self, car: Mapping[str, float], begin: float, driven: float, latency: float, step: float
-    ) -> Signals:
+    def run(self, car: Values, begin: float, driven: float, latency: float, step: float) -> Signals:
         """Simulate the drive: channels without noise and bias, and `time`, s of the log.
 
         Another driven speed is another line of the throttle.
@@ -213,7 +209,7 @@ class CarDrive:
         columns["time"] = table["time_s"].to_numpy() + played.begin
         return columns
 
-    def sampled(self, run: Signals, late: float) -> dict[str, FloatArray]:
+    def sampled(self, run: Signals, late: float) -> NamedArrays:
         """Sample a run at the times of the log, all of it `late` seconds later."""
         return {
             name: np.interp(channel.time - late, run["time"], run[name])

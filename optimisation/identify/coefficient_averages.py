@@ -19,12 +19,12 @@ from aerodima.optimisation.identify.fit_result import FitResult
 from aerodima.optimisation.identify.huber import LIMIT, spread
 from aerodima.workbench.aero.coefficient_files import SCHEMA, coefficients_from_dict
 from aerodima.workbench.aero.section_laws import CHEETAH_LIMIT, ROBOT_LIMIT
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Pair
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.core.file_reading import Json
 
-Grid = dict[tuple[float, float], list[FitResult]]
+Grid = dict[Pair, list[FitResult]]
 """Speed (m/s) and angle (degrees) of a node -> its tests."""
 _ANGLE_STEP = 1.0
 """Holds within half of this (degrees) of each other are one node."""
@@ -80,7 +80,7 @@ def averages_table(results: Sequence[FitResult], keys: Sequence[str] = ()) -> pd
     Returns:
         A row per group and parameter: the keys, parameter, unit, and its `averages`.
     """
-    groups: dict[tuple[Any, ...], list[tuple[float, float]]] = {}
+    groups: dict[tuple[Any, ...], list[Pair]] = {}
     for result in sorted(results, key=lambda result: [result.facts[key] for key in keys]):
         facts = [result.facts[key] for key in keys]
         for e in result.free:
@@ -186,7 +186,7 @@ def _static_node(speed: float, angle: float, group: list[FitResult]) -> Json:
     return {**node, "samples": len(group), "source": "static fits"}
 
 
-def _average(name: str, pairs: Sequence[tuple[float, float]]) -> dict[str, float]:
+def _average(name: str, pairs: Sequence[Pair]) -> dict[str, float]:
     """Average values with resnorms: weighted under the name itself, the others beside it."""
     numbers = averages(*np.array(pairs).T)
     del numbers["samples"]
@@ -196,7 +196,7 @@ def _average(name: str, pairs: Sequence[tuple[float, float]]) -> dict[str, float
 
 def robot_tail_set(results: Sequence[FitResult]) -> Json | None:
     """Make a speed table of C_N from fits in bins; None with fewer than two bins."""
-    bins: dict[float, list[tuple[float, float]]] = defaultdict(list)
+    bins: dict[float, list[Pair]] = defaultdict(list)
     for result in results:
         for estimate in result.free:
             name = estimate.name

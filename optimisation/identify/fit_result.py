@@ -11,6 +11,7 @@ from pydantic import AliasChoices, Field
 
 from aerodima.optimisation.identify.least_squares import Solution
 from aerodima.optimisation.identify.uncertainty import Uncertainty
+from aerodima.workbench.core.array_types import Values
 from aerodima.workbench.core.file_reading import Facts, Json
 
 Channels = Mapping[str, tuple[slice, float]]
@@ -78,7 +79,7 @@ class FitResult:
     estimates: tuple[Estimate, ...]
     covariance: tuple[tuple[float, ...], ...]
     cost: float
-    residual_rms: Mapping[str, float]
+    residual_rms: Values
     success: bool
     status: str
     attempts: tuple[Facts, ...]
@@ -90,8 +91,8 @@ class FitResult:
     facts: Facts = field(default_factory=dict)
     curves: Facts = field(default_factory=dict)
     rig: Facts = field(default_factory=dict)
-    budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    constants: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    budget: Mapping[str, Values] = field(default_factory=dict)
+    constants: Mapping[str, Values] = field(default_factory=dict)
     added_cost: float = 0.0
 
     def __getitem__(self, name: str) -> Estimate:
@@ -252,7 +253,7 @@ def _attempts(solution: Solution) -> tuple[Json, ...]:
     )
 
 
-def _bound_warnings(estimates: Sequence[Estimate], beyond: Mapping[str, float]) -> list[str]:
+def _bound_warnings(estimates: Sequence[Estimate], beyond: Values) -> list[str]:
     """Warn of what stopped at a bound; `beyond` is in standard deviations, by name."""
     at_bounds = [e for e in estimates if e.bound]
     warnings = []

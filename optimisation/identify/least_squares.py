@@ -6,14 +6,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import wraps
 from typing import Any, TypeVar
 
 import numpy as np
 
-from aerodima.workbench.core.array_types import FloatArray, IntArray
+from aerodima.workbench.core.array_types import FloatArray, IntArray, Values
 from aerodima.workbench.core.deprecation import warn_renamed
 from aerodima.workbench.core.errors import FitError
 
@@ -180,7 +180,7 @@ class Parameters:
         """List numbers of the unknowns (p) by their names."""
         return dict(zip(self.names, map(float, x), strict=True))
 
-    def starts(self, starts: Iterable[Mapping[str, float]] = ()) -> list[FloatArray]:
+    def starts(self, starts: Iterable[Values] = ()) -> list[FloatArray]:
         """List the vectors to start from: the initial values, then further ones by name.
 
         A missing name keeps its initial value.

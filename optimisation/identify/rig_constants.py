@@ -9,7 +9,7 @@ import pandas as pd
 from aerodima.optimisation.identify.fit_options import FitOptions
 from aerodima.optimisation.identify.least_squares import Parameter
 from aerodima.optimisation.identify.log_rig import is_simulated, named_rig
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Values
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.core.quantity import unit_of
@@ -67,7 +67,7 @@ def constant_parameters(
     scenario: RigScenario,
     kind: str,
     options: FitOptions,
-    biases: Mapping[str, float] | None = None,
+    biases: Values | None = None,
 ) -> tuple[Parameter, ...]:
     """Make the constants that a fit varies, as shifts from the scenario: from zero, and a deviation
     unless they are free.
@@ -113,7 +113,7 @@ def _unit(name: str) -> str:
     return unit_of(RigUncertaintyParameters, name)
 
 
-def shifted(scenario: RigScenario, values: Mapping[str, float]) -> RigScenario:
+def shifted(scenario: RigScenario, values: Values) -> RigScenario:
     """Shift the constants of a rig; ranges are not checked again, trials of a fit stay near
     the scenario.
     """
@@ -134,7 +134,7 @@ def shifted(scenario: RigScenario, values: Mapping[str, float]) -> RigScenario:
     return with_values(scenario, changes)
 
 
-def with_values(scenario: RigScenario, changes: Mapping[str, Mapping[str, float]]) -> RigScenario:
+def with_values(scenario: RigScenario, changes: Mapping[str, Values]) -> RigScenario:
     """Make the rig with other values, by section and key; ranges are not checked."""
     sections = {
         name: getattr(scenario, name).model_copy(update=values) for name, values in changes.items()

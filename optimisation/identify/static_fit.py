@@ -6,7 +6,7 @@ which the tail would creep against its friction if the current did not hold it.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache, lru_cache
 from pathlib import Path
@@ -29,7 +29,7 @@ from aerodima.optimisation.identify.uncertain_constants import (
     UncertainRig,
     Whitening,
 )
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Values
 from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.quantity import STANDARD_GRAVITY
 from aerodima.workbench.core.resources import published_table
@@ -290,7 +290,7 @@ def _uncertain_rig(data: StaticData) -> UncertainRig:
     return UncertainRig(data.constants, problem, noise, noise)
 
 
-def shifted_data(data: StaticData, values: Mapping[str, float]) -> StaticData:
+def shifted_data(data: StaticData, values: Values) -> StaticData:
     """Make the hold as it is when constants and instruments are off by some values
     (`constants`).
     """

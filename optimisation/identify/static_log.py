@@ -30,7 +30,7 @@ from aerodima.optimisation.identify.log_rig import (
 )
 from aerodima.optimisation.identify.noise import correlation_time
 from aerodima.optimisation.identify.rig_constants import BIASES, constant_parameters
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, NamedArrays, Pair
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.core.file_reading import Facts
 from aerodima.workbench.logs.schema import RunLog
@@ -219,9 +219,9 @@ def _hold_mask(time: FloatArray, rest: Interval | None) -> np.ndarray:
     return hold
 
 
-def _readings(log: RunLog, time: FloatArray) -> tuple[dict[str, FloatArray], list[str]]:
+def _readings(log: RunLog, time: FloatArray) -> tuple[NamedArrays, list[str]]:
     """Read the axes that are there and alive; a warning names what is left out."""
-    columns: dict[str, FloatArray] = {}
+    columns: NamedArrays = {}
     warnings = []
     for channel, column in COLUMNS.items():
         if column not in log.table.columns:
@@ -246,7 +246,7 @@ def _readings(log: RunLog, time: FloatArray) -> tuple[dict[str, FloatArray], lis
 
 def _mean_current(
     log: RunLog, hold: np.ndarray, scenario: RigScenario, warnings: list[str]
-) -> tuple[float, float]:
+) -> Pair:
     """Return the mean of the logged current of the hold, with the deviation of its error, NaN
     without a usable one; it is not fitted.
     """
@@ -265,9 +265,7 @@ def _mean_current(
     return unusable
 
 
-def _mean_rate(
-    log: RunLog, time: FloatArray, hold: np.ndarray, count: float
-) -> tuple[float, float]:
+def _mean_rate(log: RunLog, time: FloatArray, hold: np.ndarray, count: float) -> Pair:
     """Return the mean speed of the hold, with the deviation of its error: half a count at either
     end, over its length.
     """

@@ -17,10 +17,11 @@ import numpy as np
 from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.fit_result import FitResult
 from aerodima.optimisation.identify.least_squares import Parameter
-from aerodima.optimisation.identify.swing_fit import SwingModel, TorqueLaw, Values
+from aerodima.optimisation.identify.swing_fit import SwingModel, TorqueLaw
 from aerodima.optimisation.identify.swing_log import SwingData, swing_data
 from aerodima.workbench.aero.section_laws import NormalForceLaw, SpeedTable, speed_line
 from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS, MIN_INERTIA_FRACTION
+from aerodima.workbench.core.array_types import Pair, Values
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.core.resources import published_table
 from aerodima.workbench.logs.schema import read_run_log
@@ -243,7 +244,7 @@ def fit_robot_tail(
     return model.fit(shape_parameters(shape, data), facts=facts, options=options)
 
 
-def speed_range(data: SwingData) -> tuple[float, float]:
+def speed_range(data: SwingData) -> Pair:
     """Find the lowest and highest relative speed at the middle of the sail, m/s."""
     tail = data.scenario.robot_tail
     wind = data.scenario.experiment.wind_speed
@@ -271,7 +272,7 @@ def shape_parameters(shape: Shape, data: SwingData) -> list[Parameter]:
     return [Parameter(f"{_NODE}{node:g}", "1", _INITIAL, _LOW, _HIGH, scale=1.0) for node in nodes]
 
 
-def normal_force_law(shape: Shape, values: Values, speeds: tuple[float, float]) -> NormalForceLaw:
+def normal_force_law(shape: Shape, values: Values, speeds: Pair) -> NormalForceLaw:
     """Make C_N as `constant`, `line` or `bins` over the relative speed."""
     if shape == "constant":
         return NormalForceLaw(values["cn"])

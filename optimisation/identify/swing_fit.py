@@ -8,7 +8,7 @@ unknowns too, so that one noisy sample does not spoil a whole swing.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -23,12 +23,11 @@ from aerodima.optimisation.identify.noise import Noise, serial_noise
 from aerodima.optimisation.identify.rig_constants import shifted, speed_accuracy, with_values
 from aerodima.optimisation.identify.swing_log import SwingData, motor_torque
 from aerodima.optimisation.identify.uncertain_constants import UncertainRig
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Values
 from aerodima.workbench.core.file_reading import Facts
 from aerodima.workbench.rig.pendulum import PendulumModel, Torque
 from aerodima.workbench.rig.swing_motion import simulate_swing, torque_response
 
-Values = Mapping[str, float]
 TorqueLaw = Callable[[Values], Sequence[Torque]]
 """Values of parameters -> torques of air, friction and motor."""
 _START_ANGLE = 0.02

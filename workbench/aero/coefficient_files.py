@@ -20,6 +20,7 @@ from aerodima.workbench.aero.section_laws import (
     TwoSidedLaw,
     speed_line,
 )
+from aerodima.workbench.core.array_types import Pair
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.yaml_files import (
@@ -34,7 +35,7 @@ from aerodima.workbench.core.yaml_files import (
 SCHEMA = "aerodima/coefficients/1"
 _FOLDER = "coefficients"
 Number = Annotated[float, Strict()]
-Ends = tuple[float, float]
+Ends = Pair
 
 
 def _refuse_gain(value: float, least: float) -> float:

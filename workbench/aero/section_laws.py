@@ -18,6 +18,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from pydrake.math import arctan2
 
+from aerodima.workbench.core.array_types import Pair
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.ranges import check_range
 
@@ -285,7 +286,7 @@ class SpeedTable:
         return self.speeds[0] <= speed <= self.speeds[-1]
 
 
-def speed_line(slope: float, intercept: float, speed_range: tuple[float, float]) -> SpeedTable:
+def speed_line(slope: float, intercept: float, speed_range: Pair) -> SpeedTable:
     """Makes a coefficient that is a line over |v_rel| inside a range (ERRATA E26).
 
     Args:

@@ -13,10 +13,10 @@ import numpy as np
 from pydrake.math import RotationMatrix
 from pydrake.multibody.tree import SpatialInertia, UnitInertia
 
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Pair
 from aerodima.workbench.core.sdf_model import Inertial
 
-Chords = tuple[float, float]
+Chords = Pair
 """Widths of a piece at its near and far end, m."""
 _GAUSS = (0.5 - math.sqrt(1.0 / 12.0), 0.5 + math.sqrt(1.0 / 12.0))
 """Points of Gauss and Legendre between 0 and 1, of half the weight each."""
@@ -114,7 +114,7 @@ def inertial_of_inertia(inertia: SpatialInertia) -> Inertial:
     return Inertial(inertia.get_mass(), (x, y, z), (xx, yy, zz), (xy, xz, yz))
 
 
-def _gauss_points(length: float, chords: Chords) -> Iterator[tuple[float, float]]:
+def _gauss_points(length: float, chords: Chords) -> Iterator[Pair]:
     """Place (m) and width (m) of the two slices, each of half the length."""
     near, far = chords
     for share in _GAUSS:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodima.workbench.core.array_types import FloatArray, Vector3
+from aerodima.workbench.core.array_types import FloatArray, Pair, Vector3
 
 _SHORT_EDGE = 1e-9
 """An edge of an outline shorter than this is a corner, m."""
@@ -30,7 +30,7 @@ class Piece:
     normal: FloatArray
     across: FloatArray
     length: float
-    chords: tuple[float, float]
+    chords: Pair
 
     @property
     def area(self) -> float:

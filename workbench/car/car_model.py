@@ -13,6 +13,7 @@ import numpy as np
 from pydrake.multibody.tree import UnitInertia
 
 from aerodima.workbench.car.tail_plant import ground_partner_friction
+from aerodima.workbench.core.array_types import Pair
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.sdf_model import Inertial, SdfModel
@@ -78,7 +79,7 @@ def axle_statics(car: CarParameters, gravity: float, axle: str) -> AxleStatics:
     return AxleStatics(load, car.tyre_radius - load / tyre, -sprung_load / spring)
 
 
-def wheel_rates(car: CarParameters, axle: str) -> tuple[float, float]:
+def wheel_rates(car: CarParameters, axle: str) -> Pair:
     """Spring rate (N/m) and damping (N s/m) at one wheel: those of its suspension unit times the
     motion ratio squared.
 
@@ -151,7 +152,7 @@ def chassis_centre(
     return mass, x, z
 
 
-def board_centre(car: CarParameters) -> tuple[float, float]:
+def board_centre(car: CarParameters) -> Pair:
     """Place (x, z in B, m) of the anti-ramp board's centre."""
     return car.board_x + car.board_length / 2, car.board_height + car.board_thickness / 2
 

@@ -1,7 +1,5 @@
 """Brushless drive on the rear differential; steering servo with its linkage (design section 6)."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 

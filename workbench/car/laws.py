@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from aerodima.workbench.core.array_types import Pair
 from aerodima.workbench.core.elementwise import clip, maximum, minimum, tanh
 from aerodima.workbench.scenario.car_parameters import (
     CarParameters,
@@ -168,7 +169,7 @@ def shaft_torque(
     return governor_torque(target, shaft_speed, gain, loss, drive.torque_limit)
 
 
-def ackermann(steering_angle: float, wheelbase: float, track: float) -> tuple[float, float]:
+def ackermann(steering_angle: float, wheelbase: float, track: float) -> Pair:
     """Returns the angles (rad) of the left and right front wheel, positive to the left, that roll
     about one centre of turn.
 
@@ -179,7 +180,7 @@ def ackermann(steering_angle: float, wheelbase: float, track: float) -> tuple[fl
     return math.atan2(tangent, 1.0 - half), math.atan2(tangent, 1.0 + half)
 
 
-def steering_motion(frame: Sequence[float], time: float, rate: float) -> tuple[float, float]:
+def steering_motion(frame: Sequence[float], time: float, rate: float) -> Pair:
     """Returns the bicycle steering angle, rad, and its rate, rad/s, at `time` s.
 
     Args:
@@ -238,7 +239,7 @@ def knuckle_motion(
     return left, right, turning / (inner**2 + tangent**2), turning / (outer**2 + tangent**2)
 
 
-def torque_speed_limits(motor: TailMotorParameters) -> tuple[float, float]:
+def torque_speed_limits(motor: TailMotorParameters) -> Pair:
     """Returns stall torque (N m) and no-load speed (rad/s) at the output, from the pack voltage.
 
     Ideal DC machine: the torque constant in N m/A equals 1/speed_constant in SI units.
@@ -255,7 +256,7 @@ def mit_torque(
     speed: float,
     command: Sequence[float],
     motor: TailMotorParameters,
-    line: tuple[float, float],
+    line: Pair,
     ahead: tuple[float, float, float] = NOW,
 ) -> float:
     """Returns the torque (N m) of one motor in MIT mode, positive along the joint axis.

@@ -23,7 +23,7 @@ from aerodima.workbench.car.tip_up import LIFT_COLUMNS
 from aerodima.workbench.car.turn_signals import settled_row
 from aerodima.workbench.car.verdict import CALM_FOR, CALM_SPIN
 from aerodima.workbench.control.manoeuvre import run_time
-from aerodima.workbench.core.array_types import BoolArray, FloatArray, IntArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray, IntArray, NamedArrays
 from aerodima.workbench.core.elementwise import roll_pitch_yaw, rotation_rows
 from aerodima.workbench.core.event_order import row_period
 from aerodima.workbench.core.port_wiring import add_and_connect, add_selector, vector_of
@@ -164,16 +164,16 @@ class OutcomeRecord:
         """Returns the step of the plant that a row shows: between two steps the one that began."""
         return np.ceil(time / self._scenario.simulation.step - 1e-6).astype(int)
 
-    def _motion(self, context: Context, state: FloatArray, rows: slice) -> dict[str, FloatArray]:
+    def _motion(self, context: Context, state: FloatArray, rows: slice) -> NamedArrays:
         """All columns but the forces of the ground."""
         _, times = self._log(context)
         time = times[rows]
         steps = self._steps(time)
-        columns: dict[str, FloatArray] = {TIME: time}
+        columns: NamedArrays = {TIME: time}
         columns |= dict(zip(self._names, self._rows.FindLog(context).data()[:, rows], strict=True))
         return columns | self._body(state, steps) | self._tail(state, steps, context)
 
-    def _body(self, states: FloatArray, steps: IntArray) -> dict[str, FloatArray]:
+    def _body(self, states: FloatArray, steps: IntArray) -> NamedArrays:
         """Motion of the chassis, by the definitions of `ground_truth.CarTruth`."""
         step = self._scenario.simulation.step
         state = states[:, steps]
@@ -196,7 +196,7 @@ class OutcomeRecord:
         # The last fields are the centre of mass, which no metric needs.
         return dict(zip(BODY_TRUTH.fields, columns, strict=False))
 
-    def _tail(self, states: FloatArray, steps: IntArray, context: Context) -> dict[str, FloatArray]:
+    def _tail(self, states: FloatArray, steps: IntArray, context: Context) -> NamedArrays:
         """Torques of the tail motors in the step that begins, N m, and their power, W."""
         names = ("tail_pitch_torque_n_m", "tail_roll_torque_n_m")
         if not self._has_tail:
@@ -214,7 +214,7 @@ class OutcomeRecord:
         columns["tail_power_truth_w"] = np.sum(torques * rates, axis=0)
         return columns
 
-    def _contacts(self, states: FloatArray, steps: IntArray) -> dict[str, FloatArray]:
+    def _contacts(self, states: FloatArray, steps: IntArray) -> NamedArrays:
         """Vertical forces of the ground in the step before a row, N; none before the first step."""
         positions = states[: self._plant.num_positions()]
         forces = self._loads.forces(positions[:, np.maximum(steps - 1, 0)], positions[:, steps])

@@ -15,6 +15,7 @@ from pydrake.multibody.tree import UnitInertia
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.aero.tail_geometry import Plate, TailArm, TailGeometry
 from aerodima.workbench.car.tail_file import read_tail, set_tail_shapes
+from aerodima.workbench.core.array_types import Pair
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.sdf_model import Inertial, SdfModel
@@ -62,7 +63,7 @@ class ArmInertia(NamedTuple):
     pitch_product: float = 0.0
 
 
-def inertia_about_joints(arm: ArmInertia, roll_angle: float) -> tuple[float, float]:
+def inertia_about_joints(arm: ArmInertia, roll_angle: float) -> Pair:
     """Returns the inertia (kg m2) about pitch and roll axis at a roll angle, rad.
 
     It is the diagonal of the arm's mass matrix.

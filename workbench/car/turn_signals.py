@@ -18,7 +18,7 @@ import pandas as pd
 
 from aerodima.workbench.car.verdict import CALM, has_settled, is_busy, is_calm
 from aerodima.workbench.control.manoeuvre import turn_length
-from aerodima.workbench.core.array_types import BoolArray, FloatArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray, NamedArrays, Pair
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import DRIVEN_BY, PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import check_signals, check_time, checked_signals
@@ -79,7 +79,7 @@ class TurnSignals:
     """
 
     time: FloatArray
-    window: tuple[float, float]
+    window: Pair
     sign: float
     source: Literal["truth", "sensors"]
     speed: FloatArray
@@ -176,7 +176,7 @@ def turn_sign(run_log: RunLog) -> float:
     return -1.0 if run_log.setting("manoeuvre", "direction") == "right" else 1.0
 
 
-def turn_window(run_log: RunLog) -> tuple[float, float]:
+def turn_window(run_log: RunLog) -> Pair:
     """Returns the start and end of the turn, s: from the steering command to straight wheels after
     it.
 
@@ -264,7 +264,7 @@ def steered_windows(time: FloatArray, angle: FloatArray) -> list[SteeredWindow]:
     ]
 
 
-def _read(run_log: RunLog, source: str, turn_start: float) -> dict[str, FloatArray]:
+def _read(run_log: RunLog, source: str, turn_start: float) -> NamedArrays:
     """Reads the signals of a source by field of `TurnSignals`; the turn starts at a time, s."""
     columns = _TRUTH if source == "truth" else _SENSORS
     values = {name: run_log.signal(column) for name, column in columns.items()}

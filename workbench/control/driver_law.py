@@ -21,7 +21,7 @@ from aerodima.workbench.control.manoeuvre import (
 )
 from aerodima.workbench.control.paths import Path, path_of
 from aerodima.workbench.control.rollover_control import RolloverMemory, limit_by_roll, max_angle
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Pair
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.law_parameters import RolloverControlParameters
 
@@ -47,7 +47,7 @@ class DriverView(NamedTuple):
     """
 
     time: float
-    position: tuple[float, float] = (math.nan, math.nan)
+    position: Pair = (math.nan, math.nan)
     heading: float = math.nan
     course: float = math.nan
     speed: float = math.nan
@@ -203,7 +203,7 @@ class PathDriver:
         given = DriverInput(float(angle), throttle, self.path.next_side(station))
         return np.array([missing, angle, *later]), given
 
-    def _aim(self, missing: float, view: DriverView) -> tuple[float, float]:
+    def _aim(self, missing: float, view: DriverView) -> Pair:
         """Returns the missing curvature, 1/m, and the angle that is wanted, rad, with a pose."""
         bent = 0.0
         if view.speed > SLOW and not math.isnan(view.yaw_rate):

@@ -34,7 +34,7 @@ import numpy as np
 
 from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.control.tail_law import NO_COMMAND, LawStep, Observation
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Pair
 from aerodima.workbench.scenario.law_parameters import ControllerParameters, FeedbackParameters
 from aerodima.workbench.scenario.signal_table import IMU
 
@@ -158,7 +158,7 @@ class FeedbackLaw:
     gains: FeedbackParameters
     wheelbase: float
     rate: float
-    pitch_hold: tuple[float, float]
+    pitch_hold: Pair
     memory_size = len(LawMemory._fields)
 
     @classmethod

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from aerodima.workbench.core.array_types import Pair
 from aerodima.workbench.core.errors import ScenarioError, SwingFileError
 from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.yaml_files import find_file
@@ -51,7 +52,7 @@ def swing_of_scenario(scenario: Any) -> SwingFile | None:
     return find_swing(name)
 
 
-def resting_tail(scenario: Any) -> tuple[float, float]:
+def resting_tail(scenario: Any) -> Pair:
     """Returns roll and pitch (rad) of the tail at the start of a run: those of the first knot of a
     swing that is played, else those at which the law waits.
     """

@@ -34,7 +34,7 @@ from aerodima.workbench.control.swing_machine import (
     enter,
 )
 from aerodima.workbench.control.tail_law import EPSILON, Observation
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Pair
 from aerodima.workbench.core.elementwise import clip
 from aerodima.workbench.scenario.swing_file import JointGains, SwingFile, cubic, gains_at, swing_at
 
@@ -215,9 +215,7 @@ class SwingPlayer(SwingMachine):
         )
         return roll, pitch
 
-    def _command(
-        self, wanted: tuple[Any, Any, Any], gains: JointGains, state: tuple[float, float]
-    ) -> FloatArray:
+    def _command(self, wanted: tuple[Any, Any, Any], gains: JointGains, state: Pair) -> FloatArray:
         """Returns the position, rate, gains and torque for a joint at (rad, rad/s).
 
         As much is taken from the torque that the motor, in its present state, gives no more than

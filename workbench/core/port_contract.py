@@ -7,6 +7,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import AffineSystem, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
+from aerodima.workbench.core.array_types import Values
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_fields import PortFields
 from aerodima.workbench.core.port_wiring import add_and_connect, concatenate
@@ -21,7 +22,7 @@ def add_status(
     builder: DiagramBuilder,
     fields: PortFields,
     samples: Mapping[str, OutputPort],
-    faults: Mapping[str, float] | None = None,
+    faults: Values | None = None,
 ) -> OutputPort:
     """Adds the port `status` of a simulated station: armed, ages, fault codes, and 0 elsewhere.
 

@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from aerodima.workbench.core.array_types import BoolArray, FloatArray, IntArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray, IntArray, NamedArrays
 from aerodima.workbench.core.errors import FitError, LogError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.scenario.signal_table import TIME
@@ -138,7 +138,7 @@ def check_signals(
             )
 
 
-def checked_signals(run_log: RunLog, columns: Iterable[str]) -> dict[str, FloatArray]:
+def checked_signals(run_log: RunLog, columns: Iterable[str]) -> NamedArrays:
     """Reads columns of a run log, (n,) each; LogError as `check_signals`."""
     signals = {column: run_log.signal(column) for column in columns}
     check_signals(run_log.time, signals)

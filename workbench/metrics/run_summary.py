@@ -17,7 +17,7 @@ from aerodima.workbench.car.turn_signals import SENSOR_COLUMNS, turn_window
 from aerodima.workbench.car.verdict import FLIP_TILT
 from aerodima.workbench.control.swing_law import SwingState
 from aerodima.workbench.control.swing_library import NO_SWING
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Pair
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.core.file_reading import Facts, Json
 from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
@@ -220,7 +220,7 @@ class RunSummary:
     tail_mode: str
     commanded_speed: float
     metrics: RunMetrics
-    window: tuple[float, float]
+    window: Pair
     impulses: Impulses | None
     trigger_time: float | None
     swing_end_time: float | None

@@ -21,7 +21,7 @@ from aerodima.workbench.aero.section_laws import LineMotion, SectionLaw, cross
 from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.car.laws import joint_friction
 from aerodima.workbench.car.tail_plant import ADDED_MASS_PARTS
-from aerodima.workbench.core.array_types import FloatArray, Vector3
+from aerodima.workbench.core.array_types import FloatArray, Pair, Vector3
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.rig.rig_layout import (
     bar_layout,
@@ -198,7 +198,7 @@ def _strips(
 
 def section_airflow(
     pendulum: PendulumModel, strip: AeroStrip, angle: float, rate: float
-) -> tuple[tuple[float, float], LineMotion, Sequence[float], Sequence[float]]:
+) -> tuple[Pair, LineMotion, Sequence[float], Sequence[float]]:
     """Computes how the air meets the sections of a strip at an angle (rad) and a rate (rad/s).
 
     Returns:

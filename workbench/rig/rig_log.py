@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.core.array_types import Pair
 from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.logs.schema import run_metadata
 from aerodima.workbench.rig.rig_layout import rig_law
@@ -47,7 +48,7 @@ def known_truth(scenario: RigScenario) -> dict[str, float]:
     return {"coulomb": friction.coulomb, "viscous": friction.viscous}
 
 
-def static_coefficients(scenario: RigScenario) -> tuple[float, float]:
+def static_coefficients(scenario: RigScenario) -> Pair:
     """C_D and C_L at the wind speed and the angle of attack of a static hold."""
     speed = scenario.experiment.wind_speed
     tunnel = scenario.tunnel

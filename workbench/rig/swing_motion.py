@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Pair
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.rig.pendulum import Motion, PendulumModel, Torque, equation_of_motion
 
@@ -16,7 +16,7 @@ _DIFFERENCE = 1e-6
 
 def runge_kutta_step(
     motion: Motion, q: float, w: float, step: float, motor: float, rise: float
-) -> tuple[float, float]:
+) -> Pair:
     """Angle and rate one step (s) on, by the classical Runge-Kutta method.
 
     Args:
@@ -41,7 +41,7 @@ def runge_kutta_step(
 def simulate_swing(
     pendulum: PendulumModel,
     torques: Sequence[Torque],
-    start: tuple[float, float],
+    start: Pair,
     step: float,
     count: int,
     *,

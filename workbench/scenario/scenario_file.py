@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Self
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from aerodima.workbench.core.array_types import Pair
 from aerodima.workbench.core.errors import ScenarioError
 from aerodima.workbench.core.file_reading import Facts, Json
 from aerodima.workbench.core.key_errors import nearest
@@ -43,7 +44,7 @@ class ParameterEntry(StrictModel):
     unit: str
     source: str = Field(pattern=r"^(published: .+|datasheet: .+|assumed|calibrated: .+|chosen)$")
     reason: str | None = None
-    prior: tuple[float, float] | None = None
+    prior: Pair | None = None
 
     @model_validator(mode="after")
     def _is_accounted_for(self) -> Self:

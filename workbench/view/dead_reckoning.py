@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from aerodima.workbench.car.car_plant import CarPlant, add_car_plant
 from aerodima.workbench.car.tail_plant import tail_geometry
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, NamedArrays
 from aerodima.workbench.core.errors import LogError, ScenarioError
 from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import checked_signals
@@ -74,7 +74,7 @@ def with_turning_sail(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={"tail": scenario.tail.model_copy(update={"sail": "free"})})
 
 
-def _signals(run_log: RunLog) -> dict[str, FloatArray]:
+def _signals(run_log: RunLog) -> NamedArrays:
     """Reads speed, heading, roll, pitch and joint angles, (n,) each; leaves out what is missing."""
     present = set(run_log.table.columns)
     headings = [name for name in ("imu_yaw_rad", "imu_gyro_z_rad_per_s") if name in present]
@@ -93,7 +93,7 @@ def _signals(run_log: RunLog) -> dict[str, FloatArray]:
     return signals
 
 
-def _motion(scenario: Scenario, time: FloatArray, signals: dict[str, FloatArray]) -> pd.DataFrame:
+def _motion(scenario: Scenario, time: FloatArray, signals: NamedArrays) -> pd.DataFrame:
     """Makes every column that a replay reads: plant positions and the motion of chassis, centre of
     mass and tail tip.
     """

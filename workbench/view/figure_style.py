@@ -10,6 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from aerodima.workbench.core.array_types import Pair
+
 # Okabe and Ito's palette, made to be distinguished with any colour vision.
 BLACK = "#000000"
 BLUE = "#0072B2"
@@ -39,7 +41,7 @@ def new_figure(
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
-def shade_turn(axes: Axes, window: tuple[float, float]) -> None:
+def shade_turn(axes: Axes, window: Pair) -> None:
     """Marks the turn: from the steering command until the wheels are straight again."""
     axes.axvspan(*window, color=TURN_SHADE, zorder=0, linewidth=0)
 

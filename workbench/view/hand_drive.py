@@ -21,7 +21,7 @@ from aerodima.workbench.car.car_diagram import assemble, plant_facts
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
 from aerodima.workbench.control.manoeuvre import DriverInput, ThrottleLine, throttle_line
 from aerodima.workbench.control.tail_law import LawStep, Observation, TailLaw
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Pair
 from aerodima.workbench.core.system_lifetime import break_reference_cycles
 from aerodima.workbench.logs.recorder import RunRecorder, open_log, recorded_columns
 from aerodima.workbench.logs.schema import DRIVEN_BY, run_metadata
@@ -151,7 +151,7 @@ class ManualOverrideLaw:
         gains: position and rate gain, N m/rad and N m s/rad.
     """
 
-    def __init__(self, law: TailLaw, schedule: ManualSchedule, gains: tuple[float, float]) -> None:
+    def __init__(self, law: TailLaw, schedule: ManualSchedule, gains: Pair) -> None:
         self._law = law
         self._schedule = schedule
         self._gains = gains

@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from aerodima.workbench.car.car_plant import add_car_plant, add_plant
 from aerodima.workbench.car.ground_truth import air_columns, pose_columns
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, NamedArrays
 from aerodima.workbench.core.errors import LogError, ScenarioError
 from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import (
@@ -89,7 +89,7 @@ class LoggedRun:
     scene_graph: SceneGraph
     positions: FloatArray
     path: FloatArray
-    tips: dict[str, FloatArray]
+    tips: NamedArrays
     arrows: list[ForceArrow]
     air_scale: float
     camera_place: Place

@@ -16,7 +16,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, Diagram
 
 from aerodima.workbench.car.car_station import simulated_car
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Pair
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
 
@@ -169,7 +169,7 @@ class ChaseCamera:
             draw_ground(meshcat, _AREA)
             meshcat.SetCameraPose(np.array([-2.6, 0.0, 1.5]), np.array([0.8, 0.0, 0.2]))
 
-    def follow(self, context: Context) -> tuple[float, float]:
+    def follow(self, context: Context) -> Pair:
         """Turns the view after the car in a context of the whole diagram.
 
         Returns:
