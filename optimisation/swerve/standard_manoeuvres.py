@@ -19,7 +19,7 @@ from aerodima.optimisation.studies.runs import (
     step_settings,
 )
 from aerodima.optimisation.swerve.candidate import Candidate
-from aerodima.optimisation.swerve.suite import Case
+from aerodima.optimisation.swerve.suite import Case, candidate_settings
 from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.car.verdict import keeps_sides_down
 from aerodima.workbench.core.file_reading import Facts
@@ -70,31 +70,33 @@ def passed_from_below(results: Sequence[bool]) -> int:
 def compare_standard(
     candidates: Sequence[Candidate], cases: Sequence[Case], runs: CachedRunner
 ) -> pd.DataFrame:
-    """Drives the manoeuvres of the standard.
+    """Drives the manoeuvres of the standard, ballast at each of its places.
 
     Returns:
-        A row per manoeuvre, candidate and case: `passed`, how many speeds from below are passed,
-        and `tips_at_m_per_s`, the first that is not.
+        A row per manoeuvre, candidate and case, of the best place: `passed`, how many speeds from
+        below are passed, and `tips_at_m_per_s`, the first that is not.
     """
     tasks = []
     rows: list[Row] = []
-    for name, manoeuvre in MANOEUVRES.items():
+    for name, (scenario, factor, more) in MANOEUVRES.items():
         for case in cases:
-            base = (*case.settings(manoeuvre.scenario), *manoeuvre.settings)
-            car = load_scenario(manoeuvre.scenario, base)
-            angle = standard_angle(car, manoeuvre.factor)
+            angle = standard_angle(load_scenario(scenario, case.settings(scenario)), factor)
+            driver = (*more, f"manoeuvre.steer_angle={angle!r}", *step_settings(FINE_STEP))
             for candidate in candidates:
-                rows.append({"manoeuvre": name, "candidate": candidate.name, **case.names})
-                ballast = candidate.ballasts[0](car) if candidate.ballasts else ()
-                for speed in SPEEDS:
-                    settings = (*base, *candidate.at(speed), *ballast, f"manoeuvre.speed={speed!r}")
-                    settings += (f"manoeuvre.steer_angle={angle!r}", *step_settings(FINE_STEP))
-                    words = " ".join((name, candidate.name, *case.names.values(), f"{speed:g}"))
-                    tasks.append(RunTask(words, manoeuvre.scenario, settings, law=candidate.law))
+                names = {"manoeuvre": name, "candidate": candidate.name, **case.names}
+                drives = [candidate_settings(candidate, case, one, scenario) for one in SPEEDS]
+                for place in zip(*drives, strict=True):
+                    rows.append(names)
+                    for settings in place:
+                        words = " ".join((*names.values(), settings[-1]))
+                        task = RunTask(words, scenario, (*settings, *driver), law=candidate.law)
+                        tasks.append(task)
     runs.stage = "standard manoeuvres"
     results = [stays_down(row) for row in runs.rows(tasks)]
-    for index, row in enumerate(rows):
-        passed = passed_from_below(results[len(SPEEDS) * index :][: len(SPEEDS)])
-        tips = SPEEDS[passed] if passed < len(SPEEDS) else None
-        row |= {"passed": passed, "tips_at_m_per_s": tips}
-    return make_frame(rows)
+    number = len(SPEEDS)
+    starts = range(0, len(tasks), number)
+    frame = make_frame(rows)
+    frame["passed"] = [passed_from_below(results[first : first + number]) for first in starts]
+    frame["tips_at_m_per_s"] = frame["passed"].map(dict(enumerate(SPEEDS)))
+    best = frame.groupby([*rows[0]], sort=False)["passed"].idxmax()
+    return frame.loc[best].reset_index(drop=True)

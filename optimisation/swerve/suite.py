@@ -92,6 +92,19 @@ class Case:
         return (*own, *tail_settings(self.tail), floor, *self.conditions)
 
 
+def candidate_settings(
+    candidate: Candidate, case: Case, speed: float, scenario: str = SWERVE
+) -> tuple[Settings, ...]:
+    """Returns the settings of a candidate's drive on a scenario, one for each place of its
+    ballast.
+    """
+    base = case.settings(scenario)
+    car = load_scenario(scenario, base)
+    places = [ballast(car) for ballast in candidate.ballasts] or [()]
+    driven = f"manoeuvre.speed={speed!r}"
+    return tuple((*base, *candidate.at(speed), *place, driven) for place in places)
+
+
 def tail_settings(tail: str) -> Settings:
     """Returns the settings of a tail of the suite; SweepError for another one."""
     if tail not in SUITE.tails:

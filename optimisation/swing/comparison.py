@@ -23,7 +23,7 @@ from aerodima.optimisation.swerve.reduced_swerves import (
     reduced_car_knows,
 )
 from aerodima.optimisation.swerve.steering import SearchEffort
-from aerodima.optimisation.swerve.suite import ANNOUNCED, BOUNDS, FOLDED, Case
+from aerodima.optimisation.swerve.suite import ANNOUNCED, BOUNDS, FOLDED, Case, candidate_settings
 from aerodima.optimisation.swing.bound import BoundEffort, find_bound
 from aerodima.optimisation.swing.full_runs import Descent, confirm_best, drive_shares
 from aerodima.optimisation.swing.full_search import search_full
@@ -223,13 +223,3 @@ def _search_bounds(
             )
         )
     return bounds
-
-
-def candidate_settings(candidate: Candidate, case: Case, speed: float) -> tuple[Settings, ...]:
-    """Returns the settings of a candidate's swerve, one for each place of its ballast."""
-    base = case.settings()
-    last = (*candidate.at(speed), f"manoeuvre.speed={speed!r}")
-    if not candidate.ballasts:
-        return ((*base, *last),)
-    car = load_scenario(SWERVE, base)
-    return tuple((*base, *last, *ballast(car)) for ballast in candidate.ballasts)

@@ -12,15 +12,12 @@ from aerodima.optimisation.studies.runs import FINE_STEP, CachedRunner
 from aerodima.optimisation.swerve.suite import (
     BOUND,
     SUITE,
+    candidate_settings,
     ensemble_cases,
     select_candidates,
 )
 from aerodima.optimisation.swing.bound import BoundEffort
-from aerodima.optimisation.swing.comparison import (
-    BoundItem,
-    candidate_settings,
-    compare_swerves,
-)
+from aerodima.optimisation.swing.comparison import BoundItem, compare_swerves
 from aerodima.optimisation.swing.solution import AIM_VALUE
 from aerodima.optimisation.swing.verification import verify_swing
 from aerodima.workbench.scenario.swing_file import swing_from_dict, write_swing

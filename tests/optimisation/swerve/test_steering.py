@@ -5,10 +5,12 @@ import pytest
 
 from aerodima.optimisation import AIMS, SearchEffort
 from aerodima.optimisation.swerve.aims import FAILED, find_aim, score
+from aerodima.optimisation.swerve.candidate import LOW_BALLAST, NO_TAIL
 from aerodima.optimisation.swerve.evolution import evolve
 from aerodima.optimisation.swerve.reduced_swerves import ReducedSwerve
 from aerodima.optimisation.swerve.standard_manoeuvres import (
     SPEEDS,
+    compare_standard,
     passed_from_below,
     standard_angle,
     stays_down,
@@ -110,6 +112,28 @@ def test_angles_of_the_standard_are_those_of_its_lateral_acceleration(factor, de
     acceleration = angle / factor * SPEEDS[-1] ** 2 / scenario.car.wheelbase
     assert acceleration == pytest.approx(0.3 * 9.80665)
     assert pytest.approx([4.95, 5.66, 6.36, 7.07], abs=0.005) == SPEEDS
+
+
+def test_ballast_is_driven_at_each_of_its_places_and_the_best_counts():
+    """Only the second place stays down, at the two lowest speeds."""
+    driven = []
+
+    class Runs:
+        def rows(self, tasks):
+            driven.extend(load_scenario(task.scenario, task.settings) for task in tasks)
+            places = sorted({one.car.com_x for one in driven if one.car.mass > driven[0].car.mass})
+            assert len(places) == 4
+            for one in driven:
+                stays = one.car.com_x == places[1] and one.manoeuvre.speed <= SPEEDS[1]
+                lift = 0.0 if stays else 0.1
+                yield {"outcome": "survived", "touched_when_steered": "", "side_lift_m": lift}
+
+    cases = ensemble_cases("physical", "test", 1, "built", [1.0])
+    table = compare_standard([NO_TAIL, LOW_BALLAST], cases, Runs())
+    assert len(driven) == 2 * (1 + 4) * len(SPEEDS)
+    assert list(table["candidate"]) == ["no tail", "low ballast"] * 2
+    assert list(table["passed"]) == [0, 2, 0, 2]
+    assert list(table["tips_at_m_per_s"]) == [SPEEDS[0], SPEEDS[2]] * 2
 
 
 def test_a_speed_is_passed_where_all_below_are_and_nothing_tips_or_touches():
