@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import cho_solve
 
-from aerodima.workbench.core.array_types import FloatArray, IntArray
+from aerodima.workbench.core.array_types import ArrayPair, FloatArray, IntArray
 
 VARIANCE_BOUNDS = (1e-2, 1e3)
 """Bounds of the variance that a process is tuned in."""
@@ -62,13 +62,13 @@ class TrainingSet:
         spread = self.values.std(axis=0) + 1e-9
         return (self.values - middle) / spread, middle, spread
 
-    def tuning_rows(self) -> tuple[FloatArray, FloatArray]:
+    def tuning_rows(self) -> ArrayPair:
         """Returns the inputs (h, c) and standard values (h, k) by which a process is tuned."""
         rows = self.rows()[:HYPERPARAMETER_SAMPLES]
         return self.inputs[rows], self.standard()[0][rows]
 
 
-def tune(rows: tuple[FloatArray, FloatArray]) -> list[float]:
+def tune(rows: ArrayPair) -> list[float]:
     """Finds the logarithms of the hyperparameters of a process, with a length for every column, by
     `TrainingSet.tuning_rows`.
     """

@@ -15,7 +15,7 @@ from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoD
 from pydrake.solvers import MathematicalProgram
 
 from aerodima.optimisation.identify.least_squares import Problem
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import ArrayPair, FloatArray
 from aerodima.workbench.core.errors import FitError
 
 _CONVEX = -1e-9
@@ -149,7 +149,7 @@ class FitProgram:
             np.concatenate([reached[:0], *(limit.upper_bound() for limit in limits)]),
         )
 
-    def _at_origin(self, bindings: list[Any]) -> tuple[FloatArray, FloatArray]:
+    def _at_origin(self, bindings: list[Any]) -> ArrayPair:
         """Compute values (k) and gradients (k x p) of bindings where all unknowns are zero."""
         count = len(self.x)
         origin = InitializeAutoDiff(np.zeros(count))[:, 0]

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from aerodima.optimisation.identify.fit_options import FREE, FitOptions
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import ArrayPair
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.ranges import check_range
@@ -36,7 +36,7 @@ _OF_THE_LOG = tuple(f"experiment.{key}" for key in ("kind", "tail", "axis", "win
 _FACTS = (("tail", ("1", "2", "3")), ("axis", ("major", "minor")))
 
 
-def checked_angle(log: RunLog, kind: str, least: int) -> tuple[FloatArray, FloatArray]:
+def checked_angle(log: RunLog, kind: str, least: int) -> ArrayPair:
     """Read times (s) and angles (rad) of a log (n each), once both are what a fit of this kind can
     use.
 

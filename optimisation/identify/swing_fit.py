@@ -23,7 +23,7 @@ from aerodima.optimisation.identify.noise import Noise, serial_noise
 from aerodima.optimisation.identify.rig_constants import shifted, speed_accuracy, with_values
 from aerodima.optimisation.identify.swing_log import SwingData, motor_torque
 from aerodima.optimisation.identify.uncertain_constants import UncertainRig
-from aerodima.workbench.core.array_types import FloatArray, Values
+from aerodima.workbench.core.array_types import ArrayPair, FloatArray, Values
 from aerodima.workbench.core.file_reading import Facts
 from aerodima.workbench.rig.pendulum import PendulumModel, Torque
 from aerodima.workbench.rig.swing_motion import simulate_swing, torque_response
@@ -58,7 +58,7 @@ class SwingModel:
         """Values to torques of air, friction and motor."""
         return self.law(self.data)
 
-    def motion(self, values: Values, count: int | None = None) -> tuple[FloatArray, FloatArray]:
+    def motion(self, values: Values, count: int | None = None) -> ArrayPair:
         """Simulate angles (rad), rates (rad/s) on the data's grid, or its first `count` times (n
         each).
         """

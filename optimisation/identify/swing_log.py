@@ -13,7 +13,7 @@ from aerodima.optimisation.identify.log_rig import CURRENT, checked_angle, is_ou
 from aerodima.optimisation.identify.rig_constants import constant_parameters
 from aerodima.optimisation.identify.static_log import CURRENT_MARGIN
 from aerodima.workbench.car.car_sensors import POSITION_BITS
-from aerodima.workbench.core.array_types import FloatArray, IntArray
+from aerodima.workbench.core.array_types import ArrayPair, FloatArray, IntArray
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.core.file_reading import Facts, Json
 from aerodima.workbench.logs.schema import RunLog
@@ -96,7 +96,7 @@ def motor_torque(
     steps: int,
     bias: float = 0.0,
     delay: float = 0.0,
-) -> tuple[FloatArray, FloatArray]:
+) -> ArrayPair:
     """Compute the mean torque of the Maxon during each step and its change over the step (steps
     each), N m; zero without current.
 

@@ -24,7 +24,7 @@ from aerodima.optimisation.identify.active_bounds import (
 )
 from aerodima.optimisation.identify.least_squares import Solution
 from aerodima.optimisation.identify.noise import Noise
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import ArrayPair, FloatArray
 from aerodima.workbench.core.errors import FitError
 
 CONFIDENCE = 0.95
@@ -159,9 +159,7 @@ def _factors(
     return factor * rounded / _factor(np.inf)
 
 
-def _widths(
-    active: ActiveBounds, scales: FloatArray, half_width: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _widths(active: ActiveBounds, scales: FloatArray, half_width: FloatArray) -> ArrayPair:
     """Compute the widths of the intervals below and above the estimates (p each)."""
     reach = active.reach * scales
     shift = active.shift * scales[:, None]
@@ -207,7 +205,7 @@ def _rounded_factor(share: float) -> float:
     return float(brentq(missing, 1.0, 3.0))
 
 
-def _pseudo_inverse(jacobian: FloatArray, scales: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _pseudo_inverse(jacobian: FloatArray, scales: FloatArray) -> ArrayPair:
     """Compute J^+ in scaled unknowns (p x m), the unidentifiable directions (k x p)."""
     rows, count = jacobian.shape
     # Rows of zeros: with fewer residuals than unknowns all directions are needed, too.

@@ -4,13 +4,13 @@ from collections.abc import Callable
 
 from scipy.optimize import differential_evolution
 
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import ArrayPair, FloatArray
 
 
 def evolve(
     cost: Callable[[FloatArray], FloatArray],
     first: FloatArray,
-    ranges: tuple[FloatArray, FloatArray],
+    ranges: ArrayPair,
     generations: int,
     seed: int,
 ) -> tuple[float, FloatArray]:

@@ -12,7 +12,7 @@ from aerodima.optimisation.swerve.aims import score
 from aerodima.optimisation.swerve.evolution import evolve
 from aerodima.workbench.car.reduced.swerves import LEVELS, STEERING
 from aerodima.workbench.car.swerve import Measure, Swerve
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import ArrayPair, FloatArray
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
 
@@ -88,7 +88,7 @@ def search_steering(
     return -least, possible_steering(point[None], limit)[0]
 
 
-def steering_ranges(limit: float) -> tuple[FloatArray, FloatArray]:
+def steering_ranges(limit: float) -> ArrayPair:
     """Returns the least and the largest steering (`STEERING`,) within a limit of the angles,
     rad.
     """

@@ -37,7 +37,7 @@ from aerodima.optimisation.swing.swerve_shooting import (
 from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, no_progress
 from aerodima.workbench.car.reduced.swerves import STEERING
 from aerodima.workbench.car.swerve import Measure
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import ArrayPair, FloatArray
 from aerodima.workbench.core.errors import SwingError
 from aerodima.workbench.scenario.scenario import Scenario
 
@@ -121,7 +121,7 @@ def find_bound(
     aim: Aim | Measure | str = "aside-0.5",
     limits: Sequence[Limit] = (),
     effort: BoundEffort | None = None,
-    candidates: Sequence[tuple[FloatArray, FloatArray]] = (),
+    candidates: Sequence[ArrayPair] = (),
     extend: Callable[[SwerveNlp], None] | None = None,
     progress: ProgressLine = no_progress,
     *,

@@ -27,7 +27,7 @@ from aerodima.optimisation.swerve.suite import ANNOUNCED, BOUNDS, FOLDED, Case, 
 from aerodima.optimisation.swing.bound import BoundEffort, find_bound
 from aerodima.optimisation.swing.full_runs import Descent, confirm_best, drive_shares
 from aerodima.optimisation.swing.full_search import search_full
-from aerodima.optimisation.swing.solution import solution_swing
+from aerodima.optimisation.swing.solution import LIMITS_OPTION, solution_swing
 from aerodima.optimisation.swing.swerve_shooting import read_limits, tail_at_knots
 from aerodima.optimisation.swing.verification import car_limit
 from aerodima.workbench.batch.row_store import Row, no_progress, print_progress
@@ -86,7 +86,7 @@ def best_motion(item: BoundItem) -> Row:
     swing = solution_swing(item.name, item.settings, bound, item.aim)
     content = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
     if item.limits:
-        content["provenance"]["options"] = {"limits": " ".join(item.limits)}
+        content["provenance"]["options"] = {LIMITS_OPTION: " ".join(item.limits)}
     return bound.result | {"swing": content}
 
 

@@ -25,6 +25,8 @@ AIM = "aim"
 """Name of the aim under `found` of a solution."""
 AIM_VALUE = "aim_value"
 """Name of its value on the full car there."""
+LIMITS_OPTION = "limits"
+"""Name of the limits of the search under `options` of a solution."""
 KNOT_ROUNDING = 1e-2
 """How far the curve between two knots on a stop may bulge beyond it, rad: the tail then lies on
 the stop."""

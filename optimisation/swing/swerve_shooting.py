@@ -19,6 +19,7 @@ compete stand in two rows. A wheel that lifts and a joint at its torque limit re
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -33,7 +34,7 @@ from aerodima.workbench.car.swerve import Measure, Swerve, end_yaw_rate, energy,
 from aerodima.workbench.car.turn_signals import STEERED
 from aerodima.workbench.car.verdict import EXIT_YAW_RATE, TWO_WHEELS, side_lift
 from aerodima.workbench.control.swing_player import RollTrajectory
-from aerodima.workbench.core.array_types import FloatArray, IntArray, Pair
+from aerodima.workbench.core.array_types import ArrayPair, FloatArray, IntArray, Pair
 from aerodima.workbench.core.errors import SwingError
 from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.scenario.scenario import Scenario
@@ -155,9 +156,12 @@ def read_limits(texts: Sequence[str]) -> list[Limit]:
         if name not in LIMITS:
             raise SwingError(f"limit {text}: {nearest(name, list(LIMITS))}")
         try:
-            limits.append(LIMITS[name](float(number)))
+            value = float(number)
         except ValueError:
-            raise SwingError(f"limit {text}: must be {name}=NUMBER") from None
+            value = math.nan
+        if not 0.0 < value < math.inf:
+            raise SwingError(f"limit {text}: must be {name}=NUMBER, above 0")
+        limits.append(LIMITS[name](value))
     return limits
 
 
@@ -206,7 +210,7 @@ class SwerveVariables(NamedTuple):
         return np.array([1.0] * self.tail + steering * self.members)
 
     @property
-    def ranges(self) -> tuple[FloatArray, FloatArray]:
+    def ranges(self) -> ArrayPair:
         """Least and largest values (size,), rad and s."""
         rolls = np.full(self.tail - 1, self.max_roll)
         ends = np.append(steering_ranges(self.max_angle), np.transpose([TRIMS]), axis=1)
@@ -216,7 +220,7 @@ class SwerveVariables(NamedTuple):
         return np.array(low), np.array(high)
 
     @property
-    def bounds(self) -> tuple[FloatArray, FloatArray]:
+    def bounds(self) -> ArrayPair:
         """Least and largest scaled values (size,)."""
         low, high = self.ranges
         return low / self.units, high / self.units

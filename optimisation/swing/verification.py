@@ -23,8 +23,8 @@ from aerodima.optimisation.studies.runs import (
 )
 from aerodima.optimisation.swerve.aims import find_aim
 from aerodima.optimisation.swerve.candidate import swing_player
-from aerodima.optimisation.swing.solution import AIM, AIM_VALUE
-from aerodima.optimisation.swing.swerve_shooting import Limit, peaks
+from aerodima.optimisation.swing.solution import AIM, AIM_VALUE, LIMITS_OPTION
+from aerodima.optimisation.swing.swerve_shooting import Limit, peaks, read_limits
 from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.car.clearance import ground_clearance, make_range_of_motion
 from aerodima.workbench.car.swerve import swerve_counts, swerve_of
@@ -163,13 +163,20 @@ def _turn_checks(row: Facts) -> list[Check]:
 
 
 def _aim_checks(swing: SwingFile, scenario: Scenario) -> Iterator[Check]:
-    """Compares the aim of a solution with the value that its file claims for the full car."""
+    """Compares the aim of a solution with the value that its file claims for the full car, and the
+    swerve with the limits of its search.
+    """
     found = swing.provenance.found
     if AIM not in found:
         return
     aim = find_aim(str(found[AIM]))
     swerve = swerve_of(simulate(scenario, record="outcome", stop_when_certain=True))
     yield Check("the swerve counts", float(swerve_counts(swerve)[0]), "", low=1.0)
+    asked = str(swing.provenance.options.get(LIMITS_OPTION, ""))
+    for limit in read_limits(asked.split()):
+        values = limit.function(swerve)
+        worst = np.max(values) if limit.upper < math.inf else np.min(values)
+        yield Check(f"limit {limit.name}", float(worst), limit.unit, limit.lower, limit.upper)
     claimed = float(found.get(AIM_VALUE, -math.inf))
     value = float(aim(swerve)[0])
     yield Check(f"aim {aim.name}", value, aim.unit, low=claimed - AIM_MARGIN * abs(claimed))

@@ -22,7 +22,7 @@ from pydrake.multibody.tree import BodyIndex, Joint, PrismaticJoint, RevoluteJoi
 
 from aerodima.workbench.car.car_plant import GROUND_STIFFNESS, CarPlant
 from aerodima.workbench.car.ground_truth import contact_slots
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import ArrayPair, FloatArray
 from aerodima.workbench.core.elementwise import rotation_rows
 from aerodima.workbench.scenario.signal_table import GROUND_CONTACTS, WHEELS
 
@@ -30,7 +30,7 @@ _NUDGE = 1e-3
 """Share of a step by which the motion is varied for the rates of penetration."""
 
 
-_Height = tuple[FloatArray, FloatArray]
+_Height = ArrayPair
 """The world's z axis in a body (3, n), and the height of its origin (n), m."""
 
 
@@ -56,7 +56,7 @@ class _Shape:
     stiffness: float
     dissipation: float
 
-    def contact(self, up: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def contact(self, up: FloatArray, height: FloatArray) -> ArrayPair:
         """Returns depth in the ground (n), m, and where Drake puts the contact on B (3, n), m."""
         up_G = self.R_BG.T @ up
         square = self.radii[:, None] ** 2

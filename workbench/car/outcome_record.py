@@ -23,7 +23,13 @@ from aerodima.workbench.car.tip_up import LIFT_COLUMNS
 from aerodima.workbench.car.turn_signals import settled_row
 from aerodima.workbench.car.verdict import CALM_FOR, CALM_SPIN
 from aerodima.workbench.control.manoeuvre import run_time
-from aerodima.workbench.core.array_types import BoolArray, FloatArray, IntArray, NamedArrays
+from aerodima.workbench.core.array_types import (
+    ArrayPair,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    NamedArrays,
+)
 from aerodima.workbench.core.elementwise import roll_pitch_yaw, rotation_rows
 from aerodima.workbench.core.event_order import row_period
 from aerodima.workbench.core.port_wiring import add_and_connect, add_selector, vector_of
@@ -147,7 +153,7 @@ class OutcomeRecord:
             return table, {SETTLED: end}
         return table, {}
 
-    def _log(self, context: Context) -> tuple[FloatArray, FloatArray]:
+    def _log(self, context: Context) -> ArrayPair:
         """Returns [q; v] of the plant at every step, and the time of each row, s."""
         state = self._steps_log.FindLog(context).data()[: self._plant.num_multibody_states()]
         return state, np.arange(self._rows.FindLog(context).num_samples()) / self._rate

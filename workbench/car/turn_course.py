@@ -16,7 +16,7 @@ import numpy as np
 
 from aerodima.workbench.car.turn_signals import turn_signals
 from aerodima.workbench.car.verdict import has_left_turn, velocity_over_ground
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import ArrayPair
 from aerodima.workbench.logs.schema import RunLog
 
 
@@ -68,7 +68,7 @@ def turn_course(run_log: RunLog) -> TurnCourse:
     )
 
 
-def ground_velocity(run_log: RunLog) -> tuple[FloatArray, FloatArray]:
+def ground_velocity(run_log: RunLog) -> ArrayPair:
     """Returns the ground speed (m/s) and course (rad, unwrapped, positive to the left) of a run,
     each (n,).
     """

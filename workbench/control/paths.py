@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from aerodima.workbench.control.manoeuvre import side_of
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import ArrayPair, FloatArray
 from aerodima.workbench.core.errors import UserError
 
 SCALE = 0.1
@@ -194,7 +194,7 @@ def path_of(scenario: Any) -> Path:
 
 def place_outline(
     outline: FloatArray, x: float | FloatArray, y: float | FloatArray, heading: float | FloatArray
-) -> tuple[FloatArray, FloatArray]:
+) -> ArrayPair:
     """Returns x and y in W of corners in B (2, corners, ...), m, of a car whose origin of B is at x
     and y, m, with a heading, rad.
     """

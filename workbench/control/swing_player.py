@@ -34,7 +34,7 @@ from aerodima.workbench.control.swing_machine import (
     enter,
 )
 from aerodima.workbench.control.tail_law import EPSILON, Observation
-from aerodima.workbench.core.array_types import FloatArray, Pair
+from aerodima.workbench.core.array_types import ArrayPair, FloatArray, Pair
 from aerodima.workbench.core.elementwise import clip
 from aerodima.workbench.scenario.swing_file import JointGains, SwingFile, cubic, gains_at, swing_at
 
@@ -199,7 +199,7 @@ class SwingPlayer(SwingMachine):
 
     def _along_the_knots(
         self, memory: SwingMemory, observation: Observation, elapsed: float
-    ) -> tuple[FloatArray, FloatArray]:
+    ) -> ArrayPair:
         """Returns commands (5) to roll and pitch, in the direction of the file."""
         point = swing_at(self.swing, middle_of_tick(elapsed, self.rate))
         roll_gains, pitch_gains = gains_at(self.swing, elapsed)

@@ -10,6 +10,8 @@ IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
 Vector3 = tuple[float, float, float]
 """Components along three axes."""
+ArrayPair = tuple[FloatArray, FloatArray]
+"""Two arrays that belong together."""
 Pair = tuple[float, float]
 """Two numbers that belong together, such as the ends of a range."""
 Values = Mapping[str, float]

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aerodima.workbench.core.array_types import FloatArray, Pair
+from aerodima.workbench.core.array_types import ArrayPair, FloatArray, Pair
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.rig.pendulum import Motion, PendulumModel, Torque, equation_of_motion
 
@@ -48,7 +48,7 @@ def simulate_swing(
     motor: Sequence[float] | None = None,
     ramp: Sequence[float] | None = None,
     added_mass: float = 0.0,
-) -> tuple[FloatArray, FloatArray]:
+) -> ArrayPair:
     """Angles and rates (count each) at 0, step, 2 step, ... s.
 
     Args:
@@ -77,7 +77,7 @@ def simulate_swing(
 def torque_response(
     pendulum: PendulumModel,
     torques: Sequence[Torque],
-    motion: tuple[FloatArray, FloatArray],
+    motion: ArrayPair,
     step: float,
     motor: Sequence[float],
     added_mass: float = 0.0,

@@ -18,7 +18,7 @@ import yaml
 from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_validator
 
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import ArrayPair, FloatArray
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import SwingFileError
 from aerodima.workbench.core.file_reading import Facts
@@ -81,7 +81,7 @@ class Knots(_Strict):
                 raise ValueError(f"{name}: {len(samples)} values must be {count}, one per time_s")
         return self
 
-    def states(self, joint: Joint) -> tuple[FloatArray, FloatArray]:
+    def states(self, joint: Joint) -> ArrayPair:
         """Return positions (rad) and rates (rad/s) of one joint at the knots, shape (knots,)."""
         return (
             np.asarray(getattr(self, f"{joint}_position_rad")),
@@ -320,7 +320,7 @@ def hermite(
     times: FloatArray,
     position: FloatArray,
     velocity: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
+) -> ArrayPair:
     """Interpolate value and derivative by cubic Hermite polynomials; at rest outside the knots.
 
     Args:

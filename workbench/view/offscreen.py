@@ -30,7 +30,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 from scipy.ndimage import map_coordinates
 
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import ArrayPair, FloatArray
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.view.logged_run import Place, add_logged_run
@@ -124,7 +124,7 @@ class Camera:
         return ColorRenderCamera(RenderCameraCore(_RENDERER, info, _CLIPPING, RigidTransform()))
 
 
-def floor_picture(camera: Camera, height: float) -> tuple[FloatArray, FloatArray]:
+def floor_picture(camera: Camera, height: float) -> ArrayPair:
     """Draws floor at a height (m) and sky: colours from 0 to 1, shape (rows, columns, 3), and
     points of the floor in W.
 

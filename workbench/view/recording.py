@@ -15,7 +15,7 @@ from pydrake.geometry import Meshcat, MeshcatAnimation, MeshcatVisualizer, Rgba
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import DiagramBuilder
 
-from aerodima.workbench.core.array_types import FloatArray, IntArray
+from aerodima.workbench.core.array_types import ArrayPair, FloatArray, IntArray
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.view.force_arrows import Colour, DrawnArrow, ForceArrow
@@ -119,7 +119,7 @@ def _follow(
     meshcat.SetCameraPose(*camera_pose(logged.camera_azimuth, place))
 
 
-def camera_pose(azimuth: float, place: Place) -> tuple[FloatArray, FloatArray]:
+def camera_pose(azimuth: float, place: Place) -> ArrayPair:
     """Computes where a camera stands that follows a point of the floor, and what it looks at.
 
     Args:

@@ -16,7 +16,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, Diagram
 
 from aerodima.workbench.car.car_station import simulated_car
-from aerodima.workbench.core.array_types import FloatArray, Pair
+from aerodima.workbench.core.array_types import ArrayPair, FloatArray, Pair
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
 
@@ -140,7 +140,7 @@ def draw_ground(meshcat: Meshcat, area: Area, height: float = 0.0) -> None:
     meshcat.SetLineSegments(f"{GROUND}/metre", *_grid_lines(area, 1.0, -0.001), 1.0, _METRE)
 
 
-def _grid_lines(area: Area, step: float, height: float) -> tuple[FloatArray, FloatArray]:
+def _grid_lines(area: Area, step: float, height: float) -> ArrayPair:
     """Gives the ends of the lines of a grid, each of shape (3, n), metre by metre: some browsers
     drop lines that pass the eye.
     """

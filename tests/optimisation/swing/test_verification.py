@@ -12,7 +12,7 @@ from aerodima.optimisation.swing.bound import Bound
 from aerodima.optimisation.swing.motion_search import write_verified
 from aerodima.optimisation.swing.solution import solution_swing
 from aerodima.optimisation.swing.swerve_nlp import SwerveNlp, SwerveSolution
-from aerodima.optimisation.swing.swerve_shooting import KNOTS, SwerveShooting
+from aerodima.optimisation.swing.swerve_shooting import KNOTS, SwerveShooting, read_limits
 from aerodima.optimisation.swing.verification import (
     Check,
     Verification,
@@ -20,11 +20,13 @@ from aerodima.optimisation.swing.verification import (
     car_limit,
     verify_swing,
 )
+from aerodima.workbench.core.errors import SwingError
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.swing_file import read_swing, write_swing
 from tests.certain_cars import HIGH_CAR
 from tests.commands import call, refused
+from tests.refusals import assert_refused
 
 
 def thesis():
@@ -133,6 +135,16 @@ def test_the_file_of_a_search_claims_what_is_verified_or_names_what_is_wrong(
     assert ("aim_value" in found) != bool(refused_for)
     assert "manoeuvre.level_1=0.054" in swing.provenance.settings
     assert verify_swing(str(path)).complaints == complaints
+    origin = swing.provenance.model_copy(update={"options": {"limits": "roll=0.01 speed=1"}})
+    write_swing(swing.model_copy(update={"provenance": origin}), path, force=True)
+    (broken,) = set(verify_swing(str(path)).complaints) - set(complaints)
+    assert broken.startswith("limit roll: 0.")
+    assert broken.endswith("rad; must be at most 0.01")
+
+
+@pytest.mark.parametrize("text", ["roll=nan", "roll=-0.3", "energy=0", "speed=inf", "roll=wide"])
+def test_a_limit_is_a_number_above_zero(text):
+    assert_refused(lambda: read_limits([text]), SwingError, text, "above 0")
 
 
 @pytest.mark.slow

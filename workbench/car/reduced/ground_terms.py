@@ -25,7 +25,7 @@ from aerodima.workbench.car.reduced.states import (
     outer,
     up_in_body,
 )
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import ArrayPair, FloatArray
 
 BOARD_DISSIPATION = 1.0
 """Of the board's contact with the ground, s/m, as `car_model` sets it."""
@@ -67,7 +67,7 @@ class TyreEdges(NamedTuple):
 
 def add_tyres(
     state: FloatArray, commands: Commands, cars: VehicleParams, terms: Terms
-) -> tuple[FloatArray, FloatArray]:
+) -> ArrayPair:
     """Adds wheels, drive and the forces of the ground; returns rates of the suspensions (4, n),
     m/s, and loads of the wheels (4, n), N.
     """
@@ -147,7 +147,7 @@ def _edge_loads(
     sliding: FloatArray,
     n_z: FloatArray,
     cars: VehicleParams,
-) -> tuple[FloatArray, FloatArray]:
+) -> ArrayPair:
     """Returns rates of the suspensions (4, n), m/s, and loads of the edges (2, 4, n), N, which
     follow from one balance per wheel.
 

@@ -21,7 +21,7 @@ from aerodima.workbench.car.reduced.states import (
 )
 from aerodima.workbench.car.tail_plant import SAIL_TIP_MARGIN
 from aerodima.workbench.car.verdict import is_beyond_flip, velocity_over_ground
-from aerodima.workbench.core.array_types import BoolArray, FloatArray, IntArray
+from aerodima.workbench.core.array_types import ArrayPair, BoolArray, FloatArray, IntArray
 
 STEP = 0.002
 """Length of a step, s: that of the plant in `models/parameters/simulation.yaml`."""
@@ -90,7 +90,7 @@ def delay_ticks(scenario: Any) -> int:
     return math.ceil(scenario.imu.delay * scenario.controller.rate - 1e-9)
 
 
-def over_ground(state: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+def over_ground(state: FloatArray, x: FloatArray) -> ArrayPair:
     """Returns course (n), rad, and speed (n), m/s, of the places x (n), m, of n cars; the course is
     less than half a turn from the heading.
     """
@@ -102,7 +102,7 @@ def over_ground(state: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArra
     return yaw + 2.0 * half_angle, speed
 
 
-def heights(state: FloatArray, cars: VehicleParams) -> tuple[FloatArray, FloatArray]:
+def heights(state: FloatArray, cars: VehicleParams) -> ArrayPair:
     """Returns the heights (n) of the sail's lower tip corner and of the board over the ground, m;
     the tail is far up where there is none.
     """

@@ -24,7 +24,7 @@ from aerodima.workbench.car.reduced.states import (
     tail_axes,
     up_in_body,
 )
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import ArrayPair, FloatArray
 
 STOP_RATE = 150.0
 """Natural frequency of a joint on its stop, rad/s."""
@@ -68,7 +68,7 @@ def add_tail(
 def _add_tail_inertia(
     L: FloatArray,
     J: FloatArray,
-    axes: tuple[FloatArray, FloatArray],
+    axes: ArrayPair,
     cars: VehicleParams,
     terms: Terms,
 ) -> None:
@@ -104,7 +104,7 @@ def _add_tail_inertia(
         mass[row, column] += cars.hub_inertia
 
 
-def _air(line: LineMotion, chord: FloatArray, cars: VehicleParams) -> tuple[FloatArray, FloatArray]:
+def _air(line: LineMotion, chord: FloatArray, cars: VehicleParams) -> ArrayPair:
     """Returns the force of the air on the sail, and its moment about the joints (3, n); the law of
     design section 5.
 
