@@ -26,6 +26,8 @@ from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 
 SCHEMA = "aerodima/candidates/1"
 Settings = tuple[str, ...]
+TRIM = "manoeuvre.trim_angle="
+"""Beginning of the setting of a trim."""
 ALLOWED_SECTIONS = ("tail.", "controller.", "feedback.", "rollover_control.")
 """A setting of a candidate begins with one of these."""
 SWINGING = ("tail.mode=swing", "controller.swing_file=none")
@@ -197,11 +199,14 @@ def write_candidate(path: Path, candidate: Candidate, chosen: str, *, force: boo
 
 
 def swing_player(path_or_name: str) -> Candidate:
-    """Makes the candidate that plays a swing file; UserError where it is missing or malformed."""
+    """Makes the candidate that plays a swing file, with the trim of its driver; UserError where it
+    is missing or malformed.
+    """
     path = Path(path_or_name)
     place = str(path.resolve()) if path.exists() else path_or_name
-    settings = ("tail.mode=swing", f"controller.swing_file={place}")
-    return Candidate(find_swing(path_or_name).name, settings)
+    swing = find_swing(path_or_name)
+    trim = [one for one in swing.provenance.settings if one.startswith(TRIM)]
+    return Candidate(swing.name, ("tail.mode=swing", f"controller.swing_file={place}", *trim))
 
 
 def _find(name: str, known: Mapping[str, Candidate]) -> Iterator[Candidate]:

@@ -127,7 +127,7 @@ def scaled_steering(steering: FloatArray, share: float, limit: float = math.inf)
 
 def steering_settings(steering: FloatArray) -> tuple[str, ...]:
     """Returns the settings of a steering (`STEERING`,), or of one with a trim."""
-    numbers = zip(STEERING_KEYS, steering, strict=False)
+    numbers = zip(STEERING_KEYS[: len(steering)], steering, strict=True)
     return tuple(f"manoeuvre.{key}={float(f'{value:.9g}')!r}" for key, value in numbers)
 
 

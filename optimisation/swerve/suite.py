@@ -48,9 +48,9 @@ SUITE = checked(SuiteFile, read_yaml(_PATH), str(_PATH), SweepError, schema=SCHE
 BOUND = Candidate("bound", ("tail.mode=swing",))
 """Stands for the best motion of the tail; it is searched for every car."""
 ANNOUNCED = Candidate("announced bound", BOUND.settings)
-"""The same of a tail that knows of the turn and may wait at a side; the car goes straight there."""
+"""The same of a tail that knows of the turn and may wait inside, while the car is kept straight."""
 BOUNDS = (BOUND, ANNOUNCED)
-"""All of these."""
+"""Candidates whose motion is searched."""
 NAMED_CANDIDATES = {
     "none": NO_TAIL,
     "low-ballast": LOW_BALLAST,

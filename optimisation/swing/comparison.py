@@ -106,7 +106,8 @@ def compare_swerves(
     """Compares candidates; the car without tail is always among them.
 
     Args:
-        candidates: with their laws; `suite.BOUNDS` are the best motions of the tail.
+        candidates: with their laws; `suite.BOUNDS` are the best motions of the tail, the announced
+            one with the other.
         cases: cars with their tail and floor.
         speeds: m/s.
         aims: names of `AIMS`, or functions of a file, `mine.py:my_aim`.
@@ -133,8 +134,8 @@ def compare_swerves(
     runs.stage = "steerings"
     descents = _search_steerings(chosen, places, effort, runs)
     runs.stage = "bounds"
-    for one in BOUNDS:
-        if one in candidates:
+    for one in BOUNDS:  # the second begins at the first
+        if one in candidates or ANNOUNCED in candidates:
             descents += _search_bounds(one, descents, bound or BoundItem(), runs, folder)
     for descent in descents:
         descent.step = step
@@ -200,7 +201,7 @@ def _search_bounds(
                 settings=settings,
                 aim=own[0].aim,
                 starts=tuple(starts),
-                name=stem + "_announced" * (candidate is ANNOUNCED),
+                name="announced_" * (candidate is ANNOUNCED) + stem,
                 announced=candidate is ANNOUNCED,
             )
         )

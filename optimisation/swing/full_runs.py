@@ -199,7 +199,8 @@ class Descent:
         assert self.best_run is not None
         run = self.best_run[0]
         manoeuvre = load_scenario(SWERVE, run.settings).manoeuvre
-        steering = np.array([getattr(manoeuvre, key) for key in STEERING_KEYS])
+        keys = STEERING_KEYS[: len(self.result["steering"])]
+        steering = np.array([getattr(manoeuvre, key) for key in keys])
         angles = steering_settings(scaled_steering(steering, share))
         replaced = ("manoeuvre.level_", "manoeuvre.trim", *step_settings(CLIMB_STEP))
         kept = [setting for setting in run.settings if not setting.startswith(replaced)]

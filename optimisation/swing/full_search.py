@@ -94,8 +94,8 @@ class FullSearch:
         return cls(descent, read_swing(descent.motion), point, np.append(spread, TAIL_SPREADS))
 
     @property
-    def driver(self) -> int:
-        """Number of those of the steering."""
+    def steering_size(self) -> int:
+        """How many numbers of a point are the steering, the trim among them if there is one."""
         return len(self.descent.result["steering"])
 
     def mutations(self, generator: np.random.Generator, limit: float) -> FloatArray:
@@ -103,47 +103,42 @@ class FullSearch:
         shape = (ROUND, self.point.size)
         drawn = generator.standard_normal(shape) * (generator.random(shape) < MUTATED_SHARE)
         points = possible_steering(self.point + self.spread * drawn, limit)
-        trim, tail = points[:, STEERING : self.driver], points[:, self.driver :]
+        _, trim, tail = np.split(points, [STEERING, self.steering_size], axis=1)
         np.clip(trim, *TRIMS, out=trim)
         if self.swing is not None:
             np.clip(tail, *TAIL_RANGES, out=tail)
         return points
 
     def run(self, point: FloatArray, path: Path) -> FullRun:
-        """Returns the full run of a point; a varied motion is written to a path."""
+        """Returns the full run of a point; a varied motion is written to a path. A trim goes with
+        the share of the roll, since it is against the roll at which the tail waits.
+        """
         settings = self.descent.settings
-        steering = steering_settings(point[: self.driver])
-        if self.swing is not None:
-            varied = varied_swing(self.swing, point[self.driver :], steering)
-            write_swing(varied, path, force=True)
-            settings = (*settings, f"controller.swing_file={path}")
-        return self.descent.run_with((*settings, *steering))
+        steering, change = np.split(point, [self.steering_size])
+        if self.swing is None:
+            return self.descent.run_with((*settings, *steering_settings(steering)))
+        trimmed = np.append(steering[:STEERING], change[0] * steering[STEERING:])
+        driver = steering_settings(trimmed)
+        write_swing(varied_swing(self.swing, change, driver), path, force=True)
+        return self.descent.run_with((*settings, f"controller.swing_file={path}", *driver))
 
 
 def follow_leaders(searches: Sequence[FullSearch], runs: CachedRunner) -> None:
     """Lets motions whose case has a better full run with a tail begin there: with its steering, and
-    with what its tail did, so that the search of a bound goes on where the best law ends. One that
-    waits at a side leads no other.
+    with what its tail did, so that the search of a bound goes on where the best law ends. One whose
+    turn is announced neither leads nor follows.
     """
     runs.stage = "motions of full runs"
-    tailed = [one for one in searches if one.descent.has_tail]
-    ranked = sorted(tailed, key=lambda one: one.descent.value)
-    best = {one.descent.stem: one for one in ranked if one.driver == STEERING}
-    led = []
-    driven = []
-    for one in tailed:
-        leader = best.get(one.descent.stem, one).descent
-        if one.swing and leader.best_run and leader.value > one.descent.value:
-            led.append(one)
-            driven.append(leader.best_run[0])
+    tailed = [one for one in searches if one.descent.has_tail and one.steering_size == STEERING]
+    best = {one.descent.stem: one for one in sorted(tailed, key=lambda one: one.descent.value)}
+    led = [one for one in tailed if one.swing and best[one.descent.stem] is not one]
+    leaders = [best[one.descent.stem] for one in led]
+    driven = [one.run(one.point, Path()) for one in leaders]
     tails = runs.map(driven_tail, driven, [f"tail of {run_key(run)}" for run in driven])
-    for one, tail in zip(led, tails, strict=True):
+    for one, leader, tail in zip(led, leaders, tails, strict=True):
         assert one.swing is not None
-        leader = best[one.descent.stem]
         one.swing = with_tail(one.swing, np.array(tail))
-        steering = np.zeros(one.driver)
-        steering[:STEERING] = leader.point[:STEERING]
-        one.point = np.concatenate([steering, NO_CHANGE])
+        one.point = np.concatenate([leader.point, NO_CHANGE])
 
 
 def driven_tail(run: FullRun) -> list[float]:

@@ -189,7 +189,7 @@ class SwerveVariables(NamedTuple):
 
     @property
     def driver(self) -> int:
-        """Number of variables of the steering of each car."""
+        """Number of variables of the steering of each car, its trim among them."""
         return STEERING + self.announced
 
     @property

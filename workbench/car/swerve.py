@@ -112,7 +112,7 @@ class Swerve:
 
 
 Measure = Callable[[Swerve], FloatArray]
-"""A number of each car (n,)."""
+"""A number of each car (n,), or rows of them (rows, n)."""
 
 
 def car_outline(car: CarParameters) -> FloatArray:

@@ -69,7 +69,7 @@ class ManoeuvreParameters(QuantityModel):
     level_1_end: float = quantity("s", "end of the first level, from its start on", "[0, 60]")
     level_2_end: float = quantity("s", "end of the second level, from that start on", "[0, 60]")
     trim_angle: float = quantity(
-        "rad", "angle that kind levels holds before turn_start, to go straight", "[-1.2, 1.2]"
+        "rad", "angle into the turn that kind levels holds before turn_start", "[-1.2, 1.2]"
     )
     speed_ramp: float = quantity("s", "time in which the commanded speed is ramped up", "(0, 60]")
     turn_start: float = quantity(

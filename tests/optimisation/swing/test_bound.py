@@ -75,6 +75,26 @@ def test_slopes_are_those_of_differences(scenario):
     assert (np.abs(evaluation.aim_slopes[0, -2:]) > 1e-3).all()  # by the times of the steering
 
 
+def test_slopes_of_two_cars_that_know_of_the_turn_are_those_of_differences(scenario):
+    """Each car has a trim of its own; both have one tail, which waits at one roll."""
+    shooting = SwerveShooting.from_scenarios([scenario] * 2, AIMS["aside-0.5"], announced=True)
+    generator = np.random.default_rng(4)
+    rolls = 0.1 * generator.standard_normal(len(KNOTS))
+    drivers = [*STILL[1], -0.002, *STILL[1], -0.004]
+    x = np.concatenate([LYING[:1], rolls, drivers]) / shooting.variables.units
+    evaluation = shooting.at(x)
+    assert evaluation.row_slopes.shape[-1] == 11 + 2 * 6
+    step = 1e-6
+    for index in (1, 16, 22):  # waiting roll, trims
+        direction = step * np.eye(x.size)[index]
+        ahead, behind = (shooting.at(x + sign * direction) for sign in (1.0, -1.0))
+        expected = (ahead.rows - behind.rows) / (2.0 * step)
+        found = evaluation.row_slopes[:, :, index]
+        assert found == pytest.approx(expected, rel=1e-4, abs=1e-4)
+        moved = np.abs(found).max(axis=1) > 1e-3
+        assert list(moved) == [index != 22, index != 16]
+
+
 def test_the_bound_is_not_below_a_candidate_and_plays_what_it_claims(settings, scenario, tmp_path):
     """The reduced car reaches the value with the file that is written, and a tail that does not
     roll does not.

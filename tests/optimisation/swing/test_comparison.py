@@ -12,8 +12,9 @@ import yaml
 
 from aerodima.optimisation import BoundEffort, SearchEffort, judge
 from aerodima.optimisation.studies.runs import CachedRunner
-from aerodima.optimisation.swerve.candidate import user_law
-from aerodima.optimisation.swerve.reduced_swerves import SteeringItem
+from aerodima.optimisation.swerve.candidate import swing_player, user_law
+from aerodima.optimisation.swerve.reduced_swerves import ReducedSwerve, SteeringItem
+from aerodima.optimisation.swerve.steering import STEERING_KEYS
 from aerodima.optimisation.swerve.suite import FOLDED, ensemble_cases
 from aerodima.optimisation.swing import full_runs
 from aerodima.optimisation.swing.full_runs import (
@@ -23,6 +24,7 @@ from aerodima.optimisation.swing.full_runs import (
     confirm_best,
     drive_full,
 )
+from aerodima.workbench.car.swerve import aside
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.swing_file import read_swing
@@ -300,8 +302,14 @@ def test_a_comparison_has_every_candidate_and_goes_on_with_its_runs(tmp_path):
     runs = CachedRunner()
     arguments = {"cars": 1, "floors": [1.2], "speeds": [6.0], "folder": tmp_path, "runs": runs}
     arguments["step"] = 0.002
-    table = judge(["none", "folded", "bound"], **arguments, **efforts)
-    assert list(table["candidate"]) == ["no tail", "tail folded back, locked", "bound"]
+    names = ["none", "folded", "bound-announced"]
+    table = judge(names, **arguments, **efforts)
+    assert list(table["candidate"]) == [
+        "no tail",
+        "tail folded back, locked",
+        "bound",
+        "announced bound",
+    ]
     assert (table["reduced_value"] > 0.3).all()
     assert table["value"].to_numpy() == pytest.approx(table["reduced_value"].to_numpy(), rel=0.25)
     assert table["reduced_value"][2] >= table["reduced_value"][1]
@@ -311,9 +319,24 @@ def test_a_comparison_has_every_candidate_and_goes_on_with_its_runs(tmp_path):
         assert again["counts"]
         assert again["value"] == value
     made = runs.ran
-    again = judge(["none", "folded", "bound"], **arguments, **efforts)
+    again = judge(names, **arguments, **efforts)
     assert runs.ran == made
     assert np.array_equal(again["value"], table["value"])
+    # A motion that is judged as a file has the trim of its driver.
+    (file,) = (tmp_path / "swings").glob("announced*.yaml")
+    swing = read_swing(file)
+    trim = f"manoeuvre.trim_angle={table['trim_angle'][3]:.9g}"
+    assert swing.provenance.settings[-1] == trim
+    candidate = swing_player(str(file))
+    assert candidate.settings[-1] == trim
+    settings = (
+        *(ensemble_cases("physical", "test", 1, "built", [1.2])[0]).settings(),
+        *candidate.settings,
+    )
+    swerve = ReducedSwerve(load_scenario("swerve", (*settings, "manoeuvre.speed=6.0"))).drive(
+        table.loc[3, list(STEERING_KEYS[:5])].to_numpy(float)[:, None]
+    )
+    assert aside(swerve) == pytest.approx(table["reduced_value"][3], abs=1e-6)
 
 
 @pytest.mark.slow

@@ -94,26 +94,29 @@ def test_a_trim_is_varied_within_its_range_and_named_in_the_run(tmp_path):
     assert len(set(trims)) > 2
     low, high = TAIL_RANGES
     assert ((points[:, 6:] >= low) & (points[:, 6:] <= high)).all()
-    run = one.run(points[0], tmp_path / "varied.yaml")
-    trim = f"manoeuvre.trim_angle={trims[0]:.9g}"
+    point = np.array([*STEERING, -0.01, 1.2, 1.0, 0.0])
+    run = one.run(point, tmp_path / "varied.yaml")
+    trim = "manoeuvre.trim_angle=-0.012"  # it goes with the roll at which the tail waits
     assert trim in run.settings
     assert read_swing(tmp_path / "varied.yaml").provenance.settings[-1] == trim
 
 
-def test_a_motion_that_waits_at_a_side_leads_no_other_and_is_led_without_trim(monkeypatch):
-    tail = [-0.5, *np.linspace(0.1, 0.9, 9)]
-    monkeypatch.setattr(full_search, "driven_tail", lambda run: tail)
+@pytest.mark.parametrize("value", [0.3, 0.5])
+def test_a_motion_that_waits_at_a_side_neither_leads_nor_follows(monkeypatch, value):
+    monkeypatch.setattr(full_search, "driven_tail", lambda run: pytest.fail(str(run.settings)))
     bound = search(INSIDE, 0.4)
-    before = bound.swing
-    ahead = announced(0.5)
-    follow_leaders([bound, ahead], CachedRunner())
-    assert bound.swing is before
-    assert ahead.swing is not None
-    assert ahead.point[5] == -0.01
-    behind = announced(0.3)
-    follow_leaders([bound, behind], CachedRunner())
-    assert behind.point == pytest.approx([*bound.point[:5], 0.0, *NO_CHANGE])
-    assert behind.swing.knots.roll_position_rad[0] == 0.0
+    waiting = announced(value)
+    follow_leaders([bound, waiting], CachedRunner())
+    assert waiting.point[5] == -0.01
+    assert waiting.swing == bound.swing
+
+
+def test_the_run_at_the_finer_step_keeps_its_trim():
+    descent = replace(announced(0.4).descent, step=5e-4)
+    run = descent.confirming_run(0.9)
+    assert "manoeuvre.trim_angle=-0.01" in run.settings
+    assert "manoeuvre.level_1=0.081" in run.settings
+    assert not [one for one in search().descent.run(0.9).settings if "trim" in one]
 
 
 def announced(value):

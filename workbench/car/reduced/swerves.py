@@ -50,8 +50,8 @@ class SwerveRollout(Rollout):
     Args:
         cars: n of them, at their speeds.
         scenario: of servo, controller, IMU and the end of the last level; wheelbase of all.
-        steering: of each car (`STEERING`, n), or with a trim; the whole straight of the scenario
-            is driven with it, else `LEAD` of it.
+        steering: of each car (`STEERING`, n), or with a trim in place of that of the scenario; the
+            whole straight of the scenario is driven with one, else `LEAD` of it.
         pitch, roll: at which the tails wait (n), rad.
 
     Attributes:
@@ -81,6 +81,8 @@ class SwerveRollout(Rollout):
         self._first = 0.0  # start of the first angle
         self.lead = LEAD
         trim = steering[STEERING:]
+        if plan.trim_angle and not len(trim):
+            trim = np.full((1, n), plan.trim_angle)
         if len(trim):
             self.lead = plan.turn_start
             self._first = -self.lead
