@@ -213,7 +213,7 @@ class SwerveVariables(NamedTuple):
     def ranges(self) -> ArrayPair:
         """Least and largest values (size,), rad and s."""
         rolls = np.full(self.tail - 1, self.max_roll)
-        ends = np.append(steering_ranges(self.max_angle), np.transpose([TRIMS]), axis=1)
+        ends = np.column_stack([np.array(steering_ranges(self.max_angle)), TRIMS])
         least, largest = ends[:, : self.driver]
         low = [self.pitches[0], *-rolls, *np.tile(least, self.members)]
         high = [self.pitches[1], *rolls, *np.tile(largest, self.members)]
