@@ -48,7 +48,7 @@ SUITE = checked(SuiteFile, read_yaml(_PATH), str(_PATH), SweepError, schema=SCHE
 BOUND = Candidate("bound", ("tail.mode=swing",))
 """Stands for the best motion of the tail; it is searched for every car."""
 ANNOUNCED = Candidate("announced bound", BOUND.settings)
-"""The same of a tail that knows of the turn and may wait inside, while the car is kept straight."""
+"""The same of a tail that knows of the turn and may wait at a side; the car has a trim then."""
 BOUNDS = (BOUND, ANNOUNCED)
 """Candidates whose motion is searched."""
 NAMED_CANDIDATES = {
