@@ -117,8 +117,9 @@ class FullSearch:
         steering, change = np.split(point, [self.steering_size])
         if self.swing is None:
             return self.descent.run_with((*settings, *steering_settings(steering)))
-        trimmed = np.append(steering[:STEERING], change[0] * steering[STEERING:])
-        driver = steering_settings(trimmed)
+        driver = steering_settings(
+            np.append(steering[:STEERING], np.clip(change[0] * steering[STEERING:], *TRIMS))
+        )
         write_swing(varied_swing(self.swing, change, driver), path, force=True)
         return self.descent.run_with((*settings, f"controller.swing_file={path}", *driver))
 

@@ -98,6 +98,8 @@ def test_a_trim_is_varied_within_its_range_and_named_in_the_run(tmp_path):
     run = one.run(point, tmp_path / "varied.yaml")
     trim = "manoeuvre.trim_angle=-0.012"  # it goes with the roll at which the tail waits
     assert trim in run.settings
+    large = one.run(np.array([*STEERING, 0.009, 1.5, 1.0, 0.0]), tmp_path / "large.yaml")
+    assert "manoeuvre.trim_angle=0.009" in large.settings  # more would release the swing
     assert read_swing(tmp_path / "varied.yaml").provenance.settings[-1] == trim
 
 
