@@ -29,6 +29,7 @@ from .swerve.swerve_table import summarise_swerves as summarise_swerves
 from .swing.bound import BoundEffort as BoundEffort
 from .swing.bound import find_bound as find_bound
 from .swing.feedback_training import LawSearch as LawSearch
+from .swing.free_tail import FreeTail as FreeTail
 from .swing.swerve_nlp import SwerveNlp as SwerveNlp
 from .swing.swerve_shooting import LIMITS as LIMITS
 from .swing.swerve_shooting import Limit as Limit

@@ -21,6 +21,7 @@ from aerodima.optimisation.swerve.steering import (
     draw_steering,
     possible_steering,
 )
+from aerodima.optimisation.swing.free_tail import FreeTail
 from aerodima.optimisation.swing.swerve_nlp import (
     FEASIBILITY_TOL,
     Solver,
@@ -76,7 +77,8 @@ class Bound:
     """The best steering and motion that were found.
 
     Attributes:
-        scenarios: of the cars; steering and swing are not theirs.
+        scenarios: of the cars, with the tail that was found where its numbers are free; steering
+            and swing are not theirs.
         program: that was solved.
         solution: the best of all starts.
         wall_time: that the search took, s.
@@ -100,7 +102,9 @@ class Bound:
 
     @property
     def table(self) -> pd.DataFrame:
-        """A row per car: aim, steering (rad and s), and what the search took."""
+        """A row per car: aim, steering (rad and s), free numbers of the tail, and what the search
+        took.
+        """
         solution = self.solution
         steerings = [self.steering(member) for member in range(len(self.scenarios))]
         columns: dict[str, Any] = {
@@ -108,6 +112,7 @@ class Bound:
             "speed_m_per_s": [scenario.manoeuvre.speed for scenario in self.scenarios],
             "aim": solution.aims,
             **dict(zip(STEERING_KEYS, np.transpose(steerings), strict=False)),
+            **self.program.shooting.free_numbers(solution.x),
             "violation": solution.violation,
             "worst": solution.worst,
             "evaluations": solution.evaluations,
@@ -126,6 +131,7 @@ def find_bound(
     progress: ProgressLine = no_progress,
     *,
     announced: bool = False,
+    free: FreeTail | None = None,
 ) -> Bound:
     """Searches steering and motion of the tail that are best for one car, or one motion for many.
 
@@ -141,14 +147,17 @@ def find_bound(
         announced: whether the tail knows of the turn and may wait at a side, while the driver keeps
             the car straight; the program then also starts from the motion of the last candidate
             with other rolls at which the tail waits.
+        free: numbers of the tail that the program chooses, too, from the middle of their ranges;
+            `extend` finds them under `program.numbers`.
 
     Raises:
-        UserError: no swerve keeps all limits; what the reduced car does not know.
+        UserError: no swerve keeps all limits; what the reduced car does not know; a free number
+            without a range.
     """
     begin = time.monotonic()
     effort = effort or BoundEffort()
     chosen = as_aim(aim)
-    shooting = SwerveShooting.from_scenarios(scenarios, chosen, limits, announced)
+    shooting = SwerveShooting.from_scenarios(scenarios, chosen, limits, announced, free)
     program = SwerveNlp(shooting, chosen.size)
     if extend is not None:
         extend(program)
@@ -174,18 +183,22 @@ def find_bound(
             f"no start reached a swerve that keeps its limits; nearest: {nearest.worst}"
         )
     best = min(kept, key=lambda one: one.cost)
-    return Bound(tuple(scenarios), program, best, time.monotonic() - begin)
+    found = shooting.scenarios_at(best.x)
+    return Bound(found, program, best, time.monotonic() - begin)
 
 
 def _with_one_steering(variables: SwerveVariables, points: FloatArray) -> FloatArray:
     """Returns the scaled variables (n, size) of points (n, `STEERING` + knots): a steering of all
-    cars, rad and s, without trim, and a motion of the tail from the middle, rad.
+    cars, rad and s, without trim, and a motion of the tail from the middle, rad; free numbers are
+    in the middle of their ranges.
     """
     steering, tail = np.split(points, [STEERING], axis=1)
     if variables.announced:
         steering = np.insert(steering, STEERING, 0.0, axis=1)
         tail = np.insert(tail, 1, 0.0, axis=1)
-    return np.concatenate([tail, *[steering] * variables.members], axis=1) / variables.units
+    free = np.tile([0.5 * sum(ends) for ends in variables.free], (len(points), 1))
+    steerings = [steering] * variables.members
+    return np.concatenate([tail, free, *steerings], axis=1) / variables.units
 
 
 def _first_search(shooting: SwerveShooting, effort: BoundEffort) -> list[FloatArray]:
@@ -218,7 +231,7 @@ def _first_search(shooting: SwerveShooting, effort: BoundEffort) -> list[FloatAr
 
     first = possible(first)
     best_first = first[np.argsort(-evaluate(first), kind="stable")[: effort.starts - 1]]
-    alone = variables._replace(members=1, announced=False)
+    alone = variables._replace(members=1, announced=False, free=())
     low, high = (np.roll(ends, STEERING) for ends in alone.ranges)
 
     def cost(points: FloatArray) -> FloatArray:

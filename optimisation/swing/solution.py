@@ -67,7 +67,7 @@ def solution_swing(
     """
     solution = bound.solution
     variables = bound.program.shooting.variables
-    pitch, *rolls = (solution.x * variables.units)[: variables.tail]
+    pitch, *rolls = (solution.x * variables.units)[: variables.motion]
     waiting = [0.0] * (len(KNOTS) - len(rolls))
     found: Json = {
         AIM: aim,

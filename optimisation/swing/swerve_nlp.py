@@ -66,6 +66,7 @@ class SwerveNlp:
     Attributes:
         prog: Drake's program; costs and constraints that are added to it are kept by `solve`.
         x: its scaled variables (size,), in the order of `SwerveVariables`.
+        numbers: free numbers of the tail, by name, as expressions of these.
         shooting: of the cars.
         evaluations: batches of swerves so far.
 
@@ -88,13 +89,14 @@ class SwerveNlp:
         x = prog.NewContinuousVariables(variables.size, "x")
         self.prog = prog
         self.x = x
+        self.numbers = shooting.free_numbers(x)
         prog.AddVisualizationCallback(self._keep, x)
         prog.AddBoundingBoxConstraint(*variables.bounds, x)
         prog.AddCost(self._aim_cost, x)
         prog.AddConstraint(self._rows, low, high, x, description=ROWS_DESCRIPTION)
-        rolls = between_knots()[:, 1 - variables.tail :]
+        rolls = between_knots()[:, 1 - variables.motion :]
         ends = variables.max_roll * np.ones(len(rolls))
-        travel = prog.AddLinearConstraint(rolls, -ends, ends, x[1 : variables.tail])
+        travel = prog.AddLinearConstraint(rolls, -ends, ends, x[1 : variables.motion])
         travel.evaluator().set_description("range of the tail")
         for first in self._first_ends():
             order = prog.AddLinearConstraint(

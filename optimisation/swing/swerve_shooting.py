@@ -8,6 +8,8 @@ Variables, all scaled, are one tail for all cars and the steering of each car:
 
 Where the turn is announced the tail may wait at a side: its roll at the first knot comes before the
 others, and each car has a trim (rad) besides, which keeps it straight until the steering starts.
+Numbers of the tail that are free (`FreeTail`) come after its motion; cars with such a tail are read
+anew at each point.
 Between knots the roll is the cubic that a swing file plays, at rest at the first and the last; the
 rate at a knot is that of the line between its neighbours. The knots begin one tick after the
 steering, when the controller sees it.
@@ -20,14 +22,15 @@ compete stand in two rows. A wheel that lifts and a joint at its torque limit re
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from aerodima.optimisation.swerve.steering import TICK, TRIMS, steering_ranges
+from aerodima.optimisation.swing.free_tail import FreeTail
 from aerodima.workbench.car.reduced.parameters import VehicleParams, take
 from aerodima.workbench.car.reduced.swerves import LEVELS, STEERING, PlayedSwerve, drive_swerves
 from aerodima.workbench.car.swerve import Measure, Swerve, end_yaw_rate, energy, start_deviation
@@ -174,6 +177,7 @@ class SwerveVariables(NamedTuple):
         pitches: least and largest pitch of the tail, rad.
         max_angle: of the steering, rad.
         announced: whether the tail may wait at a side.
+        free: least and largest values of the free numbers of the tail.
     """
 
     members: int
@@ -181,11 +185,17 @@ class SwerveVariables(NamedTuple):
     pitches: Pair
     max_angle: float
     announced: bool = False
+    free: tuple[Pair, ...] = ()
+
+    @property
+    def motion(self) -> int:
+        """Number of the variables of the tail's motion, which come first."""
+        return len(KNOTS) + self.announced
 
     @property
     def tail(self) -> int:
-        """Number of the tail's variables, which come first."""
-        return len(KNOTS) + self.announced
+        """Number of the tail's variables: its motion, then its free numbers."""
+        return self.motion + len(self.free)
 
     @property
     def driver(self) -> int:
@@ -207,16 +217,18 @@ class SwerveVariables(NamedTuple):
         """One unit of every variable (size,)."""
         steering = [ANGLE_SCALE] * LEVELS + [TIME_SCALE] * (LEVELS - 1)
         steering += [TRIM_SCALE] * self.announced
-        return np.array([1.0] * self.tail + steering * self.members)
+        free = [0.5 * (largest - least) for least, largest in self.free]
+        return np.array([1.0] * self.motion + free + steering * self.members)
 
     @property
     def ranges(self) -> ArrayPair:
         """Least and largest values (size,), rad and s."""
-        rolls = np.full(self.tail - 1, self.max_roll)
+        rolls = np.full(self.motion - 1, self.max_roll)
+        smallest, greatest = np.reshape(self.free, (-1, 2)).T
         ends = np.column_stack([np.array(steering_ranges(self.max_angle)), TRIMS])
         least, largest = ends[:, : self.driver]
-        low = [self.pitches[0], *-rolls, *np.tile(least, self.members)]
-        high = [self.pitches[1], *rolls, *np.tile(largest, self.members)]
+        low = [self.pitches[0], *-rolls, *smallest, *np.tile(least, self.members)]
+        high = [self.pitches[1], *rolls, *greatest, *np.tile(largest, self.members)]
         return np.array(low), np.array(high)
 
     @property
@@ -284,18 +296,20 @@ class SwerveShooting:
     """Cars with a tail at their speeds on their floors.
 
     Attributes:
-        scenario: of servo, controller, IMU and manoeuvre of all.
+        scenarios: of the cars; servo, controller, IMU and manoeuvre of the first are those of all.
         cars: one of each member.
         variables: of the search.
         aim: to be large: a function of `Swerve`, (n,).
         limits: of every car.
+        free: numbers of the tail that are searched, too.
     """
 
-    scenario: Scenario
+    scenarios: tuple[Scenario, ...]
     cars: VehicleParams
     variables: SwerveVariables
     aim: Measure
     limits: tuple[Limit, ...]
+    free: FreeTail | None = None
 
     @classmethod
     def from_scenarios(
@@ -304,14 +318,15 @@ class SwerveShooting:
         aim: Measure,
         limits: Sequence[Limit] = (),
         announced: bool = False,
+        free: FreeTail | None = None,
     ) -> SwerveShooting:
         """Makes the shooting of scenarios of kind `levels`, whose turn is announced if asked; their
         steering and law do not matter.
 
         Raises:
-            UserError: a car without tail; what the reduced car does not know.
+            UserError: a car without tail; what the reduced car does not know; as
+                `FreeTail.check`.
         """
-        first = scenarios[0]
         if any(one.tail.mode == "none" for one in scenarios):
             raise SwingError("tail.mode: none; must be a tail that can swing")
         far = min(one.tail.pitch_limit for one in scenarios)
@@ -321,24 +336,58 @@ class SwerveShooting:
             pitches=(max(PITCHES[0], -far), min(PITCHES[1], far)),
             max_angle=min(one.servo.limit for one in scenarios),
             announced=announced,
+            free=() if free is None else tuple(free.ranges.values()),
         )
         if announced:
             limits = [STRAIGHT, *limits]
+        if free is not None:
+            free.check(scenarios)
         cars = VehicleParams.from_scenarios(scenarios)
-        return cls(first, cars, variables, aim, (*STANDARD_LIMITS, *limits))
+        limits = (*STANDARD_LIMITS, *limits)
+        return cls(tuple(scenarios), cars, variables, aim, limits, free)
+
+    def free_numbers(self, x: np.ndarray) -> dict[str, Any]:
+        """Returns the free numbers of the tail, by name, at scaled variables (size,), which may be
+        expressions.
+        """
+        if self.free is None:
+            return {}
+        variables = self.variables
+        numbers = (x * variables.units)[variables.motion : variables.tail]
+        return dict(zip(self.free.ranges, numbers, strict=True))
+
+    def scenarios_at(self, x: FloatArray) -> tuple[Scenario, ...]:
+        """Returns the scenarios of the cars with their tail at scaled variables (size,)."""
+        numbers = [*self.free_numbers(x).values()]
+        return tuple(self._with_tail(one, numbers) for one in self.scenarios)
+
+    def _with_tail(self, scenario: Scenario, numbers: Iterable[float]) -> Scenario:
+        return self.free.build(scenario, *map(float, numbers)) if self.free else scenario
+
+    def _cars_of(self, members: IntArray, numbers: FloatArray) -> VehicleParams:
+        """Returns cars of members (n), each with its own free numbers of the tail (free, n)."""
+        if self.free is None:
+            return take(self.cars, members)
+        columns, places = np.unique(np.vstack([members, numbers]), axis=1, return_inverse=True)
+        different = [
+            self._with_tail(self.scenarios[int(column[0])], column[1:]) for column in columns.T
+        ]
+        return take(VehicleParams.from_scenarios(different), places)
 
     def drive(self, own: FloatArray, members: IntArray) -> Swerve:
         """Drives swerves of members (n), each with its own scaled variables (own, n)."""
         variables = self.variables
         count = len(members)
         values = own * variables.units[variables.own(0)][:, None]
-        pitch, rolls, steering = np.split(values, [1, variables.tail])
+        ends = [1, variables.motion, variables.tail]
+        pitch, rolls, numbers, steering = np.split(values, ends)
         rolls = np.concatenate([np.zeros((len(KNOTS) - len(rolls), count)), rolls])
         one = np.ones(count)
         gains = [gain * one for gain in FOLLOW_GAINS.values()] * 2
         knots = RollTrajectory(np.outer(KNOTS, one), rolls, knot_rates() @ rolls, *gains)
-        rollout = PlayedSwerve(take(self.cars, members), self.scenario, steering, pitch[0], knots)
-        return drive_swerves(rollout, self.scenario)
+        cars = self._cars_of(members, numbers)
+        first = self.scenarios[0]
+        return drive_swerves(PlayedSwerve(cars, first, steering, pitch[0], knots), first)
 
     def at(self, x: FloatArray) -> Evaluation:
         """Evaluates aims and limits of all cars with their slopes at scaled variables (size,)."""
