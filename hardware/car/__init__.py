@@ -1,1 +1,1 @@
-"""The wired car: its devices behind one protocol, in three arrangements. No Drake."""
+"""The wired car: its devices behind one class, in two wirings. Driving it needs no Drake."""

@@ -25,7 +25,7 @@ _MAGIC = 0xAD
 class HeartbeatState(IntEnum):
     """State that the computer reports.
 
-    TRIP: the Teensy must switch the motors off, the computer cannot.
+    TRIP: the Teensy must switch the motors off, since the computer cannot.
     """
 
     OFF = 0
@@ -40,7 +40,7 @@ def make_heartbeat(state: HeartbeatState, counter: int) -> CanFrame:
 
 
 def decode_answer(frame: CanFrame) -> tuple[TeensyStatus, int]:
-    """Status of the Teensy and counter of the heartbeat that it answers.
+    """Decodes the status of the Teensy and the counter of the heartbeat that it answers.
 
     Raises `FrameError` for any other frame.
     """
@@ -57,8 +57,8 @@ class BusWatch:
     heartbeats.
 
     Args:
-        port: the open bus.
-        answer_timeout: s that an answer may take.
+        port: open bus.
+        answer_timeout: longest time that an answer may take, s.
     """
 
     def __init__(self, port: FramePort, answer_timeout: float) -> None:
@@ -103,11 +103,11 @@ class BusWatch:
 
     @property
     def reason(self) -> str:
-        """Reason not to rely on it; empty while the Teensy answers and has not switched everything
-        off.
+        """Reason not to rely on the watchdog; empty while the Teensy answers and has not switched
+        everything off.
         """
-        # Until the bus was last looked at: a loop that stood still since then is no silence of the
-        # Teensy.
+        # Counted until the bus was last polled: a loop that has stood still since is no silence of
+        # the Teensy.
         waited = 0.0 if self._unanswered_since is None else self._polled - self._unanswered_since
         if waited > self._timeout:
             return f"the Teensy does not answer on the CAN bus for {waited:.2f} s"
@@ -128,7 +128,7 @@ class BusWatch:
         self._send(HeartbeatState.ARMED)
 
     def heartbeat(self) -> None:
-        """Sends a heartbeat: the loop lives."""
+        """Sends a heartbeat as a sign that the loop lives."""
         self._send(self._state)
 
     def disarm(self) -> None:
@@ -151,7 +151,7 @@ class BusWatch:
             status, counter = decode_answer(frame)
         except FrameError:
             return
-        # An answer that waited in a buffer still shows that it lives.
+        # An answer that waited in a buffer still shows that the Teensy lives.
         if (self._counter - counter) % 256 < 128:
             self._status = status
             self._unanswered_since = None

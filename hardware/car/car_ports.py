@@ -8,7 +8,7 @@ FILE.json`).
  "radio": {"path": "/dev/ttyUSB1"},
  "tail_pitch": {"motor_id": 1, "zero": 0.0}, "tail_roll": {"motor_id": 2, "zero": 0.0}}
 ```
-That of the operator's computer has `console` and, of a car with a number, `car`:
+The file of the operator's computer has `console` and, for a car with a number, `car`:
 `{"schema": "aerodima/ports/1", "console": {"path": "/dev/ttyUSB0"}}`. An emulator writes a ports
 file too, beside other files; `is_emulated_port` tells its ports from those of real devices.
 """
@@ -41,9 +41,9 @@ SERIAL_DEVICES: tuple[SerialDevice, ...] = get_args(SerialDevice)
 READY_FILE = "ready.json"
 """File that exists once an emulated car answers."""
 PORTS_FILE = "ports.json"
-"""The ports of an emulated car, for `connect` and `aerodima drive run --ports`."""
+"""File with the ports of an emulated car, for `connect` and `aerodima drive run --ports`."""
 EVENTS_FILE = "events.jsonl"
-"""Events of an emulated car, for `read_events`."""
+"""File with the events of an emulated car, for `read_events`."""
 TRAFFIC_FILE = "traffic.blf"
 TRUTH_FILE = "truth.parquet"
 PORTS_FOLDER = "ports"
@@ -51,41 +51,41 @@ READY_SCHEMA = "aerodima/emulator/1"
 
 
 class GpsDevice(SerialSettings):
-    """The receiver's serial port."""
+    """Serial port of the GPS receiver."""
 
     rate: int = Field(38_400, gt=0)
 
 
 class RadioDevice(SerialSettings):
-    """The XBee module; `operator` is the 64-bit serial number of the operator's (None: any)."""
+    """The car's XBee module; `operator` is the operator's 64-bit serial number (None: any)."""
 
     operator: int | None = Field(None, ge=0, lt=2**64)
 
 
 class ConsoleDevice(SerialSettings):
     """The operator's own XBee module, where `aerodima console` runs; `receiver` is the serial
-    number of the car's.
+    number of the car's module.
     """
 
     receiver: int = Field(BROADCAST, ge=0, lt=2**64)
 
 
 class MountedMotor(StrictModel):
-    """One tail motor: id on the bus, motor angle at joint angle 0, sign of its angle against the
-    joint's.
+    """One tail motor: its id on the bus, its angle at joint angle 0, and the sign of its angle
+    relative to the joint's.
     """
 
     motor_id: int = Field(ge=MIN_ID, le=MAX_ID)
     zero: float = quantity("rad", "motor angle at joint angle 0", "[-12.5, 12.5]", default=0.0)
     direction: Literal[1, -1] | None = None
-    """None takes the sign of `mounting.yaml`."""
+    """Sign of the motor's angle relative to the joint's; None takes that of `mounting.yaml`."""
 
 
 class OperatorPorts(StrictModel):
     """Ports of the operator's computer, where `aerodima console` runs.
 
     `car` is the number of the car among those that share a radio channel: its reports carry it, and
-    the console believes no other.
+    the console ignores those of other cars.
     """
 
     schema_: Literal["aerodima/ports/1"] = Field("aerodima/ports/1", alias="schema")
@@ -119,36 +119,36 @@ class CarPorts(OperatorPorts):
 
     @property
     def file(self) -> str:
-        """The file that they were read from, for messages; empty for those of no file."""
+        """File from which the ports were read, for messages; empty for ports of no file."""
         return self._file
 
     @property
     def profile(self) -> FirmwareProfile:
-        """The firmware profile of both motors; `HardwareError` for an unknown name."""
+        """Firmware profile of both motors; raises `HardwareError` for an unknown name."""
         return firmware_profile(self.firmware_profile)
 
     @property
     def serial_paths(self) -> dict[str, str]:
-        """Name of `SERIAL_DEVICES` -> path, of those that are fitted."""
+        """Paths of those serial devices that are fitted, by their names in `SERIAL_DEVICES`."""
         devices: dict[str, SerialSettings | None] = {
             name: getattr(self, name) for name in SERIAL_DEVICES
         }
         return {name: device.path for name, device in devices.items() if device is not None}
 
     def adapter(self, wiring: str) -> CanSettings:
-        """The CAN adapter that a wiring needs; `HardwareError` where there is none."""
+        """Returns the CAN adapter that a wiring needs; raises `HardwareError` if there is none."""
         if self.can is None:
             raise HardwareError(f"ports: can: missing; wiring {wiring} needs a CAN adapter")
         return self.can
 
     @property
     def motor_ids(self) -> tuple[int, int]:
-        """Pitch, roll."""
+        """Ids of the pitch and the roll motor."""
         return self.tail_pitch.motor_id, self.tail_roll.motor_id
 
 
 def read_ports(path: str | Path | CarPorts) -> CarPorts:
-    """Reads a ports file; returns ports that were read already as they are.
+    """Reads a ports file; returns ports that were already read as they are.
 
     Raises:
         HardwareError: no such file, not JSON, unknown key, value not allowed, one device named
@@ -206,8 +206,8 @@ def is_emulated_port(path: str) -> bool:
 
 
 def read_events(path: str | Path) -> list[Json]:
-    """Reads the events of an emulated car so far, also while it runs; a line that is not complete
-    is left out.
+    """Reads the events of an emulated car so far, also while it runs; leaves out an incomplete
+    line.
 
     Raises `HardwareError` for a file that is damaged.
     """

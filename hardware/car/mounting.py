@@ -48,9 +48,9 @@ class Mounting(QuantityModel):
 
     @property
     def chip_to_body(self) -> FloatArray:
-        """R_BI (3, 3), turns chip axes into body axes.
+        """Rotation R_BI (3, 3), which turns chip axes into body axes.
 
-        `HardwareError` if imu_x and imu_y are no two axes.
+        Raises `HardwareError` if imu_x and imu_y are not two axes.
         """
         return _chip_to_body(self.imu_x, self.imu_y)
 
@@ -68,22 +68,24 @@ class Mounting(QuantityModel):
         return np.array([roll, pitch, yaw, *(R_BI @ sample.gyro), *(R_BI @ sample.acceleration)])
 
     def sail_angle(self, encoder: float) -> float:
-        """Sail angle in [0, 2 pi) rad of an encoder angle, rad."""
+        """Returns the sail angle in [0, 2 pi) rad that belongs to an encoder angle, rad."""
         return self.sail_direction * (encoder - self.sail_zero) % _TURN
 
     def servo_pulse(self, steering_angle: float) -> int:
-        """Pulse (us) of a steering angle (rad, left positive), clipped to the servo's reach."""
+        """Returns the pulse (us) for a steering angle (rad, left positive), clipped to the servo's
+        reach.
+        """
         share = clip(steering_angle / self.steering_range, 1.0)
         return pulse(self.steering_direction * share, SERVO_PULSES)
 
     def throttle_pulse(self, throttle: float) -> int:
-        """Pulse (us) of a throttle, clipped to -1..1."""
+        """Returns the pulse (us) for a throttle, clipped to -1..1."""
         return pulse(self.throttle_direction * clip(throttle, 1.0), THROTTLE_PULSES)
 
     # -- written by an emulator, which has Drake
 
     def imu_sample(self, reading: FloatArray) -> Bno055Sample:
-        """The chip's sample of a reading (9,) in body axes; the inverse of `imu_reading`."""
+        """Converts a reading (9,) in body axes to the chip's sample; inverts `imu_reading`."""
         from pydrake.math import RollPitchYaw, RotationMatrix
 
         R_BI = self.chip_to_body
@@ -96,21 +98,21 @@ class Mounting(QuantityModel):
         )
 
     def encoder_angle(self, sail_angle: float) -> float:
-        """Encoder angle in [0, 2 pi) rad of a sail angle, rad."""
+        """Returns the encoder angle in [0, 2 pi) rad that belongs to a sail angle, rad."""
         return (self.sail_zero + self.sail_direction * sail_angle) % _TURN
 
     def steering_angle(self, servo_pulse: int) -> float:
-        """Steering angle (rad, positive to the left) that a pulse (us) asks for."""
+        """Returns the steering angle (rad, positive to the left) that a pulse (us) asks for."""
         return self.steering_direction * self.steering_range * _share(servo_pulse, SERVO_PULSES)
 
     def throttle(self, throttle_pulse: int) -> float:
-        """Throttle (-1 to 1) that a pulse (us) asks for."""
+        """Returns the throttle (-1 to 1) that a pulse (us) asks for."""
         return self.throttle_direction * _share(throttle_pulse, THROTTLE_PULSES)
 
 
 def load_mounting() -> Mounting:
-    """Loads the table of `models/parameters/hardware/mounting.yaml`; `UserError` names what is
-    wrong.
+    """Loads the table of `models/parameters/hardware/mounting.yaml`; a `UserError` names what is
+    wrong in it.
     """
     mounting = load_section(model_path("parameters/hardware/mounting.yaml"), Mounting)
     mounting.chip_to_body  # noqa: B018 - raises if the axes are none

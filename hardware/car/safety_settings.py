@@ -84,7 +84,7 @@ class DriveSafety(QuantityModel):
 
 
 def load_drive_safety() -> DriveSafety:
-    """Loads the limits; `ScenarioError` names what is wrong in the file."""
+    """Loads the limits; a `ScenarioError` names what is wrong in the file."""
     return load_section(model_path("parameters/hardware/drive_safety.yaml"), DriveSafety)
 
 
@@ -109,7 +109,7 @@ class TeensyTiming(QuantityModel):
 
 
 def load_teensy_timing() -> TeensyTiming:
-    """Loads the values of `models/parameters/hardware/teensy_firmware.yaml`; `ScenarioError` names
-    what is wrong in it.
+    """Loads the values of `models/parameters/hardware/teensy_firmware.yaml`; a `ScenarioError`
+    names what is wrong in it.
     """
     return load_section(model_path("parameters/hardware/teensy_firmware.yaml"), TeensyTiming)

@@ -29,7 +29,7 @@ from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.scenario.signal_table import IMU, STATUS
 
 _LAST_FRAMES = 5
-"""Strings with throttle 0 and exit that are sent at the end, one every 10 ms."""
+"""Number of text frames with throttle 0 and exit that are sent at the end, one every 10 ms."""
 
 
 class WiredCar:
@@ -39,23 +39,26 @@ class WiredCar:
     s.
 
     Args:
-        name: of the wiring.
-        has_tail: the car has tail motors.
-        mounting: signs.
-        open_devices: opens every port; after a failure it closes those that it opened.
-        authorise: raises `HardwareError` while no watchdog test of this wiring is recorded.
-        car: its number, for the operator's station.
+        name: name of the wiring.
+        has_tail: whether the car has tail motors.
+        mounting: signs and zeros of the parts on the car.
+        open_devices: function that opens every port; after a failure it closes those that it
+            opened.
+        authorise: function that raises `HardwareError` while no watchdog test of this wiring is
+            recorded.
+        car: number of the car, for the operator's station.
 
     Attributes:
-        devices: open ones; None before `start` and after `stop`.
-        reading: of the last cycle.
-        stop_reason: of the first `stop`, empty before.
-        prompt: what the operator must do before the car drives, with the next report; set by the
+        devices: open devices; None before `start` and after `stop`.
+        reading: reading of the last cycle.
+        stop_reason: reason of the first `stop`; empty before.
+        prompt: what the operator must do before the car drives, for the next report; set by the
             guard.
-        posture: of the tail of a car that stops, in words, for the operator; set by the guard.
-        holds_pitch: a fault of the roll motor leaves the pitch motor on; set by the guard.
-        traffic_error: what stopped the log of the CAN traffic, known after `stop`; empty if nothing
-            did.
+        posture: posture of the tail of a car that stops, in words, for the operator; set by the
+            guard.
+        holds_pitch: whether a fault of the roll motor leaves the pitch motor on; set by the guard.
+        traffic_error: error that stopped the log of the CAN traffic, known after `stop`; empty if
+            there was none.
     """
 
     def __init__(
@@ -95,7 +98,7 @@ class WiredCar:
     def start(self) -> None:
         """Opens the ports and starts the threads; commands nothing.
 
-        `HardwareError` names the port that failed.
+        A `HardwareError` names the port that failed.
         """
         if self.devices is not None or self.stop_reason:
             raise HardwareError(f"{self.name}: was started already")
@@ -125,8 +128,8 @@ class WiredCar:
         devices.group.set_enter(time.monotonic())
 
     def hold(self, now: float, centred: bool = False) -> None:
-        """Holds the tail until the next command that is not all zeros, where it is, or its roll
-        in the middle; nothing after `stop`.
+        """Holds the tail until the next command that is not all zeros: where it is or, with
+        `centred`, with its roll in the middle. Does nothing after `stop`.
         """
         for motor, centre in zip(self.motors, (None, 0.0), strict=False):
             motor.set_hold(now, centre if centred else None)
@@ -135,7 +138,7 @@ class WiredCar:
         """Sends exit frames now and in the following cycles; the links stay open and `read` goes
         on.
 
-        Nothing after `stop`.
+        Does nothing after `stop`.
         """
         self._released = False
         if self.devices is not None:
@@ -190,7 +193,7 @@ class WiredCar:
 
         Reading and writing are two calls so that a command can be made of the readings of its own
         cycle; one call for both would let every command wait a cycle, 10 ms in which the tail
-        swings 0.08 rad. After `stop` it is the last reading, not armed.
+        swings 0.08 rad. After `stop` it returns the last reading, not armed.
         """
         devices = self.devices
         if devices is None:
@@ -212,7 +215,8 @@ class WiredCar:
     def write(self, command: CarCommand, now: float) -> None:
         """Runs the second half of a cycle: sends the command.
 
-        What is not finite, or a negative gain, is a fault of both motors, and throttle 0.
+        A value that is not finite, or a negative gain, is a fault of both motors; throttle 0 and
+        steering 0 are sent then.
         """
         devices = self.devices
         if devices is None:

@@ -46,25 +46,26 @@ from aerodima.workbench.scenario.signal_table import (
 )
 
 _Sources = dict[str, tuple[float, int, str]]
-"""Age (s), fault and fault in words, by the name of the source."""
+"""Age (s), fault, and fault in words of each source, by its name."""
 WiringName = Literal["teensy_bridge", "watched_can"]
 WIRINGS: tuple[WiringName, ...] = get_args(WiringName)
 UNSOUND = "NaN, infinity or a negative gain"
-"""What no motor is sent, in words."""
+"""Values that are never sent to a motor, in words."""
 PERIOD = 0.01
 """Time between two cycles of every loop that talks to the car, s."""
 _FORCE_SHARE = 0.05
-"""Weight of a sample in the mean force: 0.2 s at 100 Hz. A car that lies is beyond 60 degrees after
-that time; an impact of 4 g for 50 ms, or a drive at 1.5 g, is not."""
+"""Weight of a sample in the mean force: a time constant of 0.2 s at 100 Hz. A car that lies is
+beyond 60 degrees after that time; an impact of 4 g for 50 ms, or a drive at 1.5 g, is not."""
 _RATE_WINDOW = 0.02
-"""s; of the sail's rate, as the simulated encoder has it."""
+"""Window over which the sail's rate is taken, s, as in the simulated encoder."""
 _REST_FIRST = "put the switch in IDLE first"
 _UNKNOWN_FAULT = 255
-"""Codes of the status port are small; a larger one is still a fault."""
+"""Largest fault code of a report: codes of the status port are small; a larger one is cut to this
+and is still a fault."""
 
 
 def wiring_name(name: str) -> WiringName:
-    """The wiring of that name; `HardwareError` lists the known ones."""
+    """Returns the wiring of that name; raises a `HardwareError` that lists the known ones."""
     for known in WIRINGS:
         if known == name:
             return known
@@ -76,10 +77,15 @@ class Devices:
     """The open devices of a car.
 
     Attributes:
-        group: the motors, on the CAN bus or, in the bridge, on the Teensy itself.
-        teensy: servo, throttle, sail. imu, gps, radio: None where it is not fitted.
-        closers: of all of them.
-        watchdog, bus: the motors' bus; None in the bridge, where the text frames are the heartbeat.
+        group: tail motors, on the CAN bus or, in the bridge, on the Teensy itself.
+        teensy: link to the Teensy, with servo, throttle and sail.
+        imu: thread that reads the IMU.
+        gps: thread that reads the GPS; None where it is not fitted.
+        radio: link to the operator's radio; None where it is not fitted.
+        closers: stack that closes all of them.
+        watchdog: the Teensy as watchdog on the motors' bus; None in the bridge, where the text
+            frames are the heartbeat.
+        bus: bus of the motors; None in the bridge.
     """
 
     group: MotorGroup
@@ -98,9 +104,11 @@ class CarCommand:
     for nothing.
 
     Attributes:
-        steering_angle: rad, positive to the left.
-        throttle: -1 to 1.
-        tail_pitch, tail_roll: (5,) as `aerodima.workbench.scenario.signal_table.TAIL_COMMAND`.
+        steering_angle: commanded steering angle, rad, positive to the left.
+        throttle: commanded throttle, -1 to 1.
+        tail_pitch: command of the pitch motor, (5,) as
+            `aerodima.workbench.scenario.signal_table.TAIL_COMMAND`.
+        tail_roll: command of the roll motor, (5,), likewise.
     """
 
     steering_angle: float = 0.0
@@ -125,16 +133,17 @@ class CarReading:
     Values hold their last sample.
 
     Attributes:
-        tail_state: (6,) `aerodima.workbench.scenario.signal_table.TAIL_STATE`, rad and rad/s.
-        tail_torque: (2,) N m.
-        imu: (9,) `aerodima.workbench.scenario.signal_table.IMU`.
-        speed: (1,) m/s.
-        status: (13,) `aerodima.workbench.scenario.signal_table.STATUS`: ages in s (infinite before
-            the first sample), faults, armed.
-        operator: the operator's last command, for driving by radio.
-        lean: of the car by its accelerometer, rad from upright.
-        fault_text: the worst fault in words, empty while there is none.
-        fault_texts: the faults of the sources by name.
+        tail_state: angles and rates of tail and sail, (6,)
+            `aerodima.workbench.scenario.signal_table.TAIL_STATE`, rad and rad/s.
+        tail_torque: torques of the tail motors, (2,) N m.
+        imu: reading of the IMU, (9,) `aerodima.workbench.scenario.signal_table.IMU`.
+        speed: speed by the GPS, (1,) m/s.
+        status: state of the sources, (13,) `aerodima.workbench.scenario.signal_table.STATUS`: ages
+            in s (infinite before the first sample), faults, armed.
+        operator: last command of the operator, for driving by radio.
+        lean: lean of the car by its accelerometer, rad from upright.
+        fault_text: the worst fault in words; empty while there is none.
+        fault_texts: faults of the sources in words, by the name of the source.
     """
 
     tail_state: FloatArray = field(default_factory=TAIL_STATE.zeros)
@@ -154,11 +163,11 @@ class CarReading:
 
 
 class CarReader:
-    """Makes the readings; values hold their last sample.
+    """Maker of the readings of a car; values hold their last sample.
 
     Attributes:
-        imu_time: when the newest sample of the IMU was taken, s on `time.monotonic`; NaN before the
-            first.
+        imu_time: time at which the newest sample of the IMU was taken, s on `time.monotonic`; NaN
+            before the first.
     """
 
     def __init__(self, mounting: Mounting) -> None:
@@ -172,7 +181,7 @@ class CarReader:
         self.imu_time = math.nan
 
     def read(self, devices: Devices, now: float, released: bool) -> CarReading:
-        """Makes the reading at `now` (s, monotonic); `released` is `armed` where no motors are."""
+        """Makes the reading at `now` (s, monotonic); without motors `released` counts as armed."""
         motors = devices.group.motors
         for index, motor in enumerate(motors):
             if math.isfinite(motor.position):
@@ -258,7 +267,7 @@ class _SailRate:
         self._seen = (0.0, 0.0)
 
     def update(self, teensy: TeensyLink, mounting: Mounting) -> Pair:
-        """Returns angle in [0, 2 pi) rad and rate rad/s; zeros before the first reply."""
+        """Returns angle (in [0, 2 pi) rad) and rate (rad/s); zeros before the first reply."""
         sent = teensy.sent_time
         past = self._past
         if not math.isfinite(sent) or (past and sent <= past[-1][0]):
@@ -277,11 +286,11 @@ class _SailRate:
 
 
 class CarReporter:
-    """One car's reports.
+    """Sender of a car's reports to its operator.
 
     Args:
-        has_tail: the car has tail motors.
-        car: its number, which tells it from others on the channel.
+        has_tail: whether the car has tail motors.
+        car: number of the car, which tells it from others on the channel.
     """
 
     def __init__(self, has_tail: bool, car: int) -> None:
@@ -299,8 +308,15 @@ class CarReporter:
         posture: str = "",
         at_once: bool = False,
     ) -> None:
-        """Sends a report when one is due (`now` in s, monotonic), or at once; `posture`: of the
-        tail of a car that stops, in words.
+        """Sends a report when one is due.
+
+        Args:
+            radio: link to the operator's radio.
+            reading: reading of the car to report.
+            now: time, s, monotonic.
+            prompt: what the operator must do before the car drives.
+            posture: posture of the tail of a car that stops, in words.
+            at_once: whether to send a report even if none is due.
         """
         if now < self._due and not at_once:
             return

@@ -1,11 +1,11 @@
 """The two ways in which a car is wired, as a `WiredCar` that is not opened yet.
 
-In both the Teensy watches.
+In both the Teensy is the watchdog.
 
-`teensy_bridge`, that of the thesis: the Teensy owns the CAN bus and the computer sends it text
-frames. Its firmware switches the motors off when the text frames stop. `watched_can`: the motors
-are on a CAN adapter of the computer, and the Teensy drives servo, throttle and sail. It is on the
-same bus and switches the motors off when the heartbeat stops.
+`teensy_bridge`, the wiring of the thesis: the Teensy owns the CAN bus and the computer sends it
+text frames. Its firmware switches the motors off when the text frames stop. `watched_can`: the
+motors are on a CAN adapter of the computer, and the Teensy drives servo, throttle and sail. It is
+on the same bus and switches the motors off when the heartbeat stops.
 """
 
 from collections.abc import Callable
@@ -49,7 +49,7 @@ T = TypeVar("T")
 def tail_motors(
     scenario: Scenario, ports: CarPorts, mounting: Mounting
 ) -> tuple[MotorSettings, ...]:
-    """Settings of the pitch and the roll motor; none for a scenario without a tail.
+    """Returns the settings of the pitch and the roll motor; none for a scenario without a tail.
 
     Raises:
         HardwareError: a zero at which a joint's range does not fit the firmware profile.
@@ -88,8 +88,9 @@ def wire_car(
     """Makes the car of a scenario on a wiring; opens nothing yet.
 
     Args:
-        authorise: raises `HardwareError` while no watchdog test of this wiring is recorded.
-        traffic_log: a new `.blf` file for every frame on the bus of the adapter.
+        authorise: function that raises `HardwareError` while no watchdog test of this wiring is
+            recorded.
+        traffic_log: path of a new `.blf` file that records every frame on the bus of the adapter.
 
     Raises:
         HardwareError: the ports name no CAN adapter where one is needed, or the motors' settings do
@@ -150,7 +151,7 @@ def _sensor(
 
 
 def _named(name: str, open_device: Callable[[], T]) -> T:
-    """Adds the name of the device that cannot be opened to the error."""
+    """Opens a device; adds its name to the error if it cannot be opened."""
     try:
         return open_device()
     except HardwareError as error:

@@ -1,4 +1,4 @@
-"""The commands of this package, heavy imports inside the functions."""
+"""The commands of this package; heavy imports are inside the functions."""
 
 from importlib import import_module
 

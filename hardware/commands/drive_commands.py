@@ -41,14 +41,14 @@ OLD_FLAGS = {
 """Flags of `aerodima drive SCENARIO` in version 0.3: the sub-command and the option that replace
 them. To be dropped in 0.5."""
 _RUN_FLAGS = ("--arm", "--force", "--no-drake", "--other-car")
-"""Flags that only a drive takes; version 0.3 read over them elsewhere."""
+"""Flags that only a drive takes; version 0.3 ignored them elsewhere."""
 _RUN_OPTIONS = ("--swing", "--law", "--diagram", "--out", "-o", "--traffic")
 """Options with a value that only a drive takes."""
 DriveScenario = Annotated[str, cli.named("Scenario, or its bundle (JSON)", "scenarios")]
 
 
 class DriveGroup(TyperGroup):
-    """The group `drive`; takes the flags of version 0.3 too, with a line of deprecation."""
+    """The group `drive`; takes the flags of version 0.3 too, with a deprecation notice."""
 
     def parse_args(self, ctx: Any, args: Words) -> Words:  # Typer's context is private
         """Parses the words; those of version 0.3 as the sub-command that replaces them."""
@@ -58,7 +58,7 @@ class DriveGroup(TyperGroup):
         return super().parse_args(ctx, args)
 
     def resolve_command(self, ctx: Any, args: Words) -> Any:
-        """Returns the sub-command; raises `UserError` with all of them for an unknown one."""
+        """Returns the sub-command; for an unknown one, raises a `UserError` that lists them all."""
         if args[0] not in self.commands and not ctx.resilient_parsing:
             raise UserError(f"drive {args[0]}: must be one of {', '.join(self.commands)}")
         return super().resolve_command(ctx, args)
@@ -88,7 +88,7 @@ def current_words(words: Words) -> Words:
 
 
 def _without_run_options(words: Words, command: str) -> Words:
-    """Returns the words without those that a sub-command lacks and version 0.3 read over."""
+    """Returns the words without those that a sub-command lacks and version 0.3 ignored."""
     if command == "check":  # it takes what a drive takes, and never arms
         return [word for word in words if word != "--arm"]
     kept = []
@@ -337,8 +337,8 @@ def _load(
 
 
 def _confirmation_prompt(ports: CarPorts, wiring: WiringName) -> tuple[Callable[[str], bool], str]:
-    """Returns who confirms what is seen of the tail, and its name: the operator, or nobody on an
-    emulated car.
+    """Returns the function that confirms what is seen of the tail, and who answers: the operator,
+    or the emulator, which always confirms.
     """
     from aerodima.hardware.driving.arming import typed
     from aerodima.hardware.driving.watchdog_record import is_emulated

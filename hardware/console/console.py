@@ -1,7 +1,7 @@
 """Reaction of the console to its pages: what they ask for, which one controls the car, and the
 record; no network in here.
 
-Times in s, monotonic.
+Times are in s, monotonic.
 """
 
 from __future__ import annotations
@@ -27,21 +27,25 @@ from aerodima.workbench.core.errors import LogError, UserError
 from aerodima.workbench.core.file_reading import Json
 
 GONE_AFTER: Final = 2.0
-"""s without a word after which a page counts as gone, though its connection stands: hidden, frozen,
-asleep."""
+"""Time without a message after which a page counts as gone although its connection stands, s: it is
+hidden, frozen or asleep."""
 
 
 class Console:
     """Pages, radio, record and the car, if it is one that is started here.
 
-    Pages are known by a number. One controls, the first one at the beginning; any number look on.
+    Pages are known by a number. One page controls, at the beginning the first one; any number look
+    on.
 
     Args:
+        radio: console's end of the operator's radio.
+        record: file that records what happens.
         limits: ranges of the sliders `steering`, `pitch` and `roll`, rad; throttle is -1 to 1.
-        car: whose drive the console starts and ends; None where the car is armed beside it.
+        car: emulated car whose drive the console starts and ends; None where the car is armed
+            elsewhere.
 
     Attributes:
-        failure: why the console must end, in words; empty while it works.
+        failure: reason why the console must end, in words; empty while it works.
     """
 
     def __init__(
@@ -92,7 +96,7 @@ class Console:
         has not failed.
 
         Raises:
-            UserError: it may not be done, in words for the operator.
+            UserError: the page may not do that; the message is for the operator.
         """
         if isinstance(message, Stop):
             self.radio.stop(message.by, now)
@@ -199,10 +203,10 @@ class ConsoleRecord:
     A line has `time_s` (seconds since 1970) and `event`.
 
     Args:
-        path: of the file; it must not exist.
+        path: path of the file, which must not exist.
 
     Attributes:
-        error: what ended the recording, empty while it works.
+        error: error that ended the recording; empty while it works.
     """
 
     def __init__(self, path: Path) -> None:
@@ -218,7 +222,7 @@ class ConsoleRecord:
         return self._file is not None
 
     def switch(self, on: bool) -> None:
-        """Begins or ends; `error` has the failure of the disk."""
+        """Begins or ends the recording; `error` has the failure of the disk."""
         if on == self.on:
             return
         try:

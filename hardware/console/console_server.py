@@ -24,16 +24,16 @@ from aerodima.hardware.driving.speaker import Say
 from aerodima.workbench.core.errors import HardwareError, UserError
 
 _POLL_PERIOD = 0.01
-"""Time between two looks at the radio, s."""
+"""Time between two polls of the radio, s."""
 _STATE_PERIOD = 0.05
 """Time between two states that a page gets, s."""
 _FAREWELL = 0.3
-"""s in which pages learn that the console has failed, before it ends."""
+"""Time in which pages learn that the console has failed, before it ends, s."""
 _MAX_BYTES = 4096
 """Longest message that a page may send, bytes."""
 _BACKLOG = 16
-"""Connections that are accepted in one go; more of them could take every file before the first one
-is looked at."""
+"""Number of connections that are accepted in one go; more of them could take every file before the
+first one is looked at."""
 _TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript"}
 _PAGES = (
     "index.html",
@@ -49,7 +49,7 @@ _PAGES = (
 def open_socket(port: int) -> socket.socket:
     """Opens a socket that listens on a port of 127.0.0.1; 0 takes a free one.
 
-    `HardwareError` if the port is in use.
+    Raises `HardwareError` if the port is in use.
     """
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -69,8 +69,8 @@ def make_app(console: Console, access: Access, say: Say, end: Callable[[], None]
     """Makes the pages and the WebSocket of a console.
 
     Args:
-        say: receives the next address when one has been used.
-        end: of the server; called when a part of the console has died.
+        say: function that receives the next address when one has been used.
+        end: function that ends the server; called when a part of the console has died.
     """
 
     @contextlib.asynccontextmanager
@@ -95,7 +95,7 @@ def make_app(console: Console, access: Access, say: Say, end: Callable[[], None]
 
 
 class _Door:
-    """Answers to requests: pages and WebSockets for whoever holds a session, refusals."""
+    """Answers to requests: pages and WebSockets for whoever has a session, refusals for others."""
 
     def __init__(self, console: Console, access: Access, say: Say) -> None:
         self._console = console
@@ -152,10 +152,10 @@ class _Door:
 
 
 def run_server(listener: socket.socket, console: Console, access: Access, say: Say) -> None:
-    """Serves until Ctrl-C; ends in order by SIGTERM too, which then does what it did before.
+    """Serves until Ctrl-C or SIGTERM; after an orderly end SIGTERM does what it did before.
 
     Raises:
-        HardwareError: a part of the console has died; pages have the reason, and the car was sent
+        HardwareError: a part of the console has died; pages show the reason, and the car was sent
             to rest.
     """
 
@@ -170,7 +170,7 @@ def run_server(listener: socket.socket, console: Console, access: Access, say: S
 
 
 def make_server(app: Starlette) -> uvicorn.Server:
-    """Makes the server of the app, with limits for what others send and do not send."""
+    """Makes the server of the app, with limits for what others send and fail to send."""
     config = uvicorn.Config(
         app,
         log_level="warning",
@@ -188,7 +188,7 @@ def make_server(app: Starlette) -> uvicorn.Server:
 
 
 async def _watched(console: Console, task: Coroutine[Any, Any, None]) -> None:
-    """Ends the console at any exception that nobody meant: half of one is worse than none."""
+    """Runs a task; ends the console at any exception: half a console is worse than none."""
     try:
         await task
     except Exception as error:
@@ -247,7 +247,7 @@ async def _show_states(console: Console, websocket: WebSocket, page: int) -> Non
 
 async def _send(websocket: WebSocket, content: object) -> None:
     text = json.dumps(content, allow_nan=False)
-    # The page has gone, whatever that is called; `_serve_page` sees it.
+    # The page has gone, whatever the exception; `_serve_page` sees it.
     with contextlib.suppress(Exception):
         await websocket.send_text(text)
 

@@ -25,29 +25,31 @@ _START_TIME = 120.0
 _END_TIME = 20.0
 """Longest wait for a process to end, s."""
 _POLL_PERIOD = 0.05
-"""Time between two looks at whether the emulator is ready, s."""
+"""Time between two checks whether the emulator is ready, s."""
 _TESTS = 3
-"""Times that the watchdog test is tried: a computer that is busy with other work can be late for
-the emulated car."""
+"""Number of times that the watchdog test is tried: a computer that is busy with other work can be
+late for the emulated car."""
 
 
 class EmulatedCarProcess:
-    """`aerodima emulate` and, when it is armed, `aerodima drive run`.
+    """Processes of an emulated car: `aerodima emulate` and, once armed, `aerodima drive run`.
 
     Args:
-        scenario, settings: as the two commands take them.
-        has_tail: the scenario's car has tail motors, whose watchdog is to be tested.
-        folder: gets the emulator's files and `drive_N.parquet`; where an earlier car has left its
-            own, they go into a numbered folder in it.
-        view: show the car in Meshcat.
+        scenario: scenario as the two commands take it.
+        settings: changes of the scenario, as the commands' `--set` takes them.
+        has_tail: whether the scenario's car has tail motors, whose watchdog is to be tested.
+        wiring: wiring of the car.
+        folder: folder for the emulator's files and `drive_N.parquet`; where an earlier car has left
+            its own, they go into a numbered folder in it.
+        view: whether to show the car in Meshcat.
         console: whether `aerodima console` drives it; otherwise its operator chooses AUTO when the
             car asks.
-        faults: script of `aerodima emulate --faults`.
+        faults: path of a script for `aerodima emulate --faults`.
 
     Attributes:
-        folder: with its files.
-        wiring: of the car.
-        view: where Meshcat shows it.
+        folder: folder with its files.
+        wiring: wiring of the car.
+        view: address of its Meshcat view; None before `start` and without a view.
     """
 
     def __init__(
@@ -76,11 +78,11 @@ class EmulatedCarProcess:
 
     @property
     def ports(self) -> Path:
-        """The ports file."""
+        """Path of the ports file."""
         return self.folder / PORTS_FILE
 
     def events(self, *names: str) -> list[Json]:
-        """Events so far, or those of these names; each with its time, s on `time.monotonic`."""
+        """Returns the events so far, or those of these names, with times, s on `time.monotonic`."""
         return [
             event
             for event in read_events(self.folder / EVENTS_FILE)
@@ -88,8 +90,8 @@ class EmulatedCarProcess:
         ]
 
     def start(self, say: Say) -> None:
-        """Starts the emulator and records the watchdog test (some seconds); `HardwareError` with
-        what they said.
+        """Starts the emulator and records the watchdog test (some seconds); raises `HardwareError`
+        with what they said.
         """
         say(f"starting the emulated car in {self.folder}")
         command = ["emulate", *self._scenario, "--out", str(self.folder), "--wiring", self.wiring]
@@ -130,14 +132,14 @@ class EmulatedCarProcess:
 
     @property
     def said(self) -> str:
-        """The last line of the drive; how drive or emulator ended where they could not say it."""
+        """Last line of the drive, or how a signal ended drive or emulator."""
         for name, process in (("emulated car", self._emulator), ("drive", self._drive)):
             if process is not None and (process.poll() or 0) < 0:
                 return f"the {name} was killed by signal {-process.returncode}"
         return self._lines[-1] if self._lines else ""
 
     def arm(self) -> None:
-        """Starts a drive; `HardwareError` while one runs."""
+        """Starts a drive; raises `HardwareError` while one runs, or once the emulator has ended."""
         if self.driving:
             raise HardwareError("a drive runs already")
         if self._emulator is None or self._emulator.poll() is not None:
@@ -206,18 +208,18 @@ def emulated_car(
     faults: str | Path | None = None,
     say: Say = print,
 ) -> Iterator[EmulatedCarProcess]:
-    """Runs the simulated car in real time behind ports, its watchdog tested: what `drive` drives in
-    place of a real one.
+    """Runs the simulated car in real time behind ports, with its watchdog tested, for `drive` to
+    drive in place of a real one.
 
     It is a process of its own, which ends with the block, or with the program.
 
     Args:
-        scenario: of the car.
-        wiring: of `aerodima.hardware.car.wiring.WIRINGS`.
-        folder: gets ports, events, traffic and truth; None: one that is removed at the end.
-        view: show the car in Meshcat; its address is `view` of the car.
-        faults: script of `aerodima emulate --faults`.
-        say: receives what is waited for.
+        scenario: scenario of the car.
+        wiring: name of the wiring, one of `aerodima.hardware.car.wiring.WIRINGS`.
+        folder: folder for ports, events, traffic and truth; None: one that is removed at the end.
+        view: whether to show the car in Meshcat; the address is `view` of the car.
+        faults: path of a script for `aerodima emulate --faults`.
+        say: function that receives what is waited for.
 
     Raises:
         HardwareError: unknown wiring, a folder that cannot be used, no compiler for the firmware.
@@ -239,8 +241,8 @@ def emulated_car(
 
 
 def _own_folder(folder: Path) -> Path:
-    """Returns the folder; where an earlier car left its files, one in it with the next number from
-    2.
+    """Returns the folder or, where an earlier car left its files, a folder in it with the next free
+    number from 2.
     """
     candidate = folder
     number = 1

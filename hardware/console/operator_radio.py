@@ -23,29 +23,29 @@ from aerodima.hardware.protocol.xbee import BROADCAST, ApiStream, Packet, make_t
 from aerodima.hardware.transport.serial_link import SerialLink
 
 _REPEAT = 0.05
-"""s between two emergency stops, until the car reports the stop."""
+"""Time between two emergency stops, until the car reports the stop, s."""
 REPORT_SILENCE = 0.5
-"""s after which the last report says nothing about the car as it is."""
+"""Age beyond which the last report says nothing about the present car, s."""
 _LOST_SHOWN = 1.0
-"""s for which a port that was lost counts as lost at least: one that comes back only to fail again
-is no link."""
+"""Least time for which a port that was lost counts as lost, s: one that comes back only to fail
+again is no link."""
 
 
 class OperatorRadio:
-    """Commands out, reports in. Times in s, monotonic.
+    """Radio of the console: commands out, reports in. Times are in s, monotonic.
 
     Args:
-        link: open; the caller closes it.
+        link: open serial link; the caller closes it.
         receiver: serial number of the car's module; reports of other modules are not believed.
-            `BROADCAST`: the module that is heard first, as long as this lives.
-        car: its number; reports of another car are not believed.
+            `BROADCAST`: the module that is heard first, as long as this object lives.
+        car: number of the car; reports of another car are not believed.
 
     Attributes:
-        stopped_by: what asked for the emergency stop that stays until `reset`; empty for none.
-        confirmed: the car has reported that stop.
-        mode: of the last command that was passed on.
-        report: the car's last one; None before the first.
-        foreign: reports of other modules or cars.
+        stopped_by: source of the emergency stop, which stays until `reset`; empty for none.
+        confirmed: whether the car has reported that stop.
+        mode: mode of the last command that was passed on.
+        report: last report of the car; None before the first.
+        foreign: number of reports of other modules or cars.
     """
 
     def __init__(self, link: SerialLink, receiver: int = BROADCAST, car: int = 0) -> None:
@@ -67,11 +67,11 @@ class OperatorRadio:
 
     @property
     def stopped(self) -> bool:
-        """Returns whether an emergency stop stays."""
+        """Returns whether an emergency stop is in force."""
         return bool(self.stopped_by)
 
     def report_age(self, now: float) -> float:
-        """Seconds since the car's last report; infinite before the first."""
+        """Returns the seconds since the car's last report; infinite before the first."""
         return now - self._report_time
 
     def fault(self, now: float) -> str:
@@ -90,8 +90,8 @@ class OperatorRadio:
         return heard and not self.fault(now)
 
     def heartbeat(self, count: int, command: OperatorCommand, now: float) -> bool:
-        """Passes a page's heartbeat and command on; whether the port took them, which it does not
-        while it has a fault.
+        """Passes a page's heartbeat and command on; returns whether the port took them, which it
+        does not while it has a fault.
 
         A car at rest leaves it only when it has just reported that it is armed, and only for a mode
         that was chosen after that: the page itself must have asked for rest since the last mode
@@ -147,7 +147,7 @@ class OperatorRadio:
         self._stop_due = math.inf
 
     def poll(self, now: float) -> None:
-        """Hears what came, looks at the port and repeats a stop that is due."""
+        """Reads what came in, checks the port and repeats a stop that is due."""
         if self._link.losses != self._losses:
             self._losses = self._link.losses
             self._lost = now
@@ -181,7 +181,7 @@ class OperatorRadio:
         return []
 
     def _send(self, frames: list[bytes]) -> None:
-        """Sends all of a moment in one piece: the next piece may replace it, and carries a stop
-        that is open as well.
+        """Sends all frames of a moment in one piece: the next piece may replace it, and carries an
+        unconfirmed stop as well.
         """
         self._link.write(b"".join(make_transmit(frame, self._receiver) for frame in frames))

@@ -17,19 +17,19 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 HOST = "127.0.0.1"
 _BYTES = 24
-"""Random bytes of a token or session."""
+"""Number of random bytes in a token or session."""
 REQUEST_TIME = 3.0
-"""s in which a connection must have made its whole request, the first one or the next."""
+"""Time in which a connection must have made its whole request, the first one or the next, s."""
 MAX_WAITING = 64
-"""Connections without a request; a browser opens six. The oldest is closed for the next one: what
-has just been opened, as by the operator, has its turn."""
+"""Largest number of connections without a request; a browser opens six. The oldest is closed for
+the next one: one that has just been opened, such as by the operator, has its turn."""
 
 
 class Access:
     """The keys of one run of the console. A console that is started again has new ones.
 
     Args:
-        port: on which it listens.
+        port: port on which the console listens.
     """
 
     def __init__(self, port: int) -> None:
@@ -61,8 +61,9 @@ class Access:
         else.
 
         Args:
-            headers: with names in lower case.
-            origin_needed: browsers name the origin of a WebSocket always, that of a page sometimes.
+            headers: headers of the request, with names in lower case.
+            origin_needed: whether the request must name its origin; browsers always do so for a
+                WebSocket, and sometimes for a page.
         """
         host = headers.get("host", "")
         origin = headers.get("origin")

@@ -1,4 +1,4 @@
-"""Messages of a page, checked, one JSON object each; and the state of car and console as it
+"""Checked messages of a page, one JSON object each, and the state of car and console as the page
 shows it.
 """
 
@@ -20,7 +20,7 @@ MODES = {
     "control": RadioMode.CONTROL,
     "auto": RadioMode.AUTO,
 }
-"""Name on the page -> mode of the radio."""
+"""Modes of the radio, by their name on the page."""
 _Angle = Annotated[float, Field(ge=-math.pi, le=math.pi)]
 _MODE_NAMES = {mode: name for name, mode in MODES.items()}
 _MOTORS = ("tail_pitch", "tail_roll")
@@ -33,14 +33,16 @@ class _Message(BaseModel):
 
 
 class PageHeartbeat(_Message):
-    """The page lives and asks for this; every 50 ms.
+    """Sign that the page lives, with what it asks for; sent every 50 ms.
 
     Attributes:
-        count: grows by one with each heartbeat.
-        time: of the page's clock, s.
-        throttle: -1 to 1.
-        steering: rad, positive to the left.
-        pitch, roll: of the tail, rad.
+        count: count of the heartbeats, which grows by one with each.
+        time: time on the page's clock, s.
+        mode: name of the mode, one of `MODES`.
+        throttle: commanded throttle, -1 to 1.
+        steering: commanded steering angle, rad, positive to the left.
+        pitch: commanded pitch angle of the tail, rad.
+        roll: commanded roll angle of the tail, rad.
     """
 
     type: Literal["beat"]
@@ -68,14 +70,16 @@ class Stop(_Message):
 
 
 class Logging(_Message):
-    """Recording on or off."""
+    """Request to switch the recording on or off."""
 
     type: Literal["log"]
     on: bool
 
 
 class Request(_Message):
-    """Forget the emergency stop, take control, arm or disarm a car that the console started."""
+    """Request to forget the emergency stop, to take control, or to arm or disarm a car that the
+    console started.
+    """
 
     type: Literal["reset", "take", "arm", "disarm"]
 
@@ -85,7 +89,7 @@ _MESSAGE: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discrimina
 
 
 def read_message(text: str) -> Message:
-    """Reads a message; `UserError` in one line for anything else."""
+    """Reads a message; raises a `UserError` of one line for anything else."""
     try:
         return _MESSAGE.validate_json(text)
     except ValidationError as error:
@@ -95,25 +99,26 @@ def read_message(text: str) -> Message:
 
 
 class HeartbeatClock:
-    """Separates heartbeats that were held up on their way from new ones.
+    """Filter that separates heartbeats that were held up on their way from new ones.
 
     After a stall everything that waited comes at once. The clock of a page has an unknown offset:
-    the shortest way seen so far counts as none, and is forgotten slowly.
+    the shortest delay seen so far counts as none, and is forgotten slowly.
     """
 
     LATEST = 0.15
-    """s of delay after which a heartbeat is not passed on; the car stops 0.25 s after the last one
+    """Delay beyond which a heartbeat is not passed on, s; the car stops 0.25 s after the last one
     that is."""
     _FORGET = 1e-3
-    """s of offset per s: far above the drift between two clocks of one computer."""
+    """Rate at which the offset is forgotten, s per s: far above the drift between two clocks of one
+    computer."""
 
     def __init__(self) -> None:
         self._offset = math.inf
         self._before = -math.inf
 
     def in_time(self, sent: float, now: float) -> bool:
-        """Returns whether a heartbeat sent at the page's time `sent`, in at `now` (s), is passed
-        on.
+        """Returns whether a heartbeat sent at the page's time `sent` and received at `now` (s) is
+        passed on.
         """
         if math.isfinite(self._offset):
             self._offset += self._FORGET * (now - self._before)
@@ -123,10 +128,10 @@ class HeartbeatClock:
 
 
 def radio_state(radio: OperatorRadio, now: float) -> Json:
-    """Returns what is known of the car, plain data without NaN or infinity (None instead).
+    """Returns what is known of the car, as plain data without NaN or infinity (None instead).
 
-    Ages in s; angles in rad, rates in rad/s, torques in N m, speed in m/s. `link_age` is how old
-    the car takes the operator for, with the age of the report that says so.
+    Ages are in s, angles in rad, rates in rad/s, torques in N m, speed in m/s. `link_age` is the
+    operator's age that the car reports, plus the age of that report.
     """
     age = radio.report_age(now)
     report = radio.report

@@ -1,4 +1,4 @@
 """The car's devices, each behind an object of its own: tail motors, Teensy, radio, IMU and GPS.
 
-No Drake.
+They need no Drake.
 """

@@ -15,7 +15,8 @@ _MAX_ERROR = 0.35
 the limit of the attitude; a chip whose attitude lags its gyro by 20 ms leaves half of it at
 8 rad/s."""
 _MAX_TIME = 0.25
-"""Time beyond that, s. An attitude that jumps onto the side stops the car by itself before."""
+"""Longest time beyond that difference, s. An attitude that jumps onto the side stops the car by
+itself before."""
 _MAX_GAP = 0.1
 """Longest span between two samples over which a rate is integrated, s."""
 _AXES = ([2, 0, 1], [1, 2, 0])
@@ -23,10 +24,10 @@ _AXES = ([2, 0, 1], [1, 2, 0])
 
 
 class AttitudeMonitor:
-    """Integrates the difference between the change of the attitude and the gyro, in chip axes.
+    """Integral of the difference between the change of the attitude and the gyro, in chip axes.
 
     Attributes:
-        fault_text: that they differ; empty while they agree.
+        fault_text: message that attitude and gyro differ; empty while they agree.
     """
 
     def __init__(self) -> None:

@@ -24,7 +24,7 @@ from aerodima.hardware.protocol.can_frame import FrameError, check_field
 from aerodima.workbench.core.quantity import STANDARD_GRAVITY
 
 RATE = 100.0
-"""Hz of the fusion (data sheet table 3-14)."""
+"""Rate of the fusion, Hz (data sheet table 3-14)."""
 CHIP_ID = 0xA0
 """Content of register 0 (data sheet section 4.3.1)."""
 _START = 0xAA
@@ -38,17 +38,17 @@ _WRITE = 0x00
 _READ = 0x01
 """Second byte of a request that reads."""
 _MAX_DATA = 128
-"""Most bytes that one request reads or writes."""
+"""Largest number of bytes that one request reads or writes."""
 RADIANS = 0x06
-"""UNITS: m/s2, rad/s, rad, degrees Celsius."""
+"""Content of the register UNITS for m/s2, rad/s, rad, degrees Celsius."""
 WRITE_DONE = 0x01
 """Status code of a write that was carried out."""
 _STATUS_CODES = range(0x01, 0x0B)
 """Codes behind `EE`: write done, then nine kinds of failure (data sheet table 4-2, UART
 protocol)."""
 _SAMPLE = struct.Struct("<3h6x4h3h3hbB")
-"""Gyro, Euler angles that nobody reads, quaternion, acceleration, gravity, temperature,
-calibration."""
+"""Layout of a sample: gyro, Euler angles that nobody reads, quaternion, acceleration, gravity,
+temperature, calibration."""
 _GYRO = 900.0
 """Counts of the gyro per rad/s."""
 _QUATERNION = 16384.0
@@ -89,7 +89,8 @@ class Mode(IntEnum):
 
 
 SAMPLE_BYTES = Register.CALIBRATION + 1 - Register.GYRO
-"""One burst: gyro, Euler angles, quaternion, acceleration, gravity, temperature, calibration."""
+"""Length of one burst, bytes: gyro, Euler angles, quaternion, acceleration, gravity, temperature,
+calibration."""
 
 
 @dataclass(frozen=True)
@@ -97,11 +98,12 @@ class Bno055Sample:
     """One sample in the chip's own axes.
 
     Attributes:
-        quaternion: (w, x, y, z), turns chip axes into the world's, z up; unit length.
-        gyro: rad/s.
-        acceleration: m/s2, gravity removed.
-        calibration: 0 (none) to 3 (full) of system, gyro, accelerometer, magnetometer.
-        temperature: degrees Celsius.
+        quaternion: attitude (w, x, y, z), which turns chip axes into the world's, z up; unit
+            length.
+        gyro: angular rates about the chip's axes, rad/s.
+        acceleration: linear acceleration along the chip's axes, m/s2, gravity removed.
+        calibration: levels of system, gyro, accelerometer, magnetometer, 0 (none) to 3 (full).
+        temperature: temperature of the chip, degrees Celsius.
     """
 
     quaternion: tuple[float, ...]
@@ -112,7 +114,7 @@ class Bno055Sample:
 
     @cached_property
     def rotation(self) -> np.ndarray:
-        """(3, 3) chip axes to world axes."""
+        """Rotation (3, 3) from chip axes to world axes."""
         w, x, y, z = self.quaternion
         return np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix())
 
@@ -206,12 +208,12 @@ def encode_sample(sample: Bno055Sample) -> bytes:
 
 
 def _words(values: Iterable[float], counts: float) -> list[int]:
-    """Returns values as words of 16 bits, with so many counts per unit."""
+    """Returns values as words of 16 bits, with `counts` counts per unit."""
     return [max(-32768, min(32767, round(value * counts))) for value in values]
 
 
 class AnswerStream:
-    """Answers out of a byte stream that may carry noise; what is no answer is dropped."""
+    """Parser of the answers in a byte stream that may carry noise; what is no answer is dropped."""
 
     def __init__(self) -> None:
         self._open = b""

@@ -17,11 +17,11 @@ class SourceFault(IntEnum):
     NO_SAMPLE_YET = 2
     SILENT = 3
     LOST = 4
-    """Its port has gone."""
+    """The port of the device has gone."""
     REPORTED = 5
     """The device itself reports a fault: error of the IMU, watchdog of the Teensy."""
     NO_FIX = 6
-    """The GPS receiver lives and knows no speed."""
+    """The GPS receiver lives but knows no speed."""
     STOPPED = 7
     """The operator asked for an emergency stop."""
 
@@ -63,14 +63,14 @@ ENERGISED = (MotorState.ENTERING, MotorState.HOLDING, MotorState.RUNNING)
 
 
 class FramePort(Protocol):
-    """Port of a bus as motors need it: `CanBus` and the Teensy's bridge are such.
+    """Port of a bus as motors need it: `CanBus` and the Teensy's bridge are such ports.
 
     None of these calls blocks or raises.
     """
 
     @property
     def fault(self) -> int:
-        """0 while the bus can be trusted."""
+        """Fault code; 0 while the bus can be trusted."""
 
     @property
     def fault_text(self) -> str:
@@ -80,7 +80,7 @@ class FramePort(Protocol):
         """Takes a frame and returns at once; see `CanBus.send`."""
 
     def poll(self) -> TimedFrames:
-        """Returns frames since the last call with their arrival, s, monotonic."""
+        """Returns the frames since the last call with their time of arrival, s, monotonic."""
 
     def flush(self) -> bool:
         """Waits for a short while until all frames have left; returns whether they have."""

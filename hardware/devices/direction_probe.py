@@ -3,7 +3,7 @@ hold.
 
 A joint that rests is held by friction, by a stop or by the balance of its weight, so torque can
 move it only its own way. Feedback with the wrong sign, or a motor that turns the other way, shows
-at the first hundredth of a radian; a position to hold would have the motor swing with all its
+at the first hundredth of a radian; a position to hold would make the motor swing with all its
 torque. A joint that is mounted the other way round, motor and encoder together, looks right from
 here: only somebody who sees the tail can tell (`aerodima drive motor-test`).
 """
@@ -13,25 +13,26 @@ import math
 from aerodima.hardware.devices.motor_settings import MotorSettings
 
 _MIN_MOVE = 0.015
-"""rad; 40 steps of the reply's position, and less than a degree."""
+"""Least movement that shows a direction, rad: 40 steps of the reply's position, and less than a
+degree."""
 _RATE = 4.0
-"""N m/s at which the torque rises."""
+"""Rate at which the torque rises, N m/s."""
 _REST_SPEED = 0.1
 """Speed below which a joint rests, rad/s; a free joint creeps on its friction."""
 _REST_REPLIES = 3
-"""Replies in a row of a joint that rests."""
+"""Number of replies in a row that show a joint at rest."""
 _LAST_TRY = 0.1
-"""s at the most torque."""
+"""Time at the largest torque, s."""
 
 
 class DirectionProbe:
-    """One motor, from rest: torque towards the middle of the range, then away from it where that is
-    allowed.
+    """Probe of one motor, from rest: torque towards the middle of the range, then away from it
+    where that is allowed.
 
     Attributes:
-        fault: why the motor must not be used; empty while nothing speaks against it.
-        torque: commanded now, N m.
-        passed: it went the way it was pushed.
+        fault: reason why the motor must not be used; empty while there is none.
+        torque: torque that is commanded now, N m.
+        passed: whether the joint went the way it was pushed.
     """
 
     def __init__(self, settings: MotorSettings, now: float) -> None:
@@ -46,8 +47,8 @@ class DirectionProbe:
         self.fault = ""
 
     def step(self, position: float, speed: float, now: float) -> None:
-        """Takes the newest reading (rad, rad/s) at `now` (s, monotonic) and sets the torque, the
-        end or the fault.
+        """Takes the newest reading (rad, rad/s) at `now` (s, monotonic) and sets `torque`, `passed`
+        or `fault`.
         """
         if self._from is None:
             self._wait_for_rest(position, speed, now)

@@ -12,19 +12,19 @@ from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.workbench.core.errors import HardwareError
 
 _MAX_RECEIVED = 400
-"""Frames that are kept: two seconds of two motors."""
+"""Number of frames that are kept: two seconds of two motors."""
 
 
 class MotorGroup:
     """Motors of one bus.
 
     Args:
-        settings: of the motors, in the order of `motors`.
-        port: the open bus; the caller closes it.
+        settings: settings of the motors, in the order of `motors`.
+        port: open bus; the caller closes it.
 
     Attributes:
-        motors: one per settings.
-        received: the newest frames with their arrival (s), for the check of the firmware profile.
+        motors: motors of the bus, one for each of `settings`.
+        received: newest frames with their arrival (s), for the check of the firmware profile.
     """
 
     def __init__(self, settings: Sequence[MotorSettings], port: FramePort) -> None:
@@ -73,7 +73,7 @@ class MotorGroup:
 
     def step(self, now: float, holds_first: bool = False) -> None:
         """Runs one cycle: hands out what came in, checks the bus, lets every motor send what its
-        state asks for; `holds_first`: a fault of another motor leaves the first one on.
+        state asks for; with `holds_first` a fault of another motor leaves the first one on.
         """
         for arrival, frame in self.port.poll():
             self.received.append((arrival, frame))
@@ -88,8 +88,8 @@ class MotorGroup:
         self._switch_off_together(now, holds_first)
 
     def _addressed(self, frame: CanFrame) -> Motor | None:
-        """Returns the motor of a frame: named in its first byte or as its CAN id, in the last byte
-        of an extended one.
+        """Returns the motor that a frame names: by its first byte or its CAN id, of which the last
+        byte counts if it is extended.
         """
         motor_id = frame.arbitration_id
         if frame.extended:

@@ -49,8 +49,10 @@ def limit_command(
     falls as the error does.
 
     Args:
-        command: joint coordinates, checked.
-        position, speed: of the joint as measured, rad and rad/s.
+        command: command in joint coordinates that `check_command` has passed.
+        position: measured angle of the joint, rad.
+        speed: measured speed of the joint, rad/s.
+        settings: settings of the motor.
         max_torque: torque that is allowed now, N m; the settings' limit when None.
     """
     limit = settings.torque_limit if max_torque is None else max_torque
@@ -101,11 +103,11 @@ class MotorLoad:
     """Thermal load (I2t) of the winding of one motor.
 
     Args:
-        rated: torque that it bears without an end, N m.
-        budget: (N m)^2 s above that.
+        rated: torque that the winding bears indefinitely, N m.
+        budget: load above the rated torque that it bears, (N m)^2 s.
 
     Attributes:
-        used: (N m)^2 s, at least 0.
+        used: part of the budget that is used, (N m)^2 s, at least 0.
     """
 
     def __init__(self, rated: float, budget: float) -> None:
@@ -126,6 +128,6 @@ class MotorLoad:
         return self.used / self._budget
 
     def allowed(self, peak: float) -> float:
-        """Returns the torque that it may make now (N m), of at most `peak`."""
+        """Returns the torque that the motor may make now (N m), at most `peak`."""
         rated = min(self._rated, peak)
         return rated + min(1.0, max(0.0, (1.0 - self.share) / FADE)) * (peak - rated)

@@ -7,14 +7,14 @@ from aerodima.hardware.devices.motor_settings import MotorSafety
 from aerodima.hardware.protocol.ak70 import MitCommand
 
 _RECENT = 0.015
-"""s before a reply in which the command acted that its torque belongs to: at 100 Hz one of the last
-three. A reply is made before the command that it answers acts."""
+"""Time before a reply in which the command acted to which its torque belongs, s: at 100 Hz one of
+the last three. A reply is made before the command that it answers acts."""
 MAX_EXTRA = 2
-"""Replies too many, in cycles in a row, that may still be chance."""
+"""Largest number of surplus replies, in cycles in a row, that may still be chance."""
 
 
 class Debounce:
-    """Measures for how long a condition has held, s."""
+    """Timer of how long a condition has held, s."""
 
     def __init__(self) -> None:
         self._since: float | None = None
@@ -32,7 +32,7 @@ class Debounce:
 
 
 class TrackingMonitor:
-    """Compares every reply of one motor with its commands. Joint coordinates.
+    """Comparison of every reply of one motor with its commands, in joint coordinates.
 
     The torque of a reply must belong to one of the newest commands, at the angle and rate of the
     reply itself: no mass, no weight and no air is needed to tell. One that belongs to none of them
@@ -57,8 +57,11 @@ class TrackingMonitor:
         """Updates with a reply; returns why the motor does not follow, empty while it does.
 
         Args:
-            command: that was sent last.
-            position, speed, torque: as measured at `now` (s, monotonic), rad, rad/s, N m.
+            command: command that was sent last.
+            position: measured angle of the joint, rad.
+            speed: measured speed of the joint, rad/s.
+            torque: reported torque, N m.
+            now: time of the reply, s, monotonic.
         """
         safety = self._safety
         if not self._recent or command is not self._recent[-1][1]:
@@ -97,16 +100,16 @@ class TrackingMonitor:
 
 
 class ReplyCount:
-    """Counts the frames to one motor that are unanswered, and the replies that answer none of them.
+    """Counter of the unanswered frames to one motor, and of the replies that answer none of them.
 
-    A computer that is held up sends late and reads late: several replies in one cycle are none too
-    many while as many frames are owed. A frame that has no answer after `memory` was lost.
+    A computer that is held up sends late and reads late: several replies in one cycle are not too
+    many while as many are owed. A frame that has no answer after `memory` was lost.
 
     Args:
-        memory: s.
+        memory: time after which an unanswered frame counts as lost, s.
 
     Attributes:
-        extra: replies too many, in cycles in a row.
+        extra: number of surplus replies, in cycles in a row.
     """
 
     def __init__(self, memory: float) -> None:

@@ -77,7 +77,7 @@ class MotorSafety(QuantityModel):
 
 
 def load_motor_safety() -> MotorSafety:
-    """Loads the values of `models/parameters/hardware/motor_safety.yaml`; `ScenarioError` names
+    """Loads the values of `models/parameters/hardware/motor_safety.yaml`; a `ScenarioError` names
     key, value and what is allowed.
     """
     return load_section(model_path("parameters/hardware/motor_safety.yaml"), MotorSafety)
@@ -88,17 +88,19 @@ class MotorSettings:
     """One motor on its joint. Joint angle = direction * (motor angle - zero).
 
     Attributes:
-        name: of the joint, for messages.
-        motor_id: on the bus.
-        profile: ranges of its firmware.
-        safety: when it is switched off, and how gently it is taken over.
-        low, high: range of the joint, rad.
-        torque_limit: of the total PD torque, N m.
-        kp_max: N m/rad.
-        kd_max: N m s/rad.
+        name: name of the joint, for messages.
+        motor_id: id of the motor on the bus.
+        profile: firmware profile, with the ranges of the fields.
+        safety: limits at which the motor is switched off, and how gently it is taken over.
+        low: lower end of the joint's range, rad.
+        high: upper end of the joint's range, rad.
+        torque_limit: limit of the total PD torque, N m.
+        kp_max: largest position gain, N m/rad.
+        kd_max: largest velocity gain, N m s/rad.
         jump_speed: fastest change of position that is believed, rad/s.
-        hold_kp, hold_kd: gains with which a position is held, N m/rad and N m s/rad.
-        direction: +1 or -1: sign of the motor's angle against the joint's.
+        hold_kp: position gain with which a position is held, N m/rad.
+        hold_kd: velocity gain with which a position is held, N m s/rad.
+        direction: sign of the motor's angle relative to the joint's, +1 or -1.
         zero: motor angle at joint angle 0, rad.
 
     Raises:
@@ -133,11 +135,11 @@ class MotorSettings:
             )
 
     def motor_angle(self, joint: float) -> float:
-        """Motor angle (rad) of a joint angle (rad)."""
+        """Returns the motor angle (rad) at a joint angle (rad)."""
         return self.zero + self.direction * joint
 
     def joint_angle(self, motor: float) -> float:
-        """Joint angle (rad) of a motor angle (rad)."""
+        """Returns the joint angle (rad) at a motor angle (rad)."""
         return self.direction * (motor - self.zero)
 
 
@@ -151,12 +153,14 @@ def motor_settings(
     direction: int = 1,
     zero: float = 0.0,
 ) -> MotorSettings:
-    """Settings whose physical limits are the scenario's, never wider than the profile can express.
+    """Makes settings whose physical limits are the scenario's, never wider than the profile can
+    express.
 
     Args:
-        parameters: `scenario.tail_motor`.
-        joint_range: low and high, rad (`scenario.tail.roll_limit` to either side, ...).
-        hold_gains: kp and kd (`scenario.controller.hold_kp` and `hold_kd`).
+        parameters: parameters of the motor, `scenario.tail_motor`.
+        joint_range: lower and upper end of the joint's range, rad (`scenario.tail.roll_limit` to
+            either side, ...).
+        hold_gains: kp and kd of holding (`scenario.controller.hold_kp` and `hold_kd`).
     """
     kp_max = min(parameters.kp_max, profile.kp)
     kd_max = min(parameters.kd_max, profile.kd)

@@ -21,8 +21,9 @@ from aerodima.hardware.transport.serial_link import SerialLink
 
 IDLE = OperatorCommand(RadioMode.IDLE)
 _MAX_AHEAD = 64
-"""Most counts from one heartbeat to the next. Whoever counts upwards from anywhere meets that
-within 192 counts (9.6 s at 20 Hz); a shorter record that is sent for ever never does."""
+"""Largest step of the count from one heartbeat to the next. Whoever counts upwards from anywhere
+satisfies it within 192 counts (9.6 s at 20 Hz); a shorter recording that is sent for ever never
+does."""
 
 
 class RadioLink:
@@ -31,13 +32,14 @@ class RadioLink:
     Args:
         link: open serial link; the caller closes it.
         silent: age of command and heartbeat at which the operator counts as silent, s.
-        operator: 64-bit serial number of the operator's module; others are ignored.
-            None: whoever sends.
+        operator: 64-bit serial number of the operator's module; others are ignored. None accepts
+            whoever sends.
 
     Attributes:
-        command: the last one; idle before the first.
-        stopped: an emergency stop came; nothing forgets it.
-        rejected: frames that are no message, with `last_error`.
+        command: last command; idle before the first.
+        stopped: whether an emergency stop came; nothing clears it.
+        rejected: number of frames that are no message.
+        last_error: reason why the last of these was rejected; empty before the first.
     """
 
     def __init__(self, link: SerialLink, silent: float, operator: int | None = None) -> None:
@@ -56,15 +58,15 @@ class RadioLink:
         self.last_error = ""
 
     def poll(self) -> None:
-        """Reads what came in. A damaged or foreign frame makes nothing younger."""
+        """Reads what came in. A damaged or foreign frame renews no age."""
         for arrival, data in self._link.poll():
             for packet in self._stream.feed(data):
                 if self._operator in (None, packet.address):
                     self._receive(packet.data, arrival, packet.address)
 
     def age(self, now: float) -> float:
-        """Seconds since the older of command and heartbeat that counts upwards: what the dead-man
-        switch looks at.
+        """Returns the seconds since the older of the last command and the last heartbeat that
+        counts upwards: the age that the dead-man switch uses.
 
         Both are needed: a transmitter that repeats its last command or heartbeat for ever is not an
         operator.

@@ -45,44 +45,45 @@ _PERIOD = 1.0 / RATE
 _ANSWER_TIME = 0.05
 """Longest wait for an answer of the IMU, s."""
 _MODE_CHANGE = 0.03
-"""Between operation modes, s (data sheet table 3-6: 19 ms to CONFIG, 7 ms from it)."""
+"""Wait between operation modes, s (data sheet table 3-6: 19 ms to CONFIG, 7 ms from it)."""
 _LEAD = 0.006
-"""Time from the request of a sample to the instant at which it is wanted, s: 40 bytes last 3.5 ms,
-the chip adds to it."""
+"""Time from the request of a sample to the instant at which it is wanted, s: 40 bytes take 3.5 ms,
+and the chip adds to that."""
 _STATUS_EVERY = 100
-"""Requests between two looks at the chip's own status."""
+"""Number of requests between two checks of the chip's own status."""
 _STATUS_LENGTHS = 8
-"""Lengths of the answer to such a look in turn: the registers behind error and status are other
-settings."""
+"""Number of lengths that the answer to such a check has in turn: the registers behind error and
+status are other settings."""
 _MAX_EQUAL = 10
-"""Samples in a row, or solutions of a moving car, that may be equal to the last bit: noise of gyro
-and accelerometer is above their steps (data sheet table 0-2), and the speed of a car that moves
-changes by more than 1 mm/s."""
+"""Largest number of samples in a row, or of solutions of a moving car, that may be equal to the
+last bit: noise of gyro and accelerometer is above their steps (data sheet table 0-2), and the speed
+of a car that moves changes by more than 1 mm/s."""
 _MOVES = 0.5
-"""m/s; a receiver at rest may go on saying 0."""
+"""Speed above which the car moves, m/s; a receiver at rest may go on reporting 0."""
 _TURNS = 0.1
-"""rad/s; about any axis it changes the attitude by eight steps from sample to sample. At rest the
-attitude may stand."""
+"""Rate above which the car turns, rad/s; about any axis it changes the attitude by eight steps from
+sample to sample. At rest the attitude may stay the same."""
 _MAX_MISSED = 20
-"""Requests in a row without an answer after which the chip is set up anew."""
+"""Number of requests in a row without an answer after which the chip is set up anew."""
 
 
 class Session(Generic[T]):
-    """One life of an open device: sets it up, then reads from it once per call.
+    """Session with an open device: sets it up, then reads from it once per call.
 
-    Attributes: fault_text: what the device itself reports, empty while it is well.
+    Attributes:
+        fault_text: fault that the device itself reports, in words; empty while it is well.
     """
 
     fault_text = ""
 
     def begin(self, port: Serial) -> None:
-        """Sets the device up, if there is something to set up; `HardwareError` if it is not what it
-        should be.
+        """Sets the device up, if there is something to set up; raises `HardwareError` if it is not
+        the device that it should be.
         """
 
     def align(self, due: float) -> None:
-        """Asks for a sample at `due` (s, monotonic) and every period after it; for devices that are
-        asked.
+        """Asks for a sample at `due` (s, monotonic) and every period after it, from devices that
+        answer requests.
         """
 
     def read(self, port: Serial) -> tuple[float, T] | None:
@@ -91,13 +92,13 @@ class Session(Generic[T]):
 
 
 class FrozenSensorMonitor:
-    """Counts equal samples of a signal in a row.
+    """Counter of equal samples of a signal in a row.
 
     Args:
-        name: of the signal.
+        name: name of the signal.
 
     Attributes:
-        fault_text: that it has frozen; empty while it lives.
+        fault_text: message that the signal has frozen; empty while it lives.
     """
 
     def __init__(self, name: str) -> None:
@@ -107,7 +108,7 @@ class FrozenSensorMonitor:
         self.fault_text = ""
 
     def update(self, sample: object, moves: bool = True) -> None:
-        """Takes a sample; one of a signal that may stand now (`moves` false) does not count."""
+        """Takes a sample; an equal one does not count while the signal may stand (not `moves`)."""
         if sample != self._last:
             self._alike = 1
         elif moves:
@@ -119,18 +120,18 @@ class FrozenSensorMonitor:
 
 
 class SensorThread(Generic[T]):
-    """Reads a sensor for ever; a device that was lost is opened and set up again.
+    """Thread that reads a sensor for ever; a device that was lost is opened and set up again.
 
     Args:
-        name: for messages.
-        open_port: opens the device; raises `HardwareError`. The first call is made here, so that a
-            wrong path is an error at once.
-        session: of the device.
+        name: name of the sensor, for messages.
+        open_port: function that opens the device or raises `HardwareError`. The first call is made
+            here, so that a wrong path is an error at once.
+        session: session with the device.
         silent: age of a sample at which the sensor counts as silent, s.
 
     Attributes:
         newest: time of the newest sample (s, monotonic), and the sample; None before the first.
-        error: of the last loss.
+        error: reason of the last loss; empty before the first.
     """
 
     def __init__(
@@ -148,7 +149,7 @@ class SensorThread(Generic[T]):
         self._thread.start()
 
     def age(self, now: float) -> float:
-        """Seconds since the newest sample was taken; infinite before the first."""
+        """Returns the seconds since the newest sample was taken; infinite before the first."""
         newest = self.newest
         if newest is None:
             return math.inf
@@ -208,7 +209,7 @@ class SensorThread(Generic[T]):
 
 
 class Bno055Session(Session[Bno055Sample]):
-    """Requests one sample per period; asks once a second what the chip says of itself."""
+    """Session that requests one sample per period, and once a second the chip's own status."""
 
     def __init__(self) -> None:
         self._frozen = tuple(
@@ -225,8 +226,8 @@ class Bno055Session(Session[Bno055Sample]):
 
     @property
     def fault_text(self) -> str:  # type: ignore[override]
-        """Fault that the chip reports of itself, that one of its signals says the same for ever, or
-        that attitude and gyro differ.
+        """Fault in words: the chip reports one, one of its signals has frozen, or attitude and gyro
+        differ; empty without one.
         """
         frozen = (monitor.fault_text for monitor in self._frozen)
         return next(filter(None, (self._reported, *frozen, self._attitude.fault_text)), "")
@@ -234,7 +235,7 @@ class Bno055Session(Session[Bno055Sample]):
     def begin(self, port: Serial) -> None:
         """Checks the chip and switches its fusion on.
 
-        Raises `HardwareError` if it is no BNO055 that answers.
+        Raises `HardwareError` if what answers is no BNO055.
         """
         port.read(max(1, port.in_waiting))
         chip_id = self._ask(port, make_read(Register.CHIP_ID, 1), 1).data
@@ -257,7 +258,7 @@ class Bno055Session(Session[Bno055Sample]):
         self._in_step = True
 
     def align(self, due: float) -> None:
-        """Requests are sent so that a sample is at hand at `due` (s, monotonic) and every period
+        """Times the requests so that a sample is at hand at `due` (s, monotonic) and every period
         after it.
         """
         self._due = due
@@ -296,14 +297,14 @@ class Bno055Session(Session[Bno055Sample]):
         return request_time, sample
 
     def _after(self, request_time: float) -> float:
-        """Returns when the next sample is asked for: about a period later, in step with who wants
-        it.
+        """Returns the time at which the next sample is requested: about a period later, in step
+        with the time at which it is wanted.
         """
         first = self._due - _LEAD
         return first + math.ceil((request_time + 0.5 * _PERIOD - first) / _PERIOD) * _PERIOD
 
     def _check_status(self, port: Serial) -> bool:
-        """Asks what the chip says of itself; returns whether it answered.
+        """Asks for the chip's own status; returns whether it answered.
 
         The length differs from that of the checks before, whose answers may still come.
         """
@@ -335,7 +336,7 @@ class Bno055Session(Session[Bno055Sample]):
 
 
 class GpsSession(Session[GpsSample]):
-    """Takes whatever navigation solutions the receiver sends; nothing is configured."""
+    """Session that takes whatever solutions the receiver sends; nothing is configured."""
 
     def __init__(self) -> None:
         self._stream = GpsStream()
@@ -343,7 +344,7 @@ class GpsSession(Session[GpsSample]):
 
     @property
     def fault_text(self) -> str:  # type: ignore[override]
-        """Fault that the receiver gives the same speed for ever; empty while it does not."""
+        """Message that the receiver's speed has frozen; empty while it lives."""
         return self._frozen.fault_text
 
     def read(self, port: Serial) -> tuple[float, GpsSample] | None:

@@ -55,17 +55,20 @@ class Motor:
     """A joint driven by one AK70-10.
 
     Args:
-        settings: limits, id, signs.
-        port: takes the frames.
+        settings: limits, id and signs of the motor.
+        port: port that takes the frames.
 
     Attributes:
-        state, fault, fault_text: see the enumerations; fault and text stay.
-        position, speed, torque: of the joint, by the last reply: rad (unwrapped), rad/s, N m; NaN
-            before the first.
-        temperature: degrees Celsius; None if the motor does not report it.
-        missed: cycles in a row without a reply.
-        load: I2t of its winding.
-        bad_frames: frames under this motor's id that were no valid reply.
+        state: state of the motor.
+        fault: first fault of the motor; it stays.
+        fault_text: the same fault in words.
+        position: angle of the joint by the last reply, rad (unwrapped); NaN before the first.
+        speed: speed of the joint by the last reply, rad/s; NaN before the first.
+        torque: torque on the joint by the last reply, N m; NaN before the first.
+        temperature: temperature of the motor, degrees Celsius; None if it does not report it.
+        missed: number of cycles in a row without a reply.
+        load: thermal load (I2t) of its winding.
+        bad_frames: number of frames under this motor's id that were no valid reply.
     """
 
     def __init__(self, settings: MotorSettings, port: FramePort) -> None:
@@ -151,8 +154,8 @@ class Motor:
         self._command_time = now
 
     def set_hold(self, now: float, position: float | None = None) -> None:
-        """Leaves the commands and holds the present position, if running; from now on `position`
-        (rad), if one is given.
+        """Stops following commands and holds the present position, if running; holds `position`
+        (rad) if one is given.
         """
         if self.state is MotorState.RUNNING:
             self._hold_position = self.position
@@ -180,8 +183,8 @@ class Motor:
 
     @property
     def off_confirmed(self) -> bool:
-        """Returns whether it has answered since it was switched off; of one that was never on there
-        is nothing to confirm.
+        """Returns whether the motor has answered since it was switched off; True for one that was
+        never on.
 
         One reply may be an old one; as many are needed as for switching it on.
         """
@@ -190,15 +193,15 @@ class Motor:
         return self._off_replies is None or self._off_replies >= self._safety.enter_replies
 
     def off_overdue(self, now: float) -> bool:
-        """Returns whether it was switched off a while ago and has not answered: the exit frames may
-        not have arrived.
+        """Returns whether the motor was switched off a while ago and has not answered: the exit
+        frames may not have arrived.
         """
         if self.state in ENERGISED or self.off_confirmed:
             return False
         return now - self._off_time > self._safety.exit_cycles * 0.01
 
     def age(self, now: float) -> float:
-        """Seconds since the last valid reply; infinite before the first."""
+        """Returns the seconds since the last valid reply; infinite before the first."""
         return now - self._reply_time
 
     # -- frames
@@ -217,7 +220,9 @@ class Motor:
         self._send(frame)
 
     def _ramped(self, command: MitCommand, now: float) -> float | None:
-        """Next place of the ramp; None once the command is reached or has no use for a position."""
+        """Returns the next angle of the ramp (rad); None once the command is reached or has no
+        position gain.
+        """
         if self._ramp is None or command.kp == 0:
             return None
         travel = self._safety.ramp_speed * max(0.0, now - self._command_time)
@@ -266,7 +271,7 @@ class Motor:
             self.set_fault(MotorFault.NOT_FOLLOWING, failure, time)
 
     def _unwrapped(self, reading: float, time: float) -> Pair:
-        """Returns the motor angle of a reading, and by how much it changed more than the motor can
+        """Returns the motor angle of a reading, and by how much more it changed than the motor can
         turn, rad.
         """
         before = self._motor_angle
@@ -277,7 +282,7 @@ class Motor:
         return angle, abs(angle - before) - possible
 
     def _check(self, reply: MitReply, jump: float, time: float) -> None:
-        """Switches the motor off if the reply shows a reason; `jump`: of `_unwrapped`, rad."""
+        """Switches the motor off if the reply shows a reason; `_unwrapped` gives `jump`, rad."""
         settings = self.settings
         safety = self._safety
         if reply.fault:

@@ -44,24 +44,24 @@ from aerodima.hardware.protocol.teensy import (
 from aerodima.hardware.transport.serial_link import SerialLink
 
 _MAX_REPLY = 200
-"""Bytes between two `|`; more is noise."""
+"""Largest number of bytes between two `|`; more is noise."""
 _WRAP = 2**32
-"""The Teensy's clock of milliseconds begins anew after so many."""
+"""Number of milliseconds after which the Teensy's clock starts again from 0."""
 _WINDOW = 500
-"""Messages over which the smallest offset of the clock is taken."""
+"""Number of messages over which the smallest offset of the clock is taken."""
 _BACKWARDS = 1000
-"""A count that falls by more than that is a restart of the microcontroller, ms."""
+"""Fall of the count beyond which the microcontroller has restarted, ms."""
 _SILENT = 0.1
-"""A Teensy that owes a reply text frame for that long counts as silent, s: ten cycles. A computer
-that paused has asked for none."""
+"""Time for which a Teensy owes a reply text frame before it counts as silent, s: ten cycles. A
+computer that paused has asked for none."""
 _MAX_REPEATS = 20
-"""Cycles in which an order is repeated when its motor asks for nothing; a motor that runs asks at
-least every tenth."""
+"""Number of cycles in which an order is repeated when its motor asks for nothing; a motor that runs
+asks at least every tenth."""
 _REQUESTS = {ENTER: MotorRequest.ENTER, EXIT: MotorRequest.EXIT}
 
 
 class ReplyStream:
-    """Collects bytes and returns the replies in them; anything that is not a valid text frame is
+    """Parser of the replies in a stream of bytes; anything that is not a valid text frame is
     dropped.
 
     What stands before the first `|` is never used: a text frame that was joined in its middle can
@@ -117,15 +117,18 @@ class TeensyLink:
 
     Args:
         link: open serial link; the caller closes it.
-        motor_ids: of the two motors in the text frame; in `watched_can` their orders stay `EXIT`.
-        profile: of the motors' frames.
+        motor_ids: ids of the two motors in the text frame; in `watched_can` their orders stay
+            `EXIT`.
+        profile: firmware profile of the motors' frames.
 
     Attributes:
-        sail: last sail angle, rad in (-pi, pi]; NaN before the first reply.
-        sent_time: when the Teensy sent the last reply, s on the computer's monotonic clock.
-        status: of the last reply; None before the first.
-        fault, fault_text: at the last `poll`; they go away by themselves, the motors' faults that
-            they caused do not.
+        sail: last angle of the sail encoder, rad in (-pi, pi]; NaN before the first reply.
+        sent_time: time at which the Teensy sent the last reply, s on the computer's monotonic
+            clock; NaN before the first.
+        status: status of the last reply; None before the first.
+        fault: fault at the last `poll`; it goes away by itself, the motors' faults that it caused
+            do not.
+        fault_text: the same fault in words.
     """
 
     def __init__(
@@ -152,7 +155,7 @@ class TeensyLink:
         self.fault_text = "the Teensy has not answered yet"
 
     def age(self, now: float) -> float:
-        """Seconds since the last valid reply text frame; infinite before the first."""
+        """Returns the seconds since the last valid reply text frame; infinite before the first."""
         return now - self._reply_time
 
     def set_pulses(self, servo: int, throttle: int) -> None:
@@ -163,8 +166,14 @@ class TeensyLink:
     def set_attitude(
         self, roll: float, pitch: float, taken: float, lean: float = 0.0, yaw_rate: float = 0.0
     ) -> None:
-        """Sets the attitude (rad) for the next text frames, when it was taken (s, monotonic), the
-        lean by the accelerometer (rad) and the yaw rate (rad/s); ignored while one is not finite.
+        """Sets the attitude for the next text frames; ignored while a value is not finite.
+
+        Args:
+            roll: roll angle, rad.
+            pitch: pitch angle, rad.
+            taken: time at which the attitude was taken, s, monotonic.
+            lean: lean by the accelerometer, rad.
+            yaw_rate: yaw rate, rad/s.
         """
         if all(map(math.isfinite, (roll, pitch, taken, lean, yaw_rate))):
             self._attitude = Attitude(roll, pitch, 0, lean, yaw_rate), taken
@@ -172,7 +181,7 @@ class TeensyLink:
     def send(self, frame: CanFrame, urgent: bool = False) -> bool:
         """Notes a motor's frame for the next text frame.
 
-        A frame that sets the zero, or of another motor, is not sent.
+        A frame that sets the zero, or is for another motor, is not sent.
         """
         del urgent
         if frame.arbitration_id not in self._ids or frame.extended:
@@ -203,7 +212,7 @@ class TeensyLink:
         self._asked = min(self._asked, time.monotonic())
 
     def poll(self) -> TimedFrames:
-        """Reads what came in; the motors' answers as frames, with their arrival."""
+        """Reads what came in; returns the motors' answers as frames, with their arrival."""
         frames: TimedFrames = []
         for arrival, data in self._link.poll():
             for reply in self._stream.feed(data):
@@ -268,8 +277,8 @@ class TeensyLink:
 
 
 def pulse(share: float, pulses: tuple[int, int, int]) -> int:
-    """Pulse (us) of a share from -1 to 1 of the way from idle to the least or most pulse; 0 is
-    idle.
+    """Returns the pulse (us) at a share from -1 to 1 of the way from idle to the least or most
+    pulse; 0 is idle.
     """
     lowest, idle, highest = pulses
     return round(idle + share * ((highest - idle) if share >= 0 else (idle - lowest)))

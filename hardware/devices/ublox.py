@@ -18,12 +18,12 @@ _HEAD = b"\xb5\x62\x01\x07\x5c\x00"
 _FRAME_BYTES = 100
 """Length of a NAV-PVT: head, payload of 92 bytes and checksum."""
 _MAX_SPEED = 515.0
-"""m/s; receivers stop at 1000 knots."""
+"""Largest possible speed, m/s; receivers stop at 1000 knots."""
 _MAX_ACCURACY = 1.0
 """Largest standard deviation of a speed that is believed, m/s: a seventh of the limit of
 speed."""
 _FIXES = (2, 3, 4)
-"""2D, 3D, GNSS with dead reckoning."""
+"""Types of fix that count: 2D, 3D, GNSS with dead reckoning."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +31,9 @@ class GpsSample:
     """One navigation solution.
 
     Attributes:
-        speed: over ground, m/s; NaN without a fix.
-        fix: the receiver trusts its solution, and its speed is accurate enough.
-        time_of_day: UTC, s since midnight; None while it is not known.
+        speed: speed over ground, m/s; NaN without a fix.
+        fix: whether the receiver trusts its solution, and its speed is accurate enough.
+        time_of_day: time of day in UTC, s since midnight; None while it is not known.
     """
 
     speed: float
@@ -42,7 +42,7 @@ class GpsSample:
 
 
 class GpsStream:
-    """Samples out of the receiver's bytes."""
+    """Parser of the samples in the receiver's bytes."""
 
     def __init__(self) -> None:
         self._open = b""
@@ -67,7 +67,7 @@ def _cut(data: bytes) -> tuple[int, GpsSample | None]:
 def decode_nav_pvt(frame: bytes) -> GpsSample:
     """Decodes the sample in a whole UBX frame.
 
-    Raises `FrameError` if it is no NAV-PVT, its checksum is wrong, or a field cannot be.
+    Raises `FrameError` if it is no NAV-PVT, its checksum is wrong, or its speed is impossible.
     """
     import pyubx2
 

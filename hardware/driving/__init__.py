@@ -1,4 +1,4 @@
 """Driving the real car: checks, arming, the loop, the way out, the log.
 
-`diagram` alone needs Drake.
+Only `drive_diagram` needs Drake.
 """

@@ -21,15 +21,15 @@ from aerodima.workbench.core.errors import HardwareError
 _PERMISSION_TIME = 3600.0
 """Longest wait for a permission, s."""
 _SETTLE_TIME = 0.5
-"""s with the motors holding before their replies are judged."""
+"""Time for which the motors hold before their replies are judged, s."""
 _IDLE_NOTICE = 0.5
-"""s in which a switch at IDLE is received; after that the drive prints what it waits for."""
+"""Time in which a switch at IDLE is received, s; after it the drive prints what it waits for."""
 _STOP_TIME = 5.0
-"""s within which the motors are off."""
+"""Longest wait until the motors are off, s."""
 
 
 def typed(question: str) -> str:
-    """Returns what is typed after a question; nothing where nobody is there to answer."""
+    """Returns what is typed in answer to a question; empty where nobody is there to answer."""
     terminal.say(f"{question}:")  # `input` would wait for a terminal that takes no output
     try:
         return input().strip()
@@ -38,12 +38,12 @@ def typed(question: str) -> str:
 
 
 def may_arm() -> bool:
-    """Returns whether somebody at the terminal lets the motors be switched on."""
+    """Returns whether somebody at the terminal allows the motors to be switched on."""
     return typed("keep clear of the tail; type arm to switch the motors on") == "arm"
 
 
 def await_permission(guard: CarGuard, confirm: Callable[[], bool] | None) -> None:
-    """Waits for the answer of `confirm`, which is asked on a thread of its own; None asks nobody.
+    """Waits for the answer of `confirm`, which runs on a thread of its own; None asks nobody.
 
     Raises:
         HardwareError: the car may not be armed, or has a reason to stop.
@@ -86,8 +86,8 @@ def arm_motors(guard: CarGuard, timeout: float, check: Callable[[], None] | None
     """Arms the motors, and calls `check`, if there is one, once they hold.
 
     Raises:
-        HardwareError: they do not take commands within `timeout` s, or `check` raises it; the
-            motors are off by then.
+        HardwareError: the motors do not take commands within `timeout` s, or `check` raises it;
+            they are off by then.
     """
     guard.arm(time.monotonic())
     if not idle_until(guard, lambda: guard.ready, timeout):
@@ -110,7 +110,7 @@ def await_operator(guard: CarGuard, timeout: float, say: Say) -> RadioMode:
     """Waits until the operator has been in IDLE and has chosen a mode, and lets the car drive.
 
     Returns:
-        The mode; IDLE for a car that has stopped, after `timeout` s or for another reason.
+        Mode that was chosen; IDLE if the car has stopped, after `timeout` s or for another reason.
     """
     end = time.monotonic() + timeout
 
@@ -146,6 +146,6 @@ def await_operator(guard: CarGuard, timeout: float, say: Say) -> RadioMode:
 
 
 def await_stop(guard: CarGuard) -> None:
-    """Runs the loop until the motors are off; one that was never armed has nothing to wait for."""
+    """Runs the loop until the motors are off; returns at once if the car was never armed."""
     if guard.stage is not Stage.READY:
         idle_until(guard, lambda: guard.finished, _STOP_TIME)

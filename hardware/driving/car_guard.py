@@ -43,7 +43,7 @@ from aerodima.workbench.scenario.signal_table import TAIL_STATE
 
 _RATES = [TAIL_STATE.index("pitch_rate"), TAIL_STATE.index("roll_rate")]
 _AFTERMATH = 30
-"""Cycles after a delay of the loop in which its devices seem silent for that."""
+"""Number of cycles after a delay of the loop in which devices seem silent because of it."""
 
 
 class Stage(IntEnum):
@@ -61,30 +61,32 @@ _LIVE = (Stage.ARMED, Stage.DRIVING, Stage.HOLDING)
 
 
 class CarGuard:
-    """One car, one loop.
+    """Guard of one car in one loop.
 
     Args:
-        wiring: started.
-        safety: limits.
-        has_tail: the car has tail motors, so it drives only while they are armed.
+        wiring: the wired car, started before the first cycle.
+        safety: limits at which the car stops.
+        has_tail: whether the car has tail motors; it then drives only while they are armed.
 
     Attributes:
-        stage: see the picture above.
-        reason: why the car stopped, empty before.
+        stage: stage of the car; see the diagram at the top of this module.
+        reason: reason why the car stopped; empty before.
         hard: whether that reason switched the motors off at once.
-        stop_time: when that reason came, s; NaN before.
-        posture: of the tail since then, for how long, and how that ended, in words; empty before.
-        least_delay: of the computer that explains the reason, s; infinite where none does.
-        left: the operator has left the mode and reported while the car was being stopped. One who
-            falls silent then has not chosen to end the drive: the console sends a car to rest whose
-            page has gone.
-        reading: of the last cycle.
+        stop_time: instant at which that reason came, s; NaN before.
+        posture: posture of the tail since then, for how long, and how that ended, in words; empty
+            before.
+        least_delay: least delay of the computer that explains the reason, s; infinite where none
+            does.
+        left: whether the operator has left the mode and went on reporting while the car was being
+            stopped. One who falls silent then has not chosen to end the drive: the console sends
+            the car to rest when its page has gone.
+        reading: reading of the last cycle.
         sent: command of the last cycle as it went to the car; None before the car is armed.
-        was_idle: the operator has reported IDLE since the car took commands.
-        lateness: of the last cycle, s; 0 for a cycle without a due time.
-        overruns: cycles that came later than `safety.overrun`.
-        cycle_times: `time.monotonic` of every cycle since `drive`, s.
-        slow_ticks: of those whose controller was slow.
+        was_idle: whether the operator has reported IDLE since the car took commands.
+        lateness: lateness of the last cycle, s; 0 for a cycle without a due time.
+        overruns: number of cycles that came later than `safety.overrun`.
+        cycle_times: times of the cycles in which the car drove, s on `time.monotonic`.
+        slow_ticks: times of the ticks in which the controller was slow, s on `time.monotonic`.
     """
 
     def __init__(self, wiring: WiredCar, safety: DriveSafety, has_tail: bool = True) -> None:
@@ -130,7 +132,7 @@ class CarGuard:
 
     @property
     def prompt(self) -> OperatorPrompt:
-        """Prompt: what the operator must do before the car drives."""
+        """Returns what the operator must do before the car drives."""
         if not self.ready or self.reason:
             return OperatorPrompt.NONE
         return OperatorPrompt.SELECT_MODE if self.was_idle else OperatorPrompt.RETURN_TO_IDLE
@@ -141,7 +143,8 @@ class CarGuard:
         """Switches the motors on.
 
         Raises:
-            HardwareError: a reason to stop, a silent device, a missing watchdog test.
+            HardwareError: the car is not ready, there is a reason to stop, a device is silent, or
+                there is no watchdog test.
         """
         if self.stage is not Stage.READY:
             because = f" ({self.reason})" if self.reason else ""
@@ -158,7 +161,8 @@ class CarGuard:
         """Lets commands through from now on, for as long as the operator stays in `mode`.
 
         Raises:
-            HardwareError: the car is not ready, or the operator has not reported IDLE since.
+            HardwareError: the car does not take commands, or the operator has not reported IDLE
+                since it does.
         """
         if not self.ready:
             raise HardwareError(
@@ -172,8 +176,8 @@ class CarGuard:
         self._go_unless_stopped(Stage.DRIVING, now)
 
     def stop(self, reason: str, now: float, *causes: StopCause) -> None:
-        """Begins to stop, in the posture that gives up most of those of the causes; held, where
-        there is none.
+        """Begins to stop, in that posture of the causes that gives up most; the tail is held where
+        there is no cause.
 
         The first reason counts; later causes may give up more, and are added where they switch off
         the motors of a car that moves.
@@ -207,8 +211,8 @@ class CarGuard:
         """Runs the first half of a cycle: reads the car, and stops it where that is needed.
 
         Args:
-            now: `time.monotonic()`, s.
-            due: when the cycle should have been, on the same clock; None outside of a run.
+            now: time of the cycle, s on `time.monotonic`.
+            due: time at which the cycle was due, on the same clock; None outside a run.
         """
         self._check_clock(now, due)
         self.reading = self.wiring.read(now)
@@ -225,7 +229,7 @@ class CarGuard:
         return self.reading
 
     def write(self, command: CarCommand, now: float) -> None:
-        """Runs the second half: sends the command if the car drives, else throttle 0 alone."""
+        """Runs the second half: sends the command if the car drives, otherwise one of all zeros."""
         if self.stage is Stage.DRIVING and not command.sound:
             self.stop(f"the controller commands {UNSOUND}", now, "controller")
         if self.stage is Stage.DRIVING:
@@ -238,8 +242,8 @@ class CarGuard:
         self.wiring.write(command, now)
 
     def note_computing(self, spent: float, now: float) -> None:
-        """Notes the time of the controller's tick, s; too many slow ones within a second stop the
-        car.
+        """Notes the computing time `spent` of a controller's tick, s; too many slow ticks within a
+        second stop the car.
         """
         if spent <= self._safety.slow_tick:
             return
@@ -312,7 +316,7 @@ class CarGuard:
             self.stop(reason, now, *reasons)
 
     def _reasons(self, reading: CarReading) -> dict[StopCause, str]:
-        """Returns why the car must stop by its devices, the worst fault in words."""
+        """Returns why the car must stop because of its devices, with the worst fault in words."""
         causes = fault_causes(reading.status[1::2], self._has_tail)
         reasons = dict.fromkeys(causes, reading.fault_text or "a device has a fault")
         # Replies of the MIT mode carry neither voltage nor current of the pack: the least current
@@ -324,7 +328,7 @@ class CarGuard:
         return reasons
 
     def _go_unless_stopped(self, stage: Stage, now: float) -> None:
-        """Continues by hand; a signal may have come in between."""
+        """Enters a stage by hand; exits at once if a signal has come in between."""
         self._go(stage, now)
         if self.reason:
             self._exit(now)

@@ -4,8 +4,8 @@ motors holding.
 Firmware profile: the frames carry no version, but their numbers reveal it. The ratio between the
 change of position and the reported velocity depends on the ranges of both: turned by hand, a motor
 whose profile is right reports the speed at which its position changes. The range of the torque
-cannot be checked so: 24 and 25 N m differ by 4 %, and profiles that differ in nothing else stay
-undecided.
+cannot be checked like that: 24 and 25 N m differ by 4 %, and profiles that differ in nothing else
+stay undecided.
 """
 
 import math
@@ -35,11 +35,11 @@ from aerodima.workbench.scenario.signal_table import IMU, TAIL_STATE, UNARMED_SO
 _MB = 1e6
 """Bytes in a megabyte."""
 _SLEEPS = 20
-"""Sleeps of 1 ms that are timed."""
+"""Number of sleeps of 1 ms that are timed."""
 _COARSE_SLEEP = 0.002
-"""s; a computer whose sleeps end later than that cannot keep 10 ms."""
+"""Lateness of sleeps beyond which a computer cannot keep cycles of 10 ms, s."""
 _FIRST_YEAR = 2024
-"""A calendar that shows an earlier year has not been set."""
+"""First year that can be right: a calendar that shows an earlier one has not been set."""
 _CLOCK_DIFFERENCE = 2.0
 """Largest difference from the receiver's time that is not reported, s."""
 _WATCHES = {
@@ -49,20 +49,20 @@ _WATCHES = {
 _RATIO_TOLERANCE = 0.2
 """Largest distance of `_speed_ratio` from 1 with the right profile."""
 _MAX_TEMPERATURE = 120.0
-"""Highest temperature of a motor that can be, degrees Celsius."""
+"""Highest plausible temperature of a motor, degrees Celsius."""
 _MIN_TEMPERATURE = -30.0
-"""Lowest temperature of a motor that can be, degrees Celsius."""
+"""Lowest plausible temperature of a motor, degrees Celsius."""
 _MIN_SAMPLES = 10
-"""Fewest samples that show a living IMU."""
+"""Least number of samples that show a living IMU."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """One check.
+    """Result of one check.
 
     Attributes:
         name: what was checked.
-        passed: True, False, or None where it could not be checked.
+        passed: True or False; None for a note, such as where it could not be checked.
         text: what was found and what is allowed.
     """
 
@@ -79,8 +79,8 @@ Checks = list[Check]
 
 
 def report(checks: Checks, say: Say, refuse: bool = True) -> None:
-    """Says every check; raises `HardwareError` with those that failed, if they are to be
-    refused.
+    """Says every check; with `refuse`, raises a `HardwareError` that names the checks that
+    failed.
     """
     for check in checks:
         say(str(check))
@@ -92,13 +92,13 @@ def report(checks: Checks, say: Say, refuse: bool = True) -> None:
 
 
 def preflight_checks(scenario: Scenario, folder: Path, safety: DriveSafety) -> Checks:
-    """Rates of the scenario, space for the log, clocks of this computer."""
+    """Checks the rates of the scenario, the space for the log and this computer's clocks."""
     return [*_rates(scenario), _disk(folder, safety), _sleep(), _calendar()]
 
 
 def device_checks(car: WiredCar, reading: CarReading, safety: DriveSafety) -> Checks:
     """Checks the state of every device, and whether the watchdog answers that switches the motors
-    off when this program dies; with a note on the battery, which nothing measures.
+    off when this program dies; adds a note on the battery, which nothing measures.
 
     A GPS may be missing; one that is fitted limits the speed, and must have a fix.
     """
@@ -122,8 +122,8 @@ def device_checks(car: WiredCar, reading: CarReading, safety: DriveSafety) -> Ch
 
 
 def motor_checks(car: WiredCar, scenario: Scenario, ports: CarPorts, safety: DriveSafety) -> Checks:
-    """Checks firmware profile by the replies, zero by where the tail is held; with the motors
-    holding.
+    """Checks, while the motors hold, the firmware profile by their replies and the zeros by where
+    the tail is held.
     """
     checks = []
     for name, motor_id in zip(("tail pitch", "tail roll"), ports.motor_ids, strict=True):
@@ -171,8 +171,8 @@ def _sleep() -> Check:
 
 
 def sleep_check(late: list[float]) -> Check:
-    """Checks by how much later than asked sleeps ended, s: half of them within the limit, and a
-    note for one beyond it.
+    """Checks by how much sleeps ended late (s): their median must be within the limit; a single one
+    beyond it is a note.
     """
     median, latest = 1000 * np.median(late), 1000 * max(late)
     limit = 1000 * _COARSE_SLEEP
@@ -200,8 +200,8 @@ def _gps_clock(gps_time: float | None) -> Check:
 
 
 def zero_checks(reading: CarReading, scenario: Scenario, safety: DriveSafety) -> Checks:
-    """Checks whether the tail is held at a mark: an angle at which its law waits, or the stop it
-    falls on without power.
+    """Checks whether the tail is held at a mark: an angle at which its law waits, or the stop onto
+    which it falls without power.
     """
     hold = scenario.controller.hold_angle
     pitch = [scenario.resting_pitch]
@@ -225,13 +225,13 @@ def check_profile(profile: FirmwareProfile, replies: TimedFrames) -> float | Non
     motor was not turned enough to tell.
 
     Args:
-        replies: (arrival in s, frame), in order, at 20 Hz or more; best with the motor turned by
-            hand by half a radian.
+        replies: replies as (arrival in s, frame), in order, at 20 Hz or more; best taken while the
+            motor is turned by hand by half a radian.
 
     Raises:
-        HardwareError: no replies, V3 firmware, replies of another length, a temperature that cannot
-            be, or a speed that does not belong to the change of position; names the profiles that
-            would fit.
+        HardwareError: no replies, V3 firmware, replies of another length, an implausible
+            temperature, or a speed that does not match the change of position; names the profiles
+            that would fit.
     """
     if not replies:
         raise HardwareError(
@@ -268,7 +268,9 @@ def _fits(profile: FirmwareProfile, replies: TimedFrames) -> bool:
 
 
 def _speed_ratio(profile: FirmwareProfile, replies: TimedFrames) -> float | None:
-    """Least-squares slope of position over integrated velocity; None with too little motion."""
+    """Returns the least-squares slope of position over integrated velocity; None with too little
+    motion.
+    """
     decoded = [decode_reply(frame, profile) for _, frame in replies]
     times = np.array([time for time, _ in replies])
     velocity = np.array([reply.velocity for reply in decoded])
@@ -289,8 +291,9 @@ def standstill_checks(
     """Checks whether the car stood still in the last moment.
 
     Args:
-        samples: of the chip, all that came within the moment, in its own axes.
-        reading: (9,) `aerodima.workbench.scenario.signal_table.IMU`, the newest, in body axes.
+        samples: all samples of the chip that came within that moment, in its own axes.
+        reading: newest reading of the IMU, (9,) `aerodima.workbench.scenario.signal_table.IMU`, in
+            body axes.
     """
     different = {(sample.quaternion, sample.gyro, sample.acceleration) for sample in samples}
     count = len(samples)

@@ -19,12 +19,12 @@ from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import STATION_INPUTS, STATION_OUTPUTS
 
 _WARM_UP_TICKS = 3
-"""Ticks before the motors are on."""
+"""Number of ticks that are tried before the motors are on."""
 
 
 class CarInterface(LeafSystem):
-    """Takes the place of the plant of a simulated car: outputs the readings, and has the commands
-    on its input ports.
+    """Stand-in for the plant of a simulated car: it outputs the readings and has the commands on
+    its input ports.
 
     A reading is shown in an unrestricted update, which Drake runs before the controllers' discrete
     updates of the same instant (as the simulated sensors do): a command is made of the readings of
@@ -34,7 +34,8 @@ class CarInterface(LeafSystem):
     Input and output ports: exactly `STATION_INPUTS` and `STATION_OUTPUTS` of
     `aerodima.workbench.scenario.signal_table`.
 
-    Attributes: reading: output from the next tick on.
+    Attributes:
+        reading: reading that is output from the next tick on.
     """
 
     def __init__(self) -> None:
@@ -63,7 +64,7 @@ class CarInterface(LeafSystem):
             value.write(discrete_state, getattr(self.reading, name))
 
     def command(self, context: Context) -> CarCommand:
-        """Returns the values of the input ports."""
+        """Returns the command on the input ports."""
         steering, throttle, pitch, roll = (
             np.array(vector_of(self._ports[name], context)) for name in STATION_INPUTS
         )
@@ -78,11 +79,11 @@ class DiagramPilot(Pilot):
     are those of the instant at which they leave, `WRITE_DELAY` after the tick.
 
     Args:
-        build: adds what drives; by default driver and tail law of the scenario, with `law` in place
-            of the latter.
+        law: tail law in place of the scenario's.
+        build: function that adds the systems that drive, in place of driver and tail law.
 
     Attributes:
-        columns: what `build` exports or logs, in the order of `PilotStep.own`.
+        columns: names of what `build` exports or logs, in the order of `PilotStep.own`.
     """
 
     def __init__(
@@ -104,15 +105,15 @@ class DiagramPilot(Pilot):
         self._simulator.Initialize()
 
     def warm_up(self, reading: CarReading) -> float:
-        """Runs the first ticks on a copy of the state, so that none of them is the first one while
+        """Runs the first ticks on a copy of the state, so that no tick is the very first one while
         the car drives.
 
         Returns:
             Time of the slowest tick except the first, s.
 
         Raises:
-            HardwareError: a command that is not sound. Whatever the systems raise, such as a port
-                without connection.
+            HardwareError: a command that is not sound. Exceptions of the systems, such as for a
+                port without connection, pass through.
         """
         simulator = self._simulator
         times = []

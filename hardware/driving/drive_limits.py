@@ -10,7 +10,8 @@ from aerodima.hardware.devices.motor_monitors import Debounce
 from aerodima.workbench.scenario.signal_table import IMU
 
 _MAX_SPAN = 0.02
-"""s; after a pause of the loop the throttle does not jump."""
+"""Longest span for which the throttle rises at once, s: it does not jump after a pause of the
+loop."""
 
 
 class DriveLimits:
@@ -24,7 +25,9 @@ class DriveLimits:
         self._time = math.inf
 
     def throttle(self, asked: float, now: float) -> float:
-        """Permitted part of a finite throttle: clipped, rises at a limited rate, falls at once."""
+        """Returns the permitted part of a finite throttle: it is clipped, rises at a limited rate
+        and falls at once.
+        """
         safety = self._safety
         side = math.copysign(1.0, asked)
         rise = safety.throttle_rate * min(max(0.0, now - self._time), _MAX_SPAN)
@@ -37,8 +40,8 @@ class DriveLimits:
         return self._throttle
 
     def tilt(self, reading: CarReading, now: float) -> str:
-        """Reason to stop at once because the car has tipped over, by its attitude or by its
-        accelerometer; empty while it stands.
+        """Returns the reason to stop at once because the car has tipped over, by its attitude or by
+        its accelerometer; empty while it stands.
         """
         imu = IMU.read(reading.imu)
         limit = self._safety.attitude_limit
@@ -54,8 +57,8 @@ class DriveLimits:
         )
 
     def straight(self, reading: CarReading, steering: float, now: float) -> str:
-        """Reason to stop at once because the car does not turn at full steering (rad); empty while
-        it does, or is not to.
+        """Returns the reason to stop at once because the car does not turn at full steering (rad);
+        empty while it does, or need not.
         """
         safety = self._safety
         straight = (
@@ -68,8 +71,8 @@ class DriveLimits:
         return "the car does not turn at full steering: it has fallen, or is held"
 
     def speed(self, reading: CarReading, now: float) -> str:
-        """Reason to stop because the car is too fast, or its GPS has lost the fix, so that nothing
-        limits the speed; empty otherwise, or where none is fitted.
+        """Returns the reason to stop because the car is too fast, or its GPS has lost the fix, so
+        that nothing limits the speed; empty otherwise, or where no GPS is fitted.
         """
         speed = float(reading.speed[0])
         limit = self._safety.speed_limit

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 HOUR = 3600.0
-"""s; the longest drive by radio."""
+"""Length of the longest drive by radio, s."""
 
 
 @dataclass(frozen=True)
@@ -13,16 +13,16 @@ class DriveResult:
     """End of a drive.
 
     Attributes:
-        reason: `RUN_OVER`, or why it was stopped.
-        orderly: the run came to its end, or the operator ended it without an emergency and reported
-            until then.
-        log: the run log, elsewhere than was asked for when that place took none; None when none was
+        reason: `RUN_OVER`, or the reason why the drive was stopped.
+        orderly: whether the run came to its end, or the operator ended it without an emergency and
+            reported until then; False if no log was written.
+        log: path of the run log, elsewhere than asked for if that place took none; None if none was
             written.
-        signal: number of the signal that ended it; 0 for none.
-        traffic_error: why the log of the CAN traffic is not whole; empty if it is, or if there is
-            none.
-        ending: how the tail was held and when its motors went off; empty for motors that were
-            never on.
+        signal: number of the signal that ended the drive; 0 for none.
+        traffic_error: reason why the log of the CAN traffic is not complete; empty if it is, or if
+            there is none.
+        ending: account of how the tail was held and when its motors went off; empty for motors that
+            were never on.
     """
 
     reason: str
@@ -38,14 +38,17 @@ class DriveOptions:
     """Options of a drive.
 
     Attributes:
-        log: the run log to be written.
-        force: replace it.
-        dry_run: never arm; the sequence runs with the car switched off.
-        with_drake: the diagram in Drake's simulator, otherwise the plain loop.
-        confirm: asks somebody beside the car whether it may be armed; None arms without asking.
-        wait_for_operator: s until the operator must have chosen AUTO or MANUAL, out of IDLE.
-        law_name: for the log, of a tail law that the scenario does not name; empty for one that it
-            names.
+        log: path of the run log to write.
+        force: whether to replace an existing log.
+        dry_run: whether never to arm; the sequence then runs with the car switched off.
+        with_drake: whether the sequence is a diagram in Drake's simulator; otherwise the plain loop
+            runs it.
+        confirm: function that asks somebody beside the car whether it may be armed; None arms
+            without asking.
+        wait_for_operator: time within which the operator must choose AUTO, MANUAL or CONTROL, out
+            of IDLE, s.
+        law_name: name, for the log, of a tail law that the scenario does not name; empty for one
+            that it names.
     """
 
     log: str | Path

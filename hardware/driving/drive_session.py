@@ -80,9 +80,9 @@ if TYPE_CHECKING:
 
 RUN_OVER = "the run is over"
 _LATE_BEFORE = 1.0
-"""s before a stop in which an emulator that fell behind may be its cause."""
+"""Time before a stop in which an emulator that fell behind may be its cause, s."""
 _WARM_UP_TIME = 10.0
-"""s; a first tick may import what it needs."""
+"""Longest time for building and warming up the controller, s; a first tick may import modules."""
 _LATE_ANSWERS = (*GONE, SourceFault.NO_SAMPLE_YET, SourceFault.NO_FIX)
 """Faults of a device that may still answer, or find its fix. A Teensy that received nothing yet
 reports that its watchdog has acted; an IMU that is being set up counts as lost."""
@@ -109,16 +109,20 @@ def drive(
     diagram, MANUAL and CONTROL drive by radio.
 
     Args:
-        build: as `aerodima.workbench.simulate` takes it; called once, before the motors are on.
-        scenario: of the car; says how long the run is.
-        ports: the ports file, or what is in it; of an emulated car its `ports`.
-        log: the Parquet file to be, with a column for each number that the diagram exports or logs.
-        wiring: of `aerodima.hardware.car.wiring.WIRINGS`.
-        arm: arm without asking on the terminal.
-        dry_run: never arm; the diagram runs with the car switched off.
-        force: replace an existing log.
-        traffic: a new `.blf` file for every frame on the adapter; not with `teensy_bridge`.
-        say: receives every check, what is waited for, and the traceback of an error in the diagram.
+        build: function that builds the diagram, as `aerodima.workbench.simulate` takes it; called
+            once, before the motors are on.
+        scenario: scenario of the car; it says how long the run is.
+        ports: path of the ports file, or the ports read from it; of an emulated car its `ports`.
+        log: path of the Parquet file to write, with a column for each number that the diagram
+            exports or logs.
+        wiring: name of the wiring, one of `aerodima.hardware.car.wiring.WIRINGS`.
+        arm: whether to arm without asking on the terminal.
+        dry_run: whether never to arm; the diagram then runs with the car switched off.
+        force: whether to replace an existing log.
+        traffic: path of a new `.blf` file that records every frame on the adapter; not with
+            `teensy_bridge`.
+        say: function that receives every check, what is waited for, and the traceback of an error
+            in the diagram.
 
     Raises:
         UserError: a check failed, a device or the record of a watchdog test is missing, the diagram
@@ -135,17 +139,17 @@ class DriveSession:
     """One drive of a car: `check`, `arm`, `run`, and `stop` in every case, as `complete` does.
 
     Args:
-        car: of `connect`, not started yet.
-        scenario: of the car; says how long the run is.
-        ports: of the car.
-        options: how to drive.
-        say: receives every check and what is waited for.
-        law: of the tail; by default the one that the scenario names.
-        build: see `drive`.
+        car: car made by `connect`, not started yet.
+        scenario: scenario of the car; it says how long the run is.
+        ports: ports of the car.
+        options: options of the drive.
+        say: function that receives every check and what is waited for.
+        law: tail law; by default the one that the scenario names.
+        build: function that builds the diagram; see `drive`.
 
     Attributes:
-        signals: numbers of the signals that came, in order.
-        result: how the drive ended, once it is stopped.
+        signals: numbers of the signals received, in order.
+        result: result of the drive, once it is stopped.
     """
 
     def __init__(
@@ -234,7 +238,7 @@ class DriveSession:
         self._guard.stop(reason, time.monotonic(), "signal")
 
     def _give_up(self, cause: str) -> None:
-        """Ends drive and program within a controller that does not end, whatever interrupts it."""
+        """Ends drive and program while a controller runs that no interrupt brings to an end."""
         guard = self._guard
         try:
             self._stop_hard(cause)
@@ -263,8 +267,8 @@ class DriveSession:
         return not late and not self._car.unwatched
 
     def _make_sequence(self) -> tuple[Pilot, list[str]]:
-        """Builds the pilot of AUTO, which takes time, and warms it up; returns it with the columns
-        of a diagram's own.
+        """Builds the pilot of AUTO, which takes time, and warms it up; returns it with a diagram's
+        own columns.
         """
         try:
             with time_limit(_WARM_UP_TIME):
@@ -289,14 +293,14 @@ class DriveSession:
     # -- arm
 
     def arm(self) -> bool:
-        """Opens the log, arms the motors and waits for the operator; in a dry run the log only.
+        """Opens the log, arms the motors and waits for the operator; a dry run only opens the log.
 
         Returns:
             Whether the car drives; otherwise it has stopped, and no log is kept.
 
         Raises:
-            UserError: the log cannot be opened, nobody lets the car be armed, a check failed, the
-                motors do not answer.
+            UserError: the log cannot be opened, nobody allows the car to be armed, a check failed,
+                the motors do not answer.
         """
         self._journal = open_run_journal(
             self._path,
@@ -342,7 +346,7 @@ class DriveSession:
         """Drives to the end of the run and writes the log, whatever happens."""
         guard = self._guard
         journal = self._journal
-        assert journal is not None  # of `arm`
+        assert journal is not None  # opened by `arm`
         by_radio = self._mode is not RadioMode.AUTO
         length = HOUR if by_radio else run_time(self._scenario)
         stopped = math.nan
@@ -374,7 +378,7 @@ class DriveSession:
                 raise LogError(f"{error}; the car was stopped: {guard.reason}") from None
 
     def _with_cause(self, reason: str) -> str:
-        """Returns the reason of a stop, once with the delay of an emulated car as its cause."""
+        """Returns the reason of a stop, the first time with an emulated car's delay as cause."""
         guard = self._guard
         delay = emulator_delay(self._ports.teensy.path, guard.stop_time - _LATE_BEFORE)
         least, guard.least_delay = guard.least_delay, math.inf
@@ -388,7 +392,7 @@ class DriveSession:
         return ControlPilot(self._scenario, self._law)
 
     def _add_facts(self, journal: RunJournal, stopped: float) -> None:
-        """Writes to the log who drove and how it went; `stopped`: time of the run, s, or NaN."""
+        """Writes to the log who drove and how it went; `stopped` is the stop time, s, or NaN."""
         guard = self._guard
         facts = log_facts(guard.reason, stopped, guard.cycle_times, guard.overruns)
         facts["slow_ticks"] = len(guard.slow_ticks)
@@ -406,7 +410,7 @@ class DriveSession:
     # -- stop
 
     def stop(self) -> None:
-        """Switches the motors off, closes the devices, gives signals and scheduling back."""
+        """Switches the motors off, closes the devices, and restores signals and scheduling."""
         guard = self._guard
         self._resources.close()
         guard.reason = self._with_cause(guard.reason)

@@ -1,5 +1,5 @@
-"""A car whose tail is held by its motors, for first tests: armed without a guard, with the motors
-off on every exit.
+"""A car whose tail is held by its motors, for first tests: it is armed without a guard, and its
+motors are switched off on every exit.
 """
 
 import time
@@ -21,7 +21,7 @@ from aerodima.workbench.core.realtime import DRIVE_PRIORITY, prefer_realtime, re
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 
 _ANSWER_TIME = 0.5
-"""s within which Teensy and watchdog must answer."""
+"""Time in which Teensy and watchdog must answer, s."""
 
 
 def connect(
@@ -36,14 +36,15 @@ def connect(
     It can be armed only after a recorded watchdog test of its wiring.
 
     Args:
-        ports: the ports file, or what is in it.
-        scenario: itself, its name or its file; for the tail and the gains of its controller.
-        wiring: of `aerodima.hardware.car.wiring.WIRINGS`.
-        traffic: a new `.blf` file for every frame on the adapter; not with `teensy_bridge`.
-        scenario_name: name or file of a scenario that was loaded, for messages.
+        ports: path of the ports file, or the ports that were read from it.
+        scenario: scenario itself, its name or its file; gives the tail and its controller's gains.
+        wiring: name of the wiring, one of `aerodima.hardware.car.wiring.WIRINGS`.
+        traffic: path of a new `.blf` file that records every frame on the adapter; not with
+            `teensy_bridge`.
+        scenario_name: name or file of a scenario that is already loaded, for messages.
 
     Raises:
-        HardwareError: unknown wiring, a ports file that cannot be read, and as `wire_car`.
+        HardwareError: unknown wiring, a ports file that cannot be read, or an error of `wire_car`.
     """
     name = wiring_name(wiring)
     car_ports = read_ports(ports)
@@ -65,7 +66,7 @@ def holding(car: WiredCar) -> Iterator[WiredCar]:
     with the motors disabled.
 
     Args:
-        car: of `connect`, not started yet.
+        car: car made by `connect`, not started yet.
 
     Raises:
         HardwareError: no watchdog test of its wiring, a port that cannot be opened, motors that do
@@ -105,11 +106,11 @@ def _await_armed(car: WiredCar) -> None:
 def run_cycles(
     car: WiredCar, command: CarCommand | Callable[[float], CarCommand], seconds: float = PERIOD
 ) -> None:
-    """Runs cycles of 10 ms, one at least; `car.reading` is of the last one.
+    """Runs cycles of 10 ms, at least one; `car.reading` is then that of the last cycle.
 
     Args:
-        command: of every cycle, or as a function of the time since the first (s). All zeros hold a
-            joint where it is.
+        command: command of every cycle, or a function that returns it for the time since the first
+            cycle (s). All zeros hold a joint where it is.
     """
     begin = time.monotonic()
     for cycle in range(max(1, round(seconds / PERIOD))):

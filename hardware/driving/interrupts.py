@@ -1,5 +1,5 @@
-"""Ends of a drive from outside or within its controller: signals, the alarm that interrupts a
-slow controller, and a controller that leaves the program.
+"""Ways in which a drive ends from outside or within its controller: signals, the alarm that
+interrupts a slow controller, and a controller that exits the program.
 """
 
 import os
@@ -15,24 +15,25 @@ from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.driving.plain_loop import Pilot, PilotStep
 
 Stop = Callable[[str], None]
-"""Stops the car for a reason."""
+"""Function that stops the car for a reason, given in words."""
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _MAX_INTERRUPTS = 3
-"""Interrupts of one tick after which the controller is given up: it catches them and goes on."""
+"""Number of interrupts of one tick after which a controller that catches them is given up."""
 leave = os._exit
-"""Ends the program at once, whatever stands in its place while a controller runs."""
+"""The original `os._exit`, which ends the program at once; `stop_on_exit` replaces the attribute
+while a controller runs."""
 _HANG_TIME = 3.0
-"""Time beyond its limit after which a tick is given up that no alarm interrupts, s."""
+"""Time beyond its limit after which a tick that no alarm interrupts is given up, s."""
 _WATCH_PERIOD = 0.25
-"""Time between two looks at whether one is, s."""
+"""Time between two checks for such a tick, s."""
 _interrupts: list[int] = []
-"""Alarms since the last `time_limit` began."""
+"""Numbers of the alarm signals since the last `time_limit` began."""
 _deadlines: list[float] = []
-"""Instant at which the tick that runs is given up, s, monotonic; empty between ticks."""
+"""Instant at which the running tick is given up, s, monotonic; empty between ticks."""
 
 
 class TickTimeout(BaseException):
-    """Raised within a controller that takes too long; of no kind that it may want to catch."""
+    """Raised within a controller that takes too long; no `Exception`, which it might catch."""
 
 
 class ControllerExit(BaseException):
@@ -42,7 +43,7 @@ class ControllerExit(BaseException):
 @contextmanager
 def stop_on_exit(stop: Stop) -> Iterator[None]:
     """Calls `stop` and raises `ControllerExit` where the block calls `os._exit`, on any thread;
-    processes that it forks end as ever.
+    processes that it forks exit as usual.
     """
     owner = os.getpid()
 
@@ -62,11 +63,12 @@ def stop_on_exit(stop: Stop) -> Iterator[None]:
 
 @contextmanager
 def stop_on_signals(stop: Stop, give_up: Stop) -> Iterator[list[int]]:
-    """Calls `stop` with the name of a signal that ends a drive; yields the numbers that came.
+    """Calls `stop` with the name of a signal that ends a drive; yields the list of the signal
+    numbers received.
 
     Within the block SIGALRM raises `TickTimeout`, for `time_limit`, and calls `give_up` with the
-    cause once that was caught too often. A thread calls it for a tick that no signal reaches, as a
-    controller that blocks them, or waits in a library.
+    cause once the controller has caught it too often. A thread calls `give_up` for a tick that no
+    signal reaches, such as that of a controller that blocks signals or waits in a library.
     """
     numbers: list[int] = []
     over = threading.Event()
@@ -104,8 +106,8 @@ def stop_on_signals(stop: Stop, give_up: Stop) -> Iterator[list[int]]:
 
 @contextmanager
 def time_limit(seconds: float) -> Iterator[None]:
-    """Raises `TickTimeout` within the block once it takes longer, and again each `seconds` or each
-    second; what no signal reaches is given up later.
+    """Raises `TickTimeout` within a block that takes longer than `seconds`, and again after every
+    further `seconds`, at most 1 s; a block that no signal reaches is given up later.
     """
     _interrupts.clear()
     _deadlines[:] = [time.monotonic() + seconds + _HANG_TIME]
@@ -117,8 +119,8 @@ def time_limit(seconds: float) -> Iterator[None]:
 
 
 def end_time_limit() -> None:
-    """Ends the alarms and the deadline of a tick; whoever catches a `TickTimeout` calls it too, as
-    one may come just before the block's own end of them.
+    """Ends the alarms and the deadline of a tick; whoever catches a `TickTimeout` calls it too,
+    since an alarm may come just before the block ends them itself.
     """
     _deadlines.clear()  # first: an alarm that comes now raises nothing
     signal.setitimer(signal.ITIMER_REAL, 0.0)

@@ -1,7 +1,7 @@
-"""Delays of the computer that drives the car, as the cause of what its devices seem to do.
+"""Delays of the computer that drives the car, as the cause of apparent faults of its devices.
 
-A loop or an emulator that is held up hears nothing meanwhile: motors and sensors look silent, and
-are not.
+A loop or an emulator that is held up hears nothing meanwhile: motors and sensors look silent
+although they are not.
 """
 
 import math
@@ -16,16 +16,16 @@ _UNHEARD = {
     MotorFault.LOOP_STALLED,
     MotorFault.NOT_FOLLOWING,
 }
-"""Faults of a motor that a computer which falls behind makes as well."""
+"""Faults of a motor that also appear when the computer falls behind."""
 _MIN_DELAY = 0.02
-"""Delay that a motor may seem silent for, s: its replies may be that old."""
+"""Least delay that can make a motor seem silent, s: its replies may be that old."""
 _WATCHDOG_DELAY = 0.075
-"""Delay that the watchdog of the Teensy may have acted for, s: half its time-out."""
+"""Least delay that can make the Teensy's watchdog act, s: half its time-out."""
 
 
 def with_delay(reason: str, delay: float, least: float = _MIN_DELAY) -> str:
-    """Returns the reason of a stop with the delay of the computer (s) that is its cause, if there
-    was one; `least`: of `least_delay`, s.
+    """Returns the reason of a stop, after the computer's delay (s) if that explains it: if it is at
+    least `least` (s), the value of `least_delay`.
     """
     if delay < least:
         return reason
@@ -33,8 +33,10 @@ def with_delay(reason: str, delay: float, least: float = _MIN_DELAY) -> str:
 
 
 def least_delay(reading: CarReading, has_tail: bool) -> float:
-    """Returns the least delay of the computer (s) that makes the faults of a reading: half the
-    age of what is silent. Infinite for faults that no delay makes.
+    """Returns the least delay of the computer (s) that explains the faults of a reading: a constant
+    for motors and watchdog, otherwise half the age of the youngest silent source.
+
+    It is infinite for faults that no delay explains.
     """
     status = reading.named_status
     motors = {status.tail_pitch_fault, status.tail_roll_fault}

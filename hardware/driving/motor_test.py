@@ -18,29 +18,29 @@ from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.scenario.signal_table import TAIL_STATE
 
 _DIRECTIONS = {"tail_pitch": ("forward", "back"), "tail_roll": ("to the right", "to the left")}
-"""Positive, negative (design section 4)."""
+"""Words for the positive and the negative direction of each joint (design section 4)."""
 _STEP = math.radians(5.0)
 """Angle by which a joint is moved in the test of its motor, rad."""
 _MAX_ERROR = math.radians(2.0)
 """Largest error of that movement, rad."""
 _KP = 60.0
-"""N m/rad: five degrees ask for 5 N m at most, and the weight of a tail that lies on its side
-(1.2 N m on the emulated car) costs one degree; with the soft gains that hold it, it would cost
-four."""
+"""Position gain of the test, N m/rad: five degrees ask for 5 N m at most, and the weight of a tail
+that lies on its side (1.2 N m on the emulated car) costs one degree; with the soft gains that hold
+it, it would cost four."""
 _KD = 5.0
-"""N m s/rad."""
+"""Velocity gain of the test, N m s/rad."""
 _MOVE_TIME = 1.0
 """Time of the movement, s."""
 _SETTLE_TIME = 0.5
-"""Time after it until the joint is at rest, s."""
+"""Time after the movement until the joint is at rest, s."""
 _AVERAGED_CYCLES = 20
-"""Cycles over which the torque is averaged; fewest replies that give a position."""
+"""Number of cycles over which the torque is averaged."""
 _TORQUE_TOLERANCE = 0.5
-"""N m by which the reported torque may differ: a motor reads its current, not its torque."""
+"""Allowed difference of the reported torque, N m: a motor reads its current, not its torque."""
 _RELATIVE_TORQUE_TOLERANCE = 0.4
-"""Share of the torque by which the reported one may differ."""
+"""Further allowed difference, as a share of the torque that the gains ask for."""
 _TEMPERATURE_MARGIN = 20.0
-"""K below the limit of a drive, for a motor that has done nothing yet."""
+"""Margin below the temperature limit of a drive, K, for a motor that has done nothing yet."""
 
 
 @dataclass(frozen=True)
@@ -48,10 +48,11 @@ class MotorTest:
     """Result of the test of one joint.
 
     Attributes:
-        moved: rad.
-        torque: that the motor reported at the end of the way, N m.
-        wanted: that its gains ask for there, N m.
-        temperature: degrees Celsius; None if the motor does not report it.
+        joint: joint that was moved, one of `JOINTS`.
+        moved: angle by which the joint moved, rad.
+        torque: mean torque that the motor reported at the end of the movement, N m.
+        wanted: mean torque that its gains ask for there, N m.
+        temperature: temperature of the motor, degrees Celsius; None if it does not report it.
     """
 
     joint: str
@@ -68,15 +69,15 @@ def run_motor_test(
     started yet.
 
     Args:
-        joint: of `JOINTS`.
-        confirm: asks somebody beside the car, once the motors are off, whether it went the positive
-            way of the joint (design section 4: pitch forward, roll to the right). What the motor
-            itself reports cannot tell.
+        joint: joint to move, one of `JOINTS`.
+        confirm: function that asks somebody beside the car, once the motors are off, whether the
+            tail went the announced way (design section 4: pitch forward and roll to the right are
+            positive). What the motor itself reports cannot tell.
 
     Raises:
         HardwareError: the motors cannot be armed or have a fault, the joint moved by other than
-            five degrees, give or take two, the reported torque is not that of its gains, or it is
-            too warm.
+            five degrees, give or take two, the reported torque is not that of its gains, the motor
+            is too warm, or the tail went the other way.
     """
     index = JOINTS.index(joint)
     angle_index = TAIL_STATE.index(("pitch_angle", "roll_angle")[index])
@@ -115,7 +116,7 @@ def run_motor_test(
 
 
 def _refuse_failed(test: MotorTest, step: float, fault: str) -> None:
-    """Raises `HardwareError` for a fault, and for a result that is not that of `step` (rad)."""
+    """Raises `HardwareError` for a fault, and for a result that does not match `step` (rad)."""
     name = f"motor test of {test.joint}"
     if fault:
         raise HardwareError(f"{name}: {fault}")

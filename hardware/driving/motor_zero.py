@@ -24,15 +24,15 @@ from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.core.file_reading import read_json
 
 Angles = dict[Joint, float]
-"""Joint -> angle, rad."""
+"""Angles by joint, of the joints or of their motors, rad."""
 _CYCLES = 80
-"""Cycles of 10 ms of a reading."""
+"""Number of cycles of 10 ms in a reading."""
 _EXIT_CYCLES = 20
-"""First cycles, in which the motors are switched off before they are entered."""
+"""Number of cycles at the beginning that switch the motors off, before they are entered."""
 _FIRST_READ = 30
-"""Cycle after which replies are read."""
+"""Number of the cycle after which replies are read."""
 _MIN_REPLIES = 20
-"""Fewest replies that give a position."""
+"""Least number of replies that give a position."""
 _MAX_SPREAD = math.radians(1.0)
 """Largest movement of a joint that counts as held still, rad."""
 
@@ -87,7 +87,7 @@ def joint_angles(ports: CarPorts, angles: Angles) -> Angles:
 
 
 def _read_angles(ports: CarPorts, port: FramePort, commit: Callable[[], None]) -> Angles:
-    """Asks both motors with zero gains for a while, then switches them off."""
+    """Reads both motors with zero gains for a while, then switches them off."""
     ids = dict(zip(ports.motor_ids, JOINTS, strict=True))
     positions: dict[Joint, list[float]] = {joint: [] for joint in JOINTS}
     try:
@@ -119,7 +119,7 @@ def _read_angles(ports: CarPorts, port: FramePort, commit: Callable[[], None]) -
 
 
 def _steady(joint: Joint, values: list[float]) -> float:
-    """Returns the median of angles (rad); `HardwareError` for few of them or a motor that moved."""
+    """Returns the median of angles (rad); raises `HardwareError` for too few or a moved motor."""
     if len(values) < _MIN_REPLIES:
         raise HardwareError(
             f"{joint}: {len(values)} replies; is the motor powered, is its id right?"

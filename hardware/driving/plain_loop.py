@@ -30,16 +30,16 @@ from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import CAR_PORTS, STATION_OUTPUTS
 
 WRITE_DELAY = 0.001
-"""s from a tick to its commands: the same in the plain loop and in the diagram."""
+"""Time from a tick to its commands, s; the same in the plain loop and in the diagram."""
 Clock = Callable[[], float]
 Wait = Callable[[float], None]
 
 
 def wait_until(due: float) -> None:
-    """Sleeps until `time.monotonic()` is `due`; returns at once when it is later.
+    """Sleeps until `time.monotonic()` is `due`; returns at once if it is later.
 
-    A thread that wakes up must wait for the interpreter until a thread that computes lets go of it,
-    `SWITCH_INTERVAL` at most: it wakes up that much earlier and looks at the clock for the rest.
+    A thread that wakes up must wait until a computing thread releases the interpreter, at most
+    `SWITCH_INTERVAL`. It therefore wakes up that much earlier and watches the clock for the rest.
     """
     time.sleep(max(0.0, due - time.monotonic() - SWITCH_INTERVAL))
     while time.monotonic() < due:
@@ -47,13 +47,14 @@ def wait_until(due: float) -> None:
 
 
 class Row:
-    """One row of the log: the values of the ports when a tick begins.
+    """Rows of the log: the values of the ports when a tick begins.
 
-    Commands are those that the guard sent, which are throttle 0 and steering 0 once a car stops; in
-    a dry run, which sends none, those of the pilot. A tail that its motors hold has the command 0.
+    Commands are those that the guard sent, with throttle 0 and steering 0 once a car stops. In a
+    dry run, which sends none, they are the pilot's. A tail that its motors hold has the command 0.
 
     Args:
-        start: of the run on `time.monotonic`, s.
+        scenario: scenario with the settings of the roll estimator.
+        columns: names of the log's columns, in order.
     """
 
     def __init__(self, scenario: Scenario, columns: list[str]) -> None:
@@ -70,8 +71,15 @@ class Row:
         reading: CarReading,
         links: list[float],
     ) -> FloatArray:
-        """Makes the row (columns,) of a tick (s), with `links` as `LINK_COLUMNS`, s; what a
-        diagram logs of its own is NaN while another pilot drives. `sent` is that of the guard.
+        """Makes the row (columns,) of a tick; a diagram's own columns are NaN while another pilot
+        drives.
+
+        Args:
+            tick: time of the tick, s.
+            step: outputs of the pilot.
+            sent: command that the guard sent; None before the car is armed.
+            reading: reading of the car.
+            links: values of `LINK_COLUMNS`, s.
         """
         command = sent or step.command
         values: dict[str, FloatArray | float] = {
@@ -106,14 +114,15 @@ def run_loop(
     clock: Clock = time.monotonic,
     wait: Wait = wait_until,
 ) -> float:
-    """Drives for `length` s, or until the car has stopped; a guard that is armed drives from the
-    first tick on.
+    """Drives for `length` s, or until the car has stopped; a guard in the stage `DRIVING` passes
+    commands on from the first tick.
 
     Args:
-        clock, wait: of the real loop; tests replace them.
+        clock: function that returns the time, s; tests replace it.
+        wait: function that waits until an instant on that clock, s; tests replace it.
 
     Returns:
-        When the guard began to stop, s after the start; NaN if it did not.
+        Time at which the guard began to stop, s after the start; NaN if it did not.
     """
     row = Row(scenario, journal.columns)
     step = pilot.start()
@@ -128,7 +137,7 @@ def run_loop(
         journal.append(row.make(time_now, step, guard.sent, reading, links))
         if journal.error:
             guard.stop(journal.error, clock(), "log")
-        # This is the row of the end; its tick belongs to what comes after.
+        # This row marks the end; its tick belongs to what comes after.
         if time_now + 0.5 * PERIOD > length:
             break
         reading = guard.read(clock(), start + time_now)
@@ -153,8 +162,8 @@ def idle_until(
     clock: Clock = time.monotonic,
     wait: Wait = wait_until,
 ) -> bool:
-    """Runs the loop without commands until `condition`, the end of the car, or `timeout` s; the
-    condition's answer.
+    """Runs the loop without commands until `condition` holds, the car has stopped, or `timeout` s
+    have passed; returns whether the condition holds.
     """
     start = clock()
     for tick in range(max(1, math.ceil(timeout / PERIOD)) + 1):
@@ -170,10 +179,13 @@ def idle_until(
 
 
 class PilotStep(NamedTuple):
-    """One tick of a pilot: the command, the announced turn (+1 left, -1 right, 0 none), the number
-    of the state.
+    """Outputs of a pilot in one tick.
 
-    own: what a diagram exports or logs beside, shape (columns,).
+    Attributes:
+        command: command to the car.
+        planned_turn: announced turn: +1 left, -1 right, 0 none.
+        state: number of the tail law's state.
+        own: values that a diagram exports or logs in addition, (columns,); None without any.
     """
 
     command: CarCommand
@@ -183,7 +195,7 @@ class PilotStep(NamedTuple):
 
 
 class Pilot:
-    """Drives the car in the loop."""
+    """Driver of the car in the loop, one tick at a time."""
 
     def start(self) -> PilotStep:
         """Returns the outputs before the first tick."""
@@ -195,7 +207,7 @@ class Pilot:
 
 
 class LawPilot(Pilot):
-    """A pilot whose tail follows its law; that of the scenario when None."""
+    """A pilot whose tail follows `law`, or the scenario's law when that is None."""
 
     def __init__(self, scenario: Scenario, law: TailLaw | None = None) -> None:
         self._law = law or law_of_scenario(scenario)
@@ -209,8 +221,14 @@ class LawPilot(Pilot):
         drive: Pair,
         plan: float,
     ) -> PilotStep:
-        """Runs a tick of the law, which has `observed` a planned turn and a steering angle (rad);
-        drive: steering, throttle.
+        """Runs one tick of the law.
+
+        Args:
+            time: time since the start of the run, s.
+            reading: reading of the car.
+            observed: planned turn and steering angle (rad) that the law sees.
+            drive: steering angle (rad) and throttle of the command.
+            plan: turn that is announced now.
         """
         observation = observe(
             time,
@@ -253,7 +271,7 @@ class AutoPilot(LawPilot):
 
 
 class ControlPilot(LawPilot):
-    """The operator's steering and throttle, and the tail by its law: the turn that is steered
+    """The operator's steering and throttle, with the tail by its law: the turn that is steered
     counts as announced.
     """
 
@@ -275,8 +293,8 @@ class ManualPilot(Pilot):
     """The operator's sticks: steering, throttle, and two tail angles that are held with the gains
     of the scenario.
 
-    The tail follows its stick from where it is, with `ramp_speed` of the motors' safety at most: a
-    stick that jumps does not swing it.
+    The tail follows its sticks from where it is, at most at `ramp_speed` of the motors' safety, so
+    that a stick that jumps does not swing it.
     """
 
     def __init__(self, scenario: Scenario) -> None:

@@ -26,21 +26,22 @@ from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import sensor_columns
 
 LINK_COLUMNS = ("loop_lateness_s", "imu_sample_time_s", "teensy_sent_time_s", "controller_time_s")
-"""Columns of a drive alone: lateness of the cycle, times at which IMU and Teensy sampled the values
-of the row, on the clock of the run, and how long the controller computed. The Teensy's clock is
-aligned by `aerodima.hardware.devices.teensy_link`."""
+"""Columns that only a drive has: lateness of the cycle, times at which IMU and Teensy sampled the
+values of the row, on the clock of the run, and how long the controller computed. The Teensy's clock
+is aligned by `aerodima.hardware.devices.teensy_link`."""
 _MAX_WAITING = 3000
-"""Most rows that wait for the disk, or are kept after it has failed."""
+"""Largest number of rows that wait for the disk, or are kept after it has failed."""
 _FLUSH = 0.08
-"""s; with the period of the loop, a killed drive loses less than 0.1 s."""
+"""Age at which waiting rows are passed on, s; with the period of the loop, a killed drive loses
+less than 0.1 s."""
 _CHECK_PERIOD = 0.5
 """Time between two checks of the journal, s."""
 _LAST_WAIT = 5.0
-"""Time for the disk at the end of the drive, s."""
+"""Longest wait for the disk at the end of the drive, s."""
 
 
 def drive_columns() -> list[str]:
-    """Columns of a drive's log, in order."""
+    """Returns the columns of a drive's log, in order."""
     return [*(column.name for column in sensor_columns()), *LINK_COLUMNS]
 
 
@@ -49,17 +50,17 @@ class RunJournal(JournalWriter):
 
     The thread keeps the scheduling of the one that opens the journal. At ordinary priority another
     program could displace it while it holds the interpreter's lock, and the loop would wait for
-    both. Twice a second it looks whether the journal is still where its name leads, and holds what
+    both. Twice a second it checks whether the journal is still where its name leads, and holds what
     was written (`JournalWriter.check`). Rows that the disk does not take stay in memory.
 
     Args:
-        say: receives errors and notes of the log at once, in the thread; it returns at once, as a
-            `Speaker` does.
+        say: function that receives errors and notes of the log at once, in the thread; it must
+            return at once, as a `Speaker` does.
 
     Attributes:
-        columns: names, in order.
-        error: what stopped the writing, empty while it works.
-        lost: rows that were not written.
+        columns: names of the columns, in order.
+        error: reason why the writing stopped; empty while it works.
+        lost: number of rows that were not written.
     """
 
     def __init__(
@@ -82,7 +83,7 @@ class RunJournal(JournalWriter):
         self._thread.start()
 
     def append(self, row: ArrayLike) -> None:
-        """Takes one row and returns at once; LogError in a fork of the process that drives."""
+        """Takes one row and returns at once; raises `LogError` if closed or in a forked process."""
         if not self._open:
             raise LogError(f"{self.journal}: closed already, or opened before a fork (os.fork)")
         try:
@@ -92,18 +93,18 @@ class RunJournal(JournalWriter):
             self.error = self.error or f"{self.journal}: the disk is too slow"
 
     def note(self, text: str) -> None:
-        """Says a sentence on the journal, and keeps it for the log, once."""
+        """Says a sentence about the journal and keeps it for the log, once."""
         if text in self.notes:
             return
         super().note(text)
         self._say(f"log: {text}")
 
     def close(self) -> Path:
-        """Writes what waits and ends the log; its path, another than was asked for where that takes
-        no log any more.
+        """Writes what waits and ends the log; returns its path, another one than asked for if that
+        takes no log any more.
 
         Raises:
-            LogError: the disk still holds up the thread, with the journal kept, or no place takes
+            LogError: the disk still holds up the thread (the journal is kept), or no place takes
                 the log.
         """
         if not self._open:
@@ -121,14 +122,14 @@ class RunJournal(JournalWriter):
             return self._write_log()
         except LogError:
             raise
-        except Exception as error:  # no memory, for one: the journal is on the disk
+        except Exception as error:  # such as no memory: the journal is on the disk
             raise LogError(
                 f"the log cannot be written ({error!r}); what was written can be rescued: "
                 f"aerodima log recover {self.journal}"
             ) from error
 
     def discard(self) -> None:
-        """Ends a log of a drive that did not begin: nothing stays on the disk."""
+        """Ends the log of a drive that did not begin; nothing stays on the disk."""
         if self._open:
             self._finish()
             self._remove()
@@ -177,8 +178,8 @@ class RunJournal(JournalWriter):
         )
 
     def _places(self) -> Iterator[Path]:
-        """Places of the log, in order: the one asked for, the nearest folder above that exists, a
-        new folder.
+        """Yields the places for the log, in order: the one asked for, the nearest existing folder
+        above its own, a new temporary folder.
         """
         yield self.path
         above = self.path.absolute().parents[1:]
@@ -233,8 +234,8 @@ def open_run_journal(
     own: Sequence[str] = (),
     say: Say = lambda _: None,
 ) -> RunJournal:
-    """Opens the journal of a drive of a scenario, with columns of a diagram's own; LogError as for
-    `JournalWriter`.
+    """Opens the journal of a drive of a scenario, with a diagram's `own` columns; raises `LogError`
+    as `JournalWriter` does.
     """
     metadata = run_metadata(
         scenario.resolved(), scenario.seed, extra={"platform": "physical", "wiring": wiring}
@@ -243,7 +244,7 @@ def open_run_journal(
 
 
 def log_facts(reason: str, stop_time: float, cycle_times: Sequence[float], overruns: int) -> Json:
-    """Facts of a finished drive for the `extra` of its log, with the error of its periods, s.
+    """Returns the facts of a finished drive for the `extra` of its log; errors of its periods in s.
 
     `begin_unix_s` is the time of its first cycle on the clock of the traffic log, s.
     """

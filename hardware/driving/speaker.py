@@ -1,4 +1,4 @@
-"""Lines for whoever listens to a drive, without a wait for them."""
+"""Lines of text for the listener of a drive, passed on without waiting for the listener."""
 
 import contextlib
 import threading
@@ -7,15 +7,14 @@ from collections import deque
 from collections.abc import Callable
 
 Say = Callable[[str], None]
-"""Receives a line of text for the user."""
+"""Function that receives a line of text for the user."""
 _LAST_WAIT = 2.0
 """Longest wait for the listener at the end, s."""
 
 
 class Speaker:
-    """Passes lines on in their order, each on a thread: a listener that takes none, as `print` on
-    a terminal that is stopped, holds up neither the loop nor the log, and one that raises ends no
-    drive.
+    """Passes lines on in their order, each on a thread: a listener that takes none, such as `print`
+    on a stopped terminal, holds up neither the loop nor the log, and one that raises ends no drive.
 
     A thread has the scheduling of its caller: one of ordinary priority could be displaced while it
     holds the interpreter's lock, and the loop would wait.
@@ -32,7 +31,7 @@ class Speaker:
         threading.Thread(target=self._speak, name="speaker", daemon=True).start()
 
     def flush(self) -> None:
-        """Waits until all lines are taken, `_LAST_WAIT` at most."""
+        """Waits until all lines are taken, for `_LAST_WAIT` s at most."""
         end = time.monotonic() + _LAST_WAIT
         while (self._lines or self._turn.locked()) and time.monotonic() < end:
             time.sleep(0.001)

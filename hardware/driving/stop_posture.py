@@ -1,10 +1,11 @@
 """Causes of a stop, and the posture of the tail between a stop and the exit of its motors.
 
-A tail that goes limp in mid-swerve turns the car over, and so may one that stands still. So while
-the car moves no single fault but one of the pitch motor itself switches that motor off, until the
-car is at rest or `max_tail_hold` has passed: the drive holds pitch and moves roll to the middle,
-unless its motor has failed. The pilot commands nothing any more: its schedule or its operator may
-still steer, and the wheels do not.
+A tail that goes limp in mid-swerve turns the car over, and so may a tail that stands still. While
+the car moves, most causes therefore leave the pitch motor on until the car is at rest or
+`max_tail_hold` has passed: the drive holds pitch and moves roll to the middle, unless the roll
+motor has failed. A fault of the pitch motor or of the Teensy, a fall, an emergency stop or a signal
+switches the motors off at once. The pilot's commands no longer reach the car: its schedule or its
+operator may still steer, but the wheels do not follow.
 """
 
 from enum import IntEnum
@@ -31,14 +32,14 @@ StopCause = Literal[
     "mode",
     "log",
 ]
-"""Motors that are off without a fault have the cause `motors off`; `speed`: that of the GPS is too
-high, or lost; the operator has left the `mode`; the `log` takes no rows."""
+"""Causes of a stop. `motors off`: the motors are off without a fault; `speed`: the GPS speed is too
+high, or lost; `mode`: the operator has left the mode; `log`: the log takes no rows."""
 GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
-"""Faults of a device that is not heard any more, or cannot be relied on."""
+"""Faults of a device that is no longer heard, or cannot be relied on."""
 
 
 class Posture(IntEnum):
-    """Says what becomes of the tail of a car that stops; a higher one gives up more."""
+    """State of the tail of a car that stops; a higher posture gives up more."""
 
     HELD = 0
     """Pitch is held; roll too, in the middle while the car moves, unless its motor has failed."""
@@ -50,14 +51,14 @@ HELD, OFF = Posture
 
 
 def posture_after(cause: StopCause, moves: bool) -> Posture:
-    """Returns the posture that a cause of a stop asks for; `moves`: the car may move."""
+    """Returns the posture that a cause of a stop asks for; `moves` says that the car may move."""
     if cause in ("roll motor", "controller", "late loop", "current"):
         return HELD if moves else OFF
     return HELD if cause in ("imu", "radio", "speed", "mode", "log") else OFF
 
 
 def fault_causes(faults: FloatArray, has_tail: bool) -> list[StopCause]:
-    """Returns the causes to stop that the faults (6,) of a status are; empty for a healthy car."""
+    """Returns the causes of a stop in the fault codes of a status (6,); empty for a healthy car."""
     pitch, roll, sail, imu, speed, operator = faults
     present: dict[StopCause, bool] = {
         "emergency stop": operator == SourceFault.STOPPED,

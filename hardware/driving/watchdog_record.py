@@ -1,4 +1,4 @@
-"""The record of a watchdog test: what allows the motors of a wiring to be armed.
+"""The record of a watchdog test, which allows the motors of a wiring to be armed.
 
 `aerodima.hardware.driving.watchdog_test.run_watchdog_test` makes one.
 """
@@ -31,12 +31,14 @@ class WatchdogRecord(StrictModel):
     """Result of a watchdog test.
 
     Attributes:
-        time_to_exit: s from the cut to the Teensy's report that it has switched the motors off.
-        cut: what was cut.
+        wiring: wiring that was tested.
+        cut: way in which the link was cut, in words.
+        time_to_exit: time from the cut to the Teensy's report that it has switched the motors off,
+            s.
         seen_off_by: who saw that the motors were off.
-        emulated: made on an emulator; void for real motors.
-        firmware: `teensy_hash`.
-        ports: as `CarPorts`.
+        emulated: whether the test was made on an emulator; it is then void for real motors.
+        firmware: hash of the Teensy's firmware and timing, by `teensy_hash`.
+        ports: ports of the car as plain data, in the form of `CarPorts`.
     """
 
     schema_: Literal["aerodima/watchdog_test/2"] = Field(
@@ -56,7 +58,7 @@ class WatchdogRecord(StrictModel):
 def new_record(
     wiring: WiringName, ports: CarPorts, cut: str, time_to_exit: float, seen_off_by: str
 ) -> WatchdogRecord:
-    """Makes the record of a test made now; arguments as the fields of `WatchdogRecord`.
+    """Makes the record of a test that was made just now; `WatchdogRecord` explains the arguments.
 
     Raises:
         HardwareError: the exit frames came later than `longest_watchdog_test` of the drive's
@@ -84,9 +86,9 @@ def new_record(
 
 
 def record_path(wiring: WiringName, ports: CarPorts) -> Path:
-    """Returns the path of the record of a wiring: in the user's state folder (`XDG_STATE_HOME`).
+    """Returns the path of the record of a wiring, in the user's state folder (`XDG_STATE_HOME`).
 
-    That of an emulated car is beside its ports, so that the record of the real car stays.
+    The record of an emulated car is beside its ports, so that the record of the real car is kept.
     """
     if is_emulated_port(ports.teensy.path):
         folder = Path(ports.teensy.path).parent.parent
@@ -97,13 +99,13 @@ def record_path(wiring: WiringName, ports: CarPorts) -> Path:
 
 
 def write_record(record: WatchdogRecord, ports: CarPorts) -> Path:
-    """Writes a record in the place of an older one; `HardwareError` if it cannot be written."""
+    """Writes a record over an older one; raises `HardwareError` if it cannot be written."""
     text = json.dumps(record.model_dump(mode="json", by_alias=True), indent=1) + "\n"
     return write_atomically(record_path(record.wiring, ports), text, True, HardwareError)
 
 
 def read_record(path: Path) -> WatchdogRecord:
-    """Reads a record. Raises `HardwareError` that names the file and what is wrong."""
+    """Reads a record. Raises a `HardwareError` that names the file and what is wrong."""
     data = read_json(path, HardwareError)
     return checked(WatchdogRecord, data, str(path), HardwareError, schema=SCHEMA)
 
@@ -111,13 +113,13 @@ def read_record(path: Path) -> WatchdogRecord:
 def require_watchdog_test(
     wiring: WiringName, ports: CarPorts, scenario: str = "YOUR_SCENARIO"
 ) -> WatchdogRecord:
-    """Returns the record that allows arming the motors of these ports; a message proposes the test
-    with the scenario's name or file.
+    """Returns the record that allows the motors of these ports to be armed; an error message
+    proposes the test, with the scenario's name or file.
 
     Raises:
-        HardwareError: there is none for the wiring, it was made on the emulator and the motors are
-            real, or what it has shown has changed since: adapter or Teensy, motor ids, firmware
-            profile, firmware, timing.
+        HardwareError: there is no record for the wiring, it was made on the emulator and the motors
+            are real, its exit frames came too late, or what it has shown has changed since: adapter
+            or Teensy, motor ids, firmware profile, firmware, timing.
     """
     path = record_path(wiring, ports)
     words = [scenario, "--ports", ports.file or "YOUR_PORTS_FILE", "--wiring", wiring]
@@ -144,10 +146,10 @@ def require_watchdog_test(
 
 
 def is_emulated(wiring: WiringName, ports: CarPorts) -> bool:
-    """Returns whether the motors hang on a port of an emulator or on a bus within this process,
+    """Returns whether the motors are on a port of an emulator or on a bus within this process,
     where no real motor can be.
 
-    A socketcand of this computer counts as real: it may stand before a real adapter.
+    A socketcand of this computer counts as real: a real adapter may be behind it.
     """
     if wiring == "teensy_bridge":
         return is_emulated_port(ports.teensy.path)
@@ -158,16 +160,16 @@ def is_emulated(wiring: WiringName, ports: CarPorts) -> bool:
 
 
 def teensy_hash() -> str:
-    """Returns the SHA-256 over `firmware_hash` and the timing that is exported with the firmware;
-    64 hexadecimal digits.
+    """Returns the SHA-256 over `firmware_hash` and the timing that is exported with the firmware,
+    as 64 hexadecimal digits.
     """
     timing = model_path("parameters/hardware/teensy_firmware.yaml")
     return hashlib.sha256(firmware_hash().encode() + b"\0" + timing.read_bytes()).hexdigest()
 
 
 def _changed_ports(wiring: WiringName, record: WatchdogRecord, ports: CarPorts) -> list[str]:
-    """Returns what the test was made with and is not so now: the way to the motors, and who they
-    are.
+    """Returns the keys of the ports file that have changed since the test: those of the path to the
+    motors, of the firmware profile and of the motor ids.
     """
     before = record.ports
     now = ports.model_dump(mode="json", by_alias=True)

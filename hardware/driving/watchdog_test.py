@@ -1,4 +1,4 @@
-"""Watchdog test: the motors hold, the link is cut, somebody sees that they are off."""
+"""Watchdog test: the motors hold, the link is cut, and somebody sees that the motors are off."""
 
 import time
 from collections.abc import Callable
@@ -47,8 +47,9 @@ def run_watchdog_test(
     sent before `confirm` has answered.
 
     Args:
-        confirm: puts `QUESTION` to somebody who sees the motors; True if they are off.
-        seen_by: who that is.
+        confirm: function that puts `QUESTION` to somebody who sees the motors; returns True if they
+            are off.
+        seen_by: who confirms it, for the record.
 
     Raises:
         HardwareError: the motors cannot be held, the watchdog did not act in time, or the motors
@@ -57,7 +58,7 @@ def run_watchdog_test(
     if scenario.tail.mode == "none":
         raise HardwareError("tail.mode: none; a watchdog test needs the motors of a tail")
     cut, answer = _CUTS[wiring]
-    # The page of an emulated car, its radio, is not there yet.
+    # The page that is the radio of an emulated car is not there yet.
     without_radio = ports.model_copy(update={"radio": None})
     with holding(wire_car(scenario, without_radio, wiring, lambda: None)) as car:
         run_cycles(car, CarCommand(), _HOLD_TIME)

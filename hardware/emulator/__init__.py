@@ -1,3 +1,3 @@
-"""The simulated car behind real byte streams: a process of its own that speaks the side of the
-car's devices.
+"""The simulated car behind real byte streams: a process of its own that speaks for the car's
+devices.
 """

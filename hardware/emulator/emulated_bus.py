@@ -1,5 +1,5 @@
-"""The CAN bus of the emulated car: the motors on it, who carries frames to them, and the slcan
-adapter at its end.
+"""The CAN bus of the emulated car: the motors on it, the carrier of their frames, the slcan adapter
+at its end, and the pseudo-terminals of the ports.
 
 Every frame and every answer is in the traffic log. The adapter speaks as CANable and Lawicel
 adapters do.
@@ -38,38 +38,38 @@ from aerodima.workbench.core.errors import HardwareError
 
 Frames = list[CanFrame]
 Receiver = Callable[[CanFrame], None]
-"""Receives a frame of another node."""
+"""Function that receives a frame of another node."""
 _PROFILE = AK70_10_V1_0_8
 WARM = 30.0
 """Temperature of a healthy motor, degrees Celsius."""
 HOT = 95.0
 """Temperature beyond the limit of `motor_safety.yaml`, degrees Celsius."""
 _PAST = 1000
-"""Steps of the car that a motor remembers."""
+"""Number of steps of the car that a motor remembers."""
 ENCODER_JUMP = 1.0
-"""rad: ten times the margin of `motor_safety.yaml`."""
+"""Jump of the fault `encoder_jump`, rad: ten times the margin of `motor_safety.yaml`."""
 DRIFT_RATE = 3.0
-"""rad/s: leaves the range within a second, slower than a jump."""
+"""Drift of the fault `out_of_range`, rad/s: it leaves the range in a second, slower than a jump."""
 _OK = b"\r"
 _ERROR = b"\a"
 _MAX_LINE = 64
-"""Bytes kept of a line that has not ended."""
+"""Number of bytes kept of a line that has not ended."""
 _MAX_RECEIVED = 4096
-"""Bytes that wait for the computer beyond which frames of other nodes are dropped."""
+"""Number of bytes waiting for the computer from which frames of other nodes are dropped."""
 _MAX_BYTES = 4096
-"""Most bytes of one read."""
+"""Largest number of bytes in one read."""
 
 
 class EmulatedBus:
-    """Whoever owns the bus gives it frames and gets the answers; a second node may receive all and
-    send too.
+    """Bus whose owner gives it frames and gets the answers; a second node may receive all frames
+    and send too.
 
     Bus-off is a state of the owner's controller: nothing goes out and nothing comes in until its
     channel is opened anew or the fault ends.
 
     Attributes:
-        watch: receives every frame of the owner and of the motors, as a second node on the bus.
-        to_owner: receives what the second node sends, and what the motors answer to it.
+        watch: function of the second node that receives every frame of the owner and of the motors.
+        to_owner: function that receives what the second node sends and the motors answer to it.
     """
 
     def __init__(self, motors: Sequence[EmulatedMotor], board: FaultBoard, log: TrafficLog) -> None:
@@ -90,7 +90,7 @@ class EmulatedBus:
         self._healed = self._board.entry("bus_off") is not None
 
     def carry(self, frame: CanFrame) -> Frames:
-        """Takes a frame of the owner; the motors' answers."""
+        """Takes a frame of the owner; returns the motors' answers."""
         if self.off:
             return []
         answers = self._pass_on(frame)
@@ -125,19 +125,20 @@ class EmulatedBus:
 
 
 class EmulatedMotor:
-    """Obeys and answers like the real one, which has no watchdog: it holds its last command for
-    ever.
+    """Motor that obeys and answers like the real one, which has no watchdog: it holds its last
+    command for ever.
 
     It also remembers that command when it is switched off, and jumps to it when it is entered
     again.
 
     Args:
-        joint, motor_id: which one.
+        joint: joint that the motor drives.
+        motor_id: id of the motor on the bus.
         zero: motor angle at joint angle 0, rad.
-        direction: sign of the motor's angle against the joint's.
+        direction: sign of the motor's angle relative to the joint's.
 
     Attributes:
-        entered: whether it makes torque.
+        entered: whether the motor makes torque.
     """
 
     def __init__(
@@ -166,7 +167,7 @@ class EmulatedMotor:
 
     @property
     def joint_command(self) -> MitCommand:
-        """Command of its joint now, in the joint's angle and signs."""
+        """Present command to its joint, in the joint's angle and signs."""
         if not self.entered:
             return NEUTRAL
         command = self._command
@@ -183,7 +184,7 @@ class EmulatedMotor:
         )
 
     def set_joint(self, angle: float, speed: float, torque: float) -> None:
-        """Sets the state of the joint: rad, rad/s, N m."""
+        """Sets angle (rad), speed (rad/s) and torque (N m) of the joint."""
         self._angle = self._zero + self._direction * angle
         self._speed = self._direction * speed
         self._torque = self._direction * torque
@@ -193,7 +194,7 @@ class EmulatedMotor:
         self._past.append((time.monotonic(), self._angle, self._speed, self._torque))
 
     def receive(self, data: bytes) -> Frames:
-        """Obeys 8 bytes that came under its id; its answer, as faults leave it."""
+        """Obeys 8 bytes that came under its id; returns its answers as faults leave them."""
         if is_special(data):
             self._obey_special(data[7])
         else:
@@ -243,7 +244,7 @@ class EmulatedMotor:
     def _reply(self) -> CanFrame:
         board = self._board
         angle, speed, torque = self._state()
-        # All of the torque works against what holds it where it was.
+        # The whole torque works against what holds the motor where it was.
         if self._fault("blocked"):
             angle = self._blocked_at
             speed = 0.0
@@ -285,7 +286,7 @@ class EmulatedMotor:
 
 
 class SlcanAdapter:
-    """Bytes from the computer to frames on the bus, answers to bytes.
+    """Adapter that turns bytes from the computer into frames on the bus, and answers into bytes.
 
     Frames pass only while the channel is open; a refused line is answered by the bell.
     """
@@ -361,8 +362,8 @@ class PtyPort:
     """One port. The computer opens `link`, a symbolic link to the terminal.
 
     Attributes:
-        link: path for the computer.
-        plugged: whether there is a terminal now.
+        link: path that the computer opens.
+        plugged: whether there is a terminal at present.
     """
 
     def __init__(self, link: Path) -> None:
@@ -373,7 +374,7 @@ class PtyPort:
         self.plug()
 
     def fileno(self) -> int:
-        """File number of the device's end; -1 while unplugged."""
+        """Returns the file number of the device's end; -1 while unplugged."""
         return self._master
 
     def plug(self, link: Path | None = None) -> None:

@@ -27,9 +27,10 @@ from aerodima.hardware.protocol.xbee import BROADCAST, ApiStream, Packet, make_r
 from aerodima.workbench.core.quantity import STANDARD_GRAVITY
 
 _RESTART_TIME = 0.5
-"""s, of the processor's own watchdog in the Teensy's sketch."""
+"""Time-out of the processor's own watchdog in the Teensy's sketch, s."""
 OPERATOR_RATE = 20.0
-"""Hz: five commands and heartbeats within the dead-man time of 0.25 s."""
+"""Rate of the operator's frames, Hz: five commands and heartbeats within the dead-man time of
+0.25 s."""
 _DAY = 86_400.0
 """Length of a day, s."""
 _STOP_FRAMES = 3
@@ -47,13 +48,13 @@ _FOREIGN = CAR + 1
 
 
 class EmulatedTeensy:
-    """The core with what hangs on it.
+    """The firmware's core, connected to the bus, the sail and the computer.
 
-    A hung Teensy does nothing, its outputs stay as they are; the processor's own watchdog restarts
-    it after a while.
+    A hung Teensy does nothing, and its outputs stay as they are; the processor's own watchdog
+    restarts it after a while.
 
     Args:
-        watches: it is the second node on the bus, beside the computer's adapter.
+        watches: whether it is the second node on the bus, beside the computer's adapter.
     """
 
     def __init__(
@@ -80,7 +81,7 @@ class EmulatedTeensy:
 
     @property
     def state(self) -> CoreState:
-        """Pulses and status."""
+        """Pulses and status of the core."""
         return self._core.state
 
     @property
@@ -173,7 +174,7 @@ class EmulatedImu:
         if self._board.entry("tipped_over"):
             reading = np.array([_ON_ITS_SIDE, *reading[1:]])
         if self._board.entry("attitude_stuck") and before is not None:
-            # The chip takes gravity off what it measures by the attitude in which it believes.
+            # The chip removes gravity from what it measures by the attitude in which it believes.
             felt = reading[6:9] + _gravity(reading)
             reading = np.concatenate([before[:3], reading[3:6], felt - _gravity(before)])
         self._reading = reading
@@ -223,11 +224,11 @@ class EmulatedGps:
 
 
 class EmulatedOperator:
-    """The operator's module as the car's own hands it over: commands and a living heartbeat, API
-    mode 1.
+    """The operator at the radio, as the car's module hands over the frames in API mode 1: commands
+    and a living heartbeat.
 
     Attributes:
-        prompted: the car asks for a choice, or did so last.
+        prompted: whether the car's last prompt was for a choice.
     """
 
     def __init__(self, entries: Sequence[OperatorEntry], board: FaultBoard) -> None:
@@ -240,7 +241,7 @@ class EmulatedOperator:
         self.prompted = False
 
     def receive(self, data: bytes) -> None:
-        """Receives what the car's computer hands to its module: reports with its prompt."""
+        """Receives what the car's computer hands to its module: reports with a prompt."""
         for packet in self._of_car.feed_transmits(data):
             try:
                 prompt = decode_report(packet.data).prompt

@@ -1,5 +1,5 @@
-"""The simulated car of the emulator: commands in, joints and sensors out, a log of the truth in our
-schema.
+"""The simulated car of the emulator: commands in, joints and sensors out, and a log of the truth in
+the schema of a run.
 """
 
 from pathlib import Path
@@ -26,9 +26,10 @@ from aerodima.workbench.scenario.signal_table import CAR_PORTS, STATION_INPUTS, 
 from aerodima.workbench.view.viewer import ChaseCamera
 
 _PICTURE = 1.0 / 30.0
-"""Between two moves of the view's camera, s."""
+"""Time between two moves of the view's camera, s."""
 _TRUTH_RATE = 100.0
-"""Hz of the log of the truth, as of a drive's; more rows would cost a fifth of a processor."""
+"""Rate of the log of the truth, Hz, as of a drive's log; more rows would cost a fifth of a
+processor."""
 _INPUTS = (
     "steering_angle",
     "throttle",
@@ -51,12 +52,14 @@ class EmulatedCar:
     are known to the drive process only and stay 0.
 
     Args:
-        log: Parquet file of the truth; its journal beside it grows while the emulator runs.
-        facts: go into the log's metadata under `extra`.
-        meshcat: where the car is shown, followed from behind; None nowhere.
+        scenario: scenario of the car.
+        log: path of the Parquet file of the truth; a journal beside it grows while the emulator
+            runs.
+        facts: facts that go into the log's metadata under `extra`.
+        meshcat: view that shows the car, followed from behind; None for no view.
 
     Attributes:
-        has_tail: whether there are motors and a sail.
+        has_tail: whether the car has tail motors and a sail.
     """
 
     def __init__(
@@ -84,7 +87,7 @@ class EmulatedCar:
         signals = signals_of(CAR_PORTS, output_ports(station, estimator) | sources)
         signals += truth_signals(station)
         metadata = run_metadata(scenario.resolved(), scenario.seed, extra=facts)
-        # A disk that is asked to sync may wait.
+        # A disk that is asked to sync may block: the rows go to a thread.
         self._journal = RunJournal(log, recorded_columns(signals), metadata)
         RunRecorder.add_to_builder(
             builder, self._journal, signals, _TRUTH_RATE, scenario.simulation.step
@@ -151,8 +154,8 @@ def _joint_places(plant: Any) -> list[int]:
 
 
 def _with_eager_imu(scenario: Scenario) -> Scenario:
-    """Returns the scenario with a sample at every step; a sample is seen after the step that
-    follows it: a step of the delay is in the stepping.
+    """Returns the scenario with an IMU sample at every step. A sample is seen after the step that
+    follows it, so the stepping itself is one step of the delay.
     """
     step = scenario.simulation.step
     imu = scenario.imu.model_copy(

@@ -63,14 +63,14 @@ from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.view.viewer import open_meshcat
 
 _POLL_PERIOD = 0.001
-"""The firmware's loop and the script are looked at that often at least, s."""
+"""Longest time between two runs of the firmware's loop, and two checks of the script, s."""
 _PASS_ON = 0.0001
-"""Without work before the car computes, s. A thread of the kernel passes on what was written to a
+"""Idle time before the car computes, s. A thread of the kernel passes on what was written to a
 port, at ordinary priority: it would wait behind the car on the same processor."""
 _SAMPLE_PERIOD = 0.01
-"""Between two looks at what GPS and sail measure, s: the period of the 100 Hz loop."""
+"""Time between two updates of what GPS and sail measure, s: the period of the 100 Hz loop."""
 _LATE = 0.01
-"""A delay of the emulated car behind the clock that is noted among the events, s."""
+"""Delay of the emulated car behind the clock beyond which it is noted among the events, s."""
 
 
 @dataclass(frozen=True)
@@ -78,15 +78,16 @@ class EmulatorSettings:
     """Settings of an emulator.
 
     Attributes:
-        scenario: of the car.
-        wiring: which side of it is spoken.
-        folder: new or empty; ports, logs and files of the emulator.
-        script: of faults and of the operator.
-        duration: s after which it ends by itself; None for ever.
-        console: the operator's module has a port for `aerodima console`, and the script's operator
-            is silent.
-        view: show the car in Meshcat; the address is in ready.json.
-        parent: id of the process that started it, with which it ends; None: it ends alone.
+        scenario: scenario of the car.
+        wiring: wiring whose devices are emulated.
+        folder: new or empty folder for the ports, logs and files of the emulator.
+        script: script of faults and of the operator.
+        duration: time after which the emulator ends by itself, s; None for ever.
+        console: whether the operator's module has a port for `aerodima console`; the script's
+            operator is then silent.
+        view: whether to show the car in Meshcat; the address is in ready.json.
+        parent: id of the process that started the emulator, with which it ends; None: it does not
+            depend on one.
     """
 
     scenario: Scenario
@@ -100,8 +101,8 @@ class EmulatorSettings:
 
 
 def with_a_rest(scenario: Scenario) -> Scenario:
-    """Returns a car whose limp tail rests at the controller's limit of its roll: nobody is there to
-    lift it off the ground before the motors are armed.
+    """Returns a scenario whose limp tail rests at the controller's limit of its roll at the latest:
+    nobody is there to lift it off the ground before the motors are armed.
     """
     if scenario.tail.mode == "none":
         return scenario
@@ -110,7 +111,7 @@ def with_a_rest(scenario: Scenario) -> Scenario:
 
 
 class Emulator:
-    """Everything behind the ports, until `stop`.
+    """All devices behind the ports and the simulated car, until `stop`.
 
     Raises:
         HardwareError: no compiler for the firmware, a folder that holds something or cannot be
@@ -186,13 +187,16 @@ class Emulator:
         self._end = True
 
     def run(self, ready: Callable[[], None]) -> Json:
-        """Serves until `stop` or the duration; what came out, also in the last event. ready: called
-        when it begins.
+        """Serves until `stop`, or the end of the duration or of the parent; returns the facts of
+        the run, which the last event holds too.
+
+        Args:
+            ready: function that is called when serving begins.
         """
         step = self._settings.scenario.simulation.step
         self._advance(step)  # the first step takes twenty times as long as the others
         self._events.add("scheduling", applies=prefer_realtime(EMULATOR_PRIORITY))
-        # a collection that looks through all of Drake's objects would stop the car for 30 ms
+        # a garbage collection of all of Drake's objects would stop the car for 30 ms
         prefer_latency()
         self._begin = time.monotonic() - step
         self._board.begin("start", self._begin)
@@ -210,8 +214,8 @@ class Emulator:
         return self._close()
 
     def _note_delay(self, delay: float) -> None:
-        """Notes each time that the car falls behind and catches up: event `late` with the largest
-        delay.
+        """Notes each time that the car falls behind and catches up, as an event `late` with the
+        largest delay.
         """
         self.largest_delay = max(self.largest_delay, delay)
         if delay > _LATE:
@@ -242,7 +246,7 @@ class Emulator:
                 return
 
     def _receive(self, name: Device, data: bytes) -> None:
-        """Gives a device its bytes; `_serve` asks for the answers that this does not write."""
+        """Gives a device its bytes; `_serve` fetches the answers that are not written here."""
         now = time.monotonic()
         if name == "teensy":
             self._teensy.feed(data, now)
@@ -346,9 +350,9 @@ class Emulator:
 
 
 def run_emulator(settings: EmulatorSettings, ready: Callable[[], None] = lambda: None) -> Json:
-    """Runs an emulator until SIGINT, SIGTERM or its duration; what came out.
+    """Runs an emulator until SIGINT, SIGTERM or its end; returns the facts of the run.
 
-    Errors and `ready` as `Emulator`.
+    Errors are those of `Emulator`; `ready` is that of `Emulator.run`.
     """
     emulator = Emulator(settings)
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -357,7 +361,7 @@ def run_emulator(settings: EmulatorSettings, ready: Callable[[], None] = lambda:
 
 
 def _serial_ports(plugs: Path) -> Json:
-    """Returns the ports file of the emulated car, but for what only some have."""
+    """Returns the ports of the emulated car, except those that only some cars have."""
     motors: Json = {joint: {"motor_id": number} for number, joint in enumerate(JOINTS, start=1)}
     return {
         "schema": SCHEMA,
@@ -374,5 +378,5 @@ def _claim(folder: Path) -> None:
 
 
 def _write_json(path: Path, content: Json) -> None:
-    """Writes the whole file or none: others wait for it."""
+    """Writes the whole file or none: other programs wait for it."""
     write_atomically(path, json.dumps(content, indent=1) + "\n", False, HardwareError)

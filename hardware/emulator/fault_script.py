@@ -1,5 +1,5 @@
-"""Scripts of what happens to the emulated car: faults of its devices, the operator at the radio,
-and the events of a run.
+"""Scripts of what happens to the emulated car (faults of its devices, the operator at the radio),
+and the log of the events of a run.
 
 ```yaml
 schema: aerodima/emulation/1
@@ -80,7 +80,7 @@ FAULT_PARTS: dict[Fault, tuple[str, ...]] = {
     **dict.fromkeys(get_args(_PlugFaultName), _PLUGS),
     "frozen": ("imu", "gps", *JOINTS),
 }
-"""Parts to which a fault may happen, as `part` of a script names them; none where there is no
+"""Parts that a fault may affect, as `part` of a script names them; none where there is no
 choice."""
 
 
@@ -92,11 +92,16 @@ class _Entry(StrictModel):
 
 
 class FaultEntry(_Entry):
-    """One fault. duration: s, None for ever. count: of the replies that it meets, None all. code:
-    of `motor_fault`.
+    """One fault.
 
-    delay: s; age of what the replies tell, of `reply_stale`, or lateness of the IMU's answers, of
-    `answer_late`.
+    Attributes:
+        fault: name of the fault.
+        part: part that it affects; None where there is no choice.
+        duration: duration of the fault, s; None for ever.
+        count: number of replies or transmissions that it affects; None for all.
+        code: fault code that the motor reports, for `motor_fault`.
+        delay: age of what the replies tell, for `reply_stale`, or lateness of the IMU's answers,
+            for `answer_late`, s.
     """
 
     fault: Fault
@@ -117,11 +122,16 @@ class FaultEntry(_Entry):
 
 
 class OperatorEntry(_Entry):
-    """Commands of the operator from that time on. throttle: -1 to 1. steering, tails: rad. stop:
-    emergency stop.
+    """Commands of the operator from a time on.
 
-    mode: as the switch stands; `auto_when_asked`: AUTO once the car asks for a choice, IDLE before;
-    `manual_when_asked` likewise.
+    Attributes:
+        mode: position of the switch; `auto_when_asked` is AUTO once the car asks for a choice and
+            IDLE before, `manual_when_asked` likewise.
+        throttle: commanded throttle, -1 to 1.
+        steering: commanded steering angle, rad.
+        pitch_tail: commanded pitch angle of the tail, rad.
+        roll_tail: commanded roll angle of the tail, rad.
+        stop: whether the operator sends an emergency stop.
     """
 
     mode: Literal["idle", "manual", "auto", "control", "auto_when_asked", "manual_when_asked"] = (
@@ -134,8 +144,8 @@ class OperatorEntry(_Entry):
     stop: bool = False
 
     def command(self, asked: bool) -> OperatorCommand:
-        """Returns the command that a frame carries; `asked`: the car asks for a choice, or did so
-        last.
+        """Returns the command that a frame carries; `asked` says whether the car's last prompt was
+        for a choice.
         """
         chosen, waits, _ = self.mode.partition("_when_asked")
         if not waits:
@@ -148,7 +158,7 @@ class OperatorEntry(_Entry):
 
 
 class Script(StrictModel):
-    """The whole script."""
+    """Script of an emulation: its clock, the faults and the operator's commands."""
 
     schema_: Literal["aerodima/emulation/1"] = Field(default="aerodima/emulation/1", alias="schema")
     clock: Clock = "entered"
@@ -159,16 +169,16 @@ class Script(StrictModel):
 def read_script(path: Path) -> Script:
     """Reads a script.
 
-    Raises `HardwareError` that names file, key, value and what is allowed.
+    Raises a `HardwareError` that names file, key, value and what is allowed.
     """
     return checked(Script, read_yaml(path, HardwareError), str(path), HardwareError, schema=SCHEMA)
 
 
 class FaultBoard:
-    """Faults by the clock of the script.
+    """Switchboard of the faults, by the clock of the script.
 
     Attributes:
-        time: s on the script's clock; negative before it runs.
+        time: time on the script's clock, s; negative infinity before it runs.
     """
 
     def __init__(self, script: Script, events: EventLog) -> None:
@@ -181,15 +191,15 @@ class FaultBoard:
         self.time = -math.inf
 
     def begin(self, clock: Clock, now: float) -> None:
-        """Notes that what a clock counts from has come; starts the script for good, if that is its
-        clock.
+        """Notes that the event from which a clock counts has come; starts the script, for good, if
+        that is its clock.
         """
         if clock == self._script.clock and self._begin is None:
             self._begin = now
             self._events.add("script_begins", clock=clock)
 
     def update(self, now: float) -> None:
-        """Switches faults on and off by the clock, and notes it."""
+        """Switches faults on and off by the clock, and notes each change."""
         if self._begin is None:
             return
         self.time = now - self._begin
@@ -209,7 +219,7 @@ class FaultBoard:
         return next((entry for _, entry in self._active(fault, part)), None)
 
     def consume(self, fault: Fault, part: str | None = None) -> bool:
-        """Returns whether a fault is on, and counts one of its times."""
+        """Returns whether a fault is on, and if so counts one occurrence of it."""
         for index, entry in self._active(fault, part):
             self._met[index] += 1
             if self._met[index] == entry.count:
@@ -237,9 +247,9 @@ class FaultBoard:
 
 
 class EventLog:
-    """Appends to a file; every line is on the disk's side of the process as soon as it is written.
+    """Log of events in a file; every line has left the process as soon as it is written.
 
-    A line has `time_s` (`time.monotonic`) and `event`, and what belongs to the event.
+    A line has `time_s` (`time.monotonic`), `event`, and the facts of the event.
     """
 
     def __init__(self, path: Path) -> None:

@@ -1,3 +1,3 @@
-"""The Teensy's firmware: portable C++ core, Arduino sketch on top, and the core on this computer by
-ctypes.
+"""The Teensy's firmware: a portable C++ core, the Arduino sketch on top of it, and the core on this
+computer by ctypes.
 """

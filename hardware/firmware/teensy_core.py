@@ -1,4 +1,4 @@
-"""The firmware's C++ core on this computer by ctypes."""
+"""The firmware's C++ core on this computer, called by ctypes."""
 
 import ctypes
 from ctypes import (
@@ -20,24 +20,24 @@ from aerodima.hardware.firmware.teensy_firmware import FirmwareSettings, build_c
 from aerodima.hardware.protocol.can_frame import CanFrame
 
 _WRAP = 1 << 32
-"""The Teensy's clock of milliseconds begins anew after so many."""
+"""Number of milliseconds after which the Teensy's clock starts again from 0."""
 _MAX_REPLY = 512
 """Room for the text frame of a reply, bytes."""
 
 
 def fields(kind: Any, names: str) -> tuple[tuple[str, Any], ...]:
-    """Returns the fields of one kind of a structure of `c_interface.h`; `names` with blanks."""
+    """Returns fields of one type for a structure of `c_interface.h`; blanks separate the names."""
     return tuple((name, kind) for name in names.split())
 
 
 class Frame(Structure):
-    """`ad_frame`."""
+    """CAN frame as the structure `ad_frame`."""
 
     _fields_ = (("id", c_uint32), ("extended", c_int32), ("length", c_int32), ("data", c_uint8 * 8))
 
 
 class Profile(Structure):
-    """`ad_profile`."""
+    """Firmware profile as the structure `ad_profile`."""
 
     _fields_ = (
         *fields(c_double, "position speed torque kp kd"),
@@ -46,7 +46,7 @@ class Profile(Structure):
 
 
 class Limits(Structure):
-    """`ad_limits`."""
+    """Limits of one motor as the structure `ad_limits`."""
 
     _fields_ = fields(c_double, "low high speed torque kp kd rated_torque budget")
 
@@ -68,12 +68,13 @@ class _Config(Structure):
 
 
 class CoreState(Structure):
-    """Outputs of the Teensy, `ad_state`.
+    """Outputs of the Teensy as the structure `ad_state`.
 
     Attributes:
-        servo, throttle: pulses in us.
-        status: of `TeensyStatus`: whether its watchdog has acted.
-        rejected: text frames that could not be obeyed.
+        servo: pulse of the servo, us.
+        throttle: pulse of the throttle, us.
+        status: value of `TeensyStatus`, which says whether the watchdog has acted.
+        rejected: number of text frames that could not be obeyed.
     """
 
     _fields_ = (*fields(c_int32, "servo throttle status"), ("rejected", c_uint32))
@@ -107,8 +108,9 @@ class TeensyCore:
     """One Teensy without its pins; see `aerodima_teensy/src/core.h`.
 
     Args:
-        settings: what it is built for.
-        now: s on any clock that does not go back; the core counts milliseconds of it, modulo 2^32.
+        settings: settings for which the Teensy is built.
+        now: time on any clock that does not go back, s; the core counts its milliseconds modulo
+            2^32.
 
     Raises:
         HardwareError: the core cannot be compiled here.

@@ -28,7 +28,7 @@ from aerodima.workbench.scenario.scenario import Scenario
 Fields = dict[str, float]
 """Fields of a structure of the core, by name."""
 SKETCH = Path(__file__).resolve().parent / "aerodima_teensy"
-"""The Arduino sketch; its folder `src` is the core."""
+"""Folder of the Arduino sketch; its subfolder `src` is the core."""
 COMPILERS = ("g++", "c++", "clang++")
 _FLAGS = (
     "-std=c++17",
@@ -70,15 +70,16 @@ class FirmwareSettings:
     """Settings for which one Teensy is built.
 
     Attributes:
-        wiring: in `teensy_bridge` the Teensy drives the motors; in `watched_can` it sends exit
-            frames only.
-        profile: of the motors.
-        motor_ids: pitch and roll; switched off when the Teensy starts.
-        sail_bits: of a word of the sail's encoder. The thesis reads 12; the part that it names has
-            10 (ERRATA E30).
-        limits: `motor_limits` of the two motors; None: all that the profile allows.
-        timing: of its watchdog and its replies.
-        safety: of attitude and throttle.
+        wiring: wiring of the car; in `teensy_bridge` the Teensy drives the motors, in `watched_can`
+            it sends exit frames only.
+        profile: firmware profile of the motors.
+        motor_ids: ids of the pitch and the roll motor, which are switched off when the Teensy
+            starts.
+        sail_bits: number of bits in a word of the sail's encoder. The thesis reads 12; the part
+            that it names has 10 (ERRATA E30).
+        limits: limits of the two motors by `motor_limits`; None: all that the profile allows.
+        timing: timing of the watchdog and of the replies.
+        safety: limits of attitude, steering and throttle.
     """
 
     wiring: WiringName
@@ -105,7 +106,7 @@ class FirmwareSettings:
 
     @property
     def config(self) -> Fields:
-        """Fields of the core's `Config` (`src/core.h`) by name, but for profile, limits and ids."""
+        """Fields of the core's `Config` (`src/core.h`) by name, without profile, limits and ids."""
         lowest, idle, highest = THROTTLE_PULSES
         timing = self.timing
         safety = self.safety
@@ -148,8 +149,8 @@ def profile_fields(profile: FirmwareProfile) -> Fields:
 
 
 def firmware_settings(wiring: WiringName, ports: CarPorts, scenario: Scenario) -> FirmwareSettings:
-    """Returns what the Teensy of a car is built for: limits of the scenario's tail on these ports,
-    bits of its encoder.
+    """Returns the settings for the Teensy of a car, with the limits of the scenario's tail on these
+    ports and the bits of its encoder.
     """
     limits = tuple(map(motor_limits, tail_motors(scenario, ports, load_mounting()))) or None
     return FirmwareSettings(
@@ -158,13 +159,13 @@ def firmware_settings(wiring: WiringName, ports: CarPorts, scenario: Scenario) -
 
 
 def core_sources() -> list[Path]:
-    """Headers and sources of the core, in a fixed order."""
+    """Returns the headers and sources of the core, in a fixed order."""
     return sorted(path for path in (SKETCH / "src").iterdir() if path.suffix in (".h", ".cpp"))
 
 
 def firmware_hash() -> str:
-    """Returns the SHA-256 over core and sketch, 64 hexadecimal digits: which firmware a test was
-    made with.
+    """Returns the SHA-256 over core and sketch, 64 hexadecimal digits, which identifies the
+    firmware of a test.
     """
     digest = hashlib.sha256()
     for path in (*core_sources(), SKETCH / "aerodima_teensy.ino"):
@@ -176,8 +177,8 @@ def build_core(cache: Path | None = None) -> Path:
     """Returns the shared library of the core, compiled if it is not in the cache.
 
     Args:
-        cache: folder of the libraries; `aerodima` in the user's cache folder (`XDG_CACHE_HOME`)
-            when None.
+        cache: folder of the compiled libraries; `aerodima` in the user's cache folder
+            (`XDG_CACHE_HOME`) when None.
 
     Raises:
         HardwareError: no compiler on the path, the folder cannot be used, or the core does not

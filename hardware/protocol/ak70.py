@@ -8,9 +8,9 @@ its CAN id may be the motor's or 0.
 
 The frames carry no version, so the user chooses the profile, which says what numbers the fields
 stand for, and it is checked before the car is armed (`aerodima.hardware.driving.drive_checks`).
-Sources disagree: 25 N m is the manual V1.0.8, 24 and 24.8 N m are printed elsewhere for the same
-motor, and the sample code of the manual has another position range. `make_*` builds a frame and
-touches nothing.
+Sources disagree: the manual V1.0.8 has 25 N m, 24 and 24.8 N m are printed elsewhere for the same
+motor, and the sample code of the manual has another position range. The functions `make_*` build a
+frame and touch nothing.
 """
 
 import math
@@ -29,8 +29,8 @@ FAULT_NAMES: Mapping[int, str] = {
     5: "encoder",
     6: "phase current unbalance",
 }
-"""Fault byte of the 8-byte reply; 0 is none. The list of public drivers of the series, equal to the
-manual's."""
+"""Names of the fault bytes in the 8-byte reply; 0 is none. The list is that of public drivers of
+the series and equals the manual's."""
 MIN_ID = 1
 """Least motor id that is allowed: 0 may be the CAN id of every reply."""
 MAX_ID = 0x3F
@@ -46,13 +46,13 @@ _RESERVED = b"\xff" * 7
 ENTER = 0xFC
 """Last byte of the special frame that enters a motor."""
 EXIT = 0xFD
-"""Last byte of the one that exits it."""
+"""Last byte of the special frame that exits a motor."""
 ZERO = 0xFE
-"""Last byte of the one that sets its zero."""
+"""Last byte of the special frame that sets the zero of a motor."""
 _SHORT_REPLY = 6
-"""Bytes of a reply without temperature and fault."""
+"""Number of bytes in a reply without temperature and fault."""
 LONG_REPLY = 8
-"""Bytes of a reply with both, and of a special frame."""
+"""Number of bytes in a reply with both, and in a special frame."""
 
 
 @dataclass(frozen=True)
@@ -60,17 +60,17 @@ class FirmwareProfile:
     """Ranges of one firmware. A field of n bits spans its range in 2^n - 1 steps.
 
     Attributes:
-        name: how a user chooses it.
-        position: rad, to either side; the reported position wraps here.
-        speed: rad/s, to either side.
-        torque: N m, to either side.
-        kp: N m/rad, from 0.
-        kd: N m s/rad, from 0.
-        reply_lengths: bytes of a reply that this firmware sends; 6 without, 8 with temperature and
-            fault.
-        temperature_offset: degrees Celsius that are subtracted from the temperature byte. Sources
-            disagree between 0 and 40; 0 reads too warm rather than too cold.
-        source: where the ranges are printed.
+        name: name by which a user chooses the profile.
+        position: range of the position to either side, rad; the reported position wraps here.
+        speed: range of the velocity to either side, rad/s.
+        torque: range of the torque to either side, N m.
+        kp: upper end of the range of kp, which begins at 0, N m/rad.
+        kd: upper end of the range of kd, which begins at 0, N m s/rad.
+        reply_lengths: lengths of the replies that this firmware sends, bytes; 6 without, 8 with
+            temperature and fault.
+        temperature_offset: offset that is subtracted from the temperature byte, degrees Celsius.
+            Sources disagree between 0 and 40; 0 reads too warm rather than too cold.
+        source: place where the ranges are printed.
     """
 
     name: str
@@ -84,7 +84,9 @@ class FirmwareProfile:
     temperature_offset: float = 0.0
 
     def fault_name(self, code: int) -> str:
-        """Name of a fault byte; an unknown code is named by its number, never taken for none."""
+        """Returns the name of a fault byte; an unknown code is named by its number, never taken for
+        none.
+        """
         if code == 0:
             return "none"
         return FAULT_NAMES.get(code, f"unknown fault {code}")
@@ -138,11 +140,11 @@ class MitCommand:
     """Command to the motor's own loop: torque = kp (position - q) + kd (velocity - qd) + torque.
 
     Attributes:
-        position: rad.
-        velocity: rad/s.
-        kp: N m/rad.
-        kd: N m s/rad.
-        torque: N m.
+        position: target position, rad.
+        velocity: target velocity, rad/s.
+        kp: position gain, N m/rad.
+        kd: velocity gain, N m s/rad.
+        torque: feed-forward torque, N m.
     """
 
     position: float
@@ -153,21 +155,21 @@ class MitCommand:
 
 
 NEUTRAL = MitCommand(0.0, 0.0, 0.0, 0.0, 0.0)
-"""Zero gains and zero torque: the motor answers with its state and does (next to) nothing. The
-middle of an even number of steps does not exist, so the torque on the wire is half a step, 0.006 N
-m."""
+"""Command with zero gains and zero torque: the motor answers with its state and does (next to)
+nothing. An even number of values has no middle one, so the torque on the wire is half a step,
+0.006 N m."""
 
 
 class MitReply(NamedTuple):
     """State of one motor.
 
     Attributes:
-        motor_id: from the first byte.
-        position: rad, wrapped to the profile's range.
-        velocity: rad/s.
-        torque: N m.
-        temperature: degrees Celsius; None in the 6-byte form.
-        fault: fault byte, 0 none; None in the 6-byte form.
+        motor_id: id of the motor, from the first byte.
+        position: measured position, rad, wrapped to the profile's range.
+        velocity: measured velocity, rad/s.
+        torque: measured torque, N m.
+        temperature: temperature of the motor, degrees Celsius; None in the 6-byte form.
+        fault: fault byte, 0 for none; None in the 6-byte form.
     """
 
     motor_id: int
@@ -269,7 +271,7 @@ def decode_reply(frame: CanFrame, profile: FirmwareProfile) -> MitReply:
 
 
 def unwrap(previous: float, reading: float, profile: FirmwareProfile) -> float:
-    """Puts the turn count back; returns the angle (rad) nearest to `previous` that reads as
+    """Restores the count of turns: returns the angle (rad) nearest to `previous` that reads as
     `reading`.
 
     Valid while the motor turns less than the profile's range, half of the wrap, between two

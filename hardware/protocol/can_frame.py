@@ -9,11 +9,11 @@ STANDARD_IDS = 1 << 11
 EXTENDED_IDS = 1 << 29
 """Number of identifiers of 29 bits (ISO 11898-1)."""
 MAX_BYTES = 8
-"""Most data bytes of a classic frame."""
+"""Largest number of data bytes in a classic frame."""
 
 
 class FrameError(HardwareError, ValueError):
-    """Bytes that are not a valid frame of the protocol, or values that no frame can carry."""
+    """Error for bytes that are no valid frame of the protocol, or values that none can carry."""
 
 
 def check_field(name: str, value: float, low: float, high: float, unit: str = "") -> None:
@@ -29,9 +29,9 @@ class CanFrame:
     """One data frame.
 
     Attributes:
-        arbitration_id: 11 bits, or 29 with `extended`.
-        data: at most 8 bytes.
-        extended: 29-bit identifier.
+        arbitration_id: identifier of 11 bits, or of 29 with `extended`.
+        data: data bytes, at most 8.
+        extended: whether the identifier has 29 bits.
     """
 
     arbitration_id: int
@@ -50,4 +50,4 @@ class CanFrame:
 
 
 TimedFrames = list[tuple[float, CanFrame]]
-"""Frames, each with its arrival, s on `time.monotonic`."""
+"""Frames, each with its time of arrival, s on `time.monotonic`."""

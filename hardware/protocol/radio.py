@@ -25,19 +25,19 @@ _ANGLE = math.pi
 _MIN_NORMAL = 2.0**-126
 """Smallest normal number of 32 bits. Round values in the other byte order come out below it."""
 REPORT_CLASS = 4
-"""First byte, and version of the layout: another layout has another, or a console of before would
-read wrong values."""
+"""First byte of a report, and version of its layout: another layout has another class, or an older
+console would read wrong values."""
 FAULT_CODES = 6
-"""Fault codes of a report, one per source of `signal_table.STATUS_SOURCES`."""
+"""Number of fault codes in a report, one per source of `signal_table.STATUS_SOURCES`."""
 REPORT_PERIOD = 0.05
-"""s between two reports."""
+"""Time between two reports, s."""
 _HEAD = struct.Struct(f"<BBBBB{FAULT_CODES}B8f")
 _MAX_BYTES = 100
 """Longest report with its text, bytes."""
 _ARMED = 1
 """Bit of the flags: the car is armed."""
 _STOPPED = 2
-"""Bit of the flags: the car is stopped."""
+"""Bit of the flags: the emergency stop came."""
 _PROMPT_SHIFT = 2
 """Place of `prompt` in the flags, bits."""
 _NO_TAIL = 16
@@ -73,7 +73,7 @@ class RadioMode(IntEnum):
     MANUAL = 1
     AUTO = 2
     CONTROL = 3
-    """The operator drives, the tail swings by its law: the control drive mode of the thesis. It
+    """The operator drives, the tail swings by its law: the control drive mode of the thesis, which
     prints no values."""
 
 
@@ -82,10 +82,11 @@ class OperatorCommand:
     """Command of the operator.
 
     Attributes:
-        mode: who drives; IDLE nobody.
-        throttle: -1 to 1.
-        steering: rad, positive to the left.
-        pitch_tail, roll_tail: rad.
+        mode: mode that says who drives; in IDLE nobody does.
+        throttle: commanded throttle, -1 to 1.
+        steering: commanded steering angle, rad, positive to the left.
+        pitch_tail: commanded pitch angle of the tail, rad.
+        roll_tail: commanded roll angle of the tail, rad.
     """
 
     mode: RadioMode
@@ -97,14 +98,14 @@ class OperatorCommand:
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """The operator's station lives; `counter` (0 to 255, wraps) counts upwards."""
+    """Sign that the operator's station lives; `counter` (0 to 255, wraps) counts upwards."""
 
     counter: int
 
 
 @dataclass(frozen=True, slots=True)
 class EmergencyStop:
-    """The operator wants everything off."""
+    """Request of the operator to switch everything off."""
 
 
 RadioMessage = OperatorCommand | Heartbeat | EmergencyStop
@@ -189,24 +190,26 @@ class OperatorPrompt(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class CarReport:
-    """One report.
+    """One report of the car.
 
     Attributes:
-        armed: the car takes commands.
-        stopped: the operator's emergency stop came and stays.
-        mode: of the last command that the car heard.
-        faults: codes of the sources in their order, `FAULT_CODES` of them; 0 for none.
-        yaw_rate: rad/s.
-        roll: of the chassis, rad.
-        tail_pitch, tail_roll: rad.
-        torque_pitch, torque_roll: N m.
-        speed: m/s.
-        operator_age: s since the operator was heard alive, infinite before.
+        armed: whether the car takes commands.
+        stopped: whether the operator's emergency stop came; it stays.
+        mode: mode of the last command that the car heard.
+        faults: fault codes of the sources in their order, `FAULT_CODES` of them; 0 for none.
+        yaw_rate: yaw rate of the car, rad/s.
+        roll: roll angle of the chassis, rad.
+        tail_pitch: pitch angle of the tail, rad.
+        tail_roll: roll angle of the tail, rad.
+        torque_pitch: torque of the pitch motor, N m.
+        torque_roll: torque of the roll motor, N m.
+        speed: speed of the car, m/s.
+        operator_age: time since the operator was heard alive, s; infinite before.
         text: the worst fault in words, cut to what the frame holds.
         prompt: what the operator must do before the car drives.
         car: number of the car among those that share a radio channel, 0 to 255.
-        has_tail: the car has tail motors; without them their faults, angles and torques say
-            nothing.
+        has_tail: whether the car has tail motors; without them their faults, angles and torques
+            mean nothing.
     """
 
     armed: bool

@@ -12,10 +12,10 @@ then the Teensy's clock and its status; and before the last `|` of either stands
 over everything since the start of the text frame. The firmware reads commands and writes replies
 (`src/strings.cpp`).
 
-The attitude is sent since the IMU hangs on the computer: with it the Teensy stops a car that lies
-on its side although a drive goes on commanding. The lean by the accelerometer and the yaw rate at
-full steering are further witnesses, for an attitude that hangs. A chip of its own would have to be
-wired, calibrated and tested on the Teensy.
+The attitude is sent because the IMU is connected to the computer: with it the Teensy stops a car
+that lies on its side although a drive goes on commanding. The lean by the accelerometer and the yaw
+rate at full steering are further evidence, for an attitude that is stuck. A chip of its own would
+have to be wired, calibrated and tested on the Teensy.
 
 Units: rad, rad/s, N m/rad, N m s/rad, N m (the thesis calls the reply's field a current; it is the
 torque field of the motor's frame), pulses in us, sail angle in degrees, clock in ms.
@@ -35,15 +35,15 @@ SERVO_PULSES = (950, 1500, 2050)
 THROTTLE_PULSES = (1100, 1500, 1900)
 """Least, idle and most pulse of the speed controller, us (thesis 5.4.5)."""
 _MAX_DIGITS = 12
-"""Most characters of a number."""
+"""Largest number of characters in a number."""
 _DECIMAL = re.compile(r"[-+]?[0-9]+(\.[0-9]*)?")
 _WHOLE = re.compile(r"-?[0-9]+")
 _REPLY_FIELDS = 17
-"""Fields of a reply."""
+"""Number of fields in a reply."""
 _UNKNOWN_AGE = 65535
-"""Age of an attitude that is not known, ms."""
+"""Age that is sent for an unknown attitude, ms."""
 _UNKNOWN_FAULT = -1
-"""Fault of a motor whose replies carry neither temperature nor fault."""
+"""Fault field of a motor whose replies carry neither temperature nor fault."""
 NUMBERS = {
     "position": (-100.0, 100.0, 5),
     "velocity": (-200.0, 200.0, 4),
@@ -56,9 +56,9 @@ NUMBERS = {
     "yaw_rate": (-40.0, 40.0, 4),
     "sail": (0.0, 360.0, 3),
 }
-"""Least and most value that is read or allowed, and decimals that are written. Those of the motors
-are the widest that any firmware profile can carry; the profile's own range is checked where it is
-known."""
+"""Smallest and largest value that is read or allowed, and decimals that are written, by field. The
+ranges of the motors are the widest that any firmware profile can carry; the profile's own range is
+checked where it is known."""
 
 
 class MotorRequest(IntEnum):
@@ -94,7 +94,7 @@ SWITCHED_OFF = {
     TeensyStatus.HEARTBEAT_STOPPED: "the Teensy has switched the motors off: no heartbeat on the "
     "bus",
 }
-"""Action of the Teensy and its reason in words, by its status."""
+"""Action of the Teensy and its reason in words, by the status."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,9 +102,9 @@ class MotorOrder:
     """One CAN message of the command text frame.
 
     Attributes:
-        motor_id: whom it is for.
-        request: what the Teensy sends.
-        command: of `COMMAND`; ignored otherwise.
+        motor_id: id of the motor that receives it.
+        request: what the Teensy sends to the motor.
+        command: command that goes with the request `COMMAND`; ignored otherwise.
     """
 
     motor_id: int
@@ -114,8 +114,14 @@ class MotorOrder:
 
 @dataclass(frozen=True, slots=True)
 class Attitude:
-    """Attitude of the car. roll, pitch: rad. age: of the sample, ms; a larger one than the field
-    holds is cut. lean: by the accelerometer, rad from upright. yaw_rate: rad/s.
+    """Attitude of the car.
+
+    Attributes:
+        roll: roll angle, rad.
+        pitch: pitch angle, rad.
+        age: age of the sample, ms; a larger one than the field holds is cut.
+        lean: lean by the accelerometer, rad from upright.
+        yaw_rate: yaw rate, rad/s.
     """
 
     roll: float
@@ -127,7 +133,14 @@ class Attitude:
 
 @dataclass(frozen=True, slots=True)
 class TeensyCommand:
-    """Two motors and two pulses. servo, throttle: us. attitude: None if it is not known."""
+    """Command to the two motors, the servo and the throttle.
+
+    Attributes:
+        motors: orders to the two motors.
+        servo: pulse of the steering servo, us.
+        throttle: pulse of the speed controller, us.
+        attitude: attitude of the car; None if it is not known.
+    """
 
     motors: tuple[MotorOrder, MotorOrder]
     servo: int = SERVO_PULSES[1]
@@ -137,7 +150,7 @@ class TeensyCommand:
 
 @dataclass(frozen=True, slots=True)
 class MotorReport:
-    """State of one motor as the Teensy passes it on, and its CAN replies counted modulo 256."""
+    """State of one motor as the Teensy passes it on, and its count of CAN replies modulo 256."""
 
     state: MitReply
     replies: int
@@ -145,12 +158,13 @@ class MotorReport:
 
 @dataclass(frozen=True, slots=True)
 class TeensyReply:
-    """Both motors and the sail.
+    """Reply with the state of both motors and of the sail.
 
     Attributes:
-        sail: degrees, 0 to 360.
-        clock: ms since the Teensy started.
-        status: of its watchdog.
+        motors: reports of the two motors.
+        sail: angle of the sail encoder, degrees, 0 to 360.
+        clock: time since the Teensy started, ms.
+        status: status of the Teensy.
     """
 
     motors: tuple[MotorReport, MotorReport]
@@ -190,8 +204,8 @@ def decode_reply(text: bytes) -> TeensyReply:
 
 
 def crc8(data: bytes) -> int:
-    """Returns the CRC-8, polynomial x^8 + x^2 + x + 1, from 0: finds every burst of errors of up to
-    8 bits.
+    """Returns the CRC-8 with polynomial x^8 + x^2 + x + 1 and initial value 0; it finds every burst
+    of errors of up to 8 bits.
     """
     value = 0
     for byte in data:

@@ -36,7 +36,7 @@ class Packet:
 
     Attributes:
         address: 64-bit serial number of that module.
-        data: without the frame around it.
+        data: data bytes, without the frame around them.
     """
 
     address: int
@@ -61,7 +61,7 @@ def make_received(packet: Packet) -> bytes:
 
 
 class ApiStream:
-    """Received packets out of a serial stream that begins anywhere and may carry noise.
+    """Parser of the packets in a serial stream that begins anywhere and may carry noise.
 
     A frame whose checksum is wrong is dropped, and the search goes on behind its first byte: a
     start byte within noise costs no good frame. Frames of other kinds (modem status, ...) are
@@ -80,7 +80,9 @@ class ApiStream:
         return self._packets(data, _TRANSMIT, 2, _TRANSMIT_HEAD.size)
 
     def _packets(self, data: bytes, kind: int, place: int, head: int) -> list[Packet]:
-        """Returns the packets of one kind, whose address is at a place of the content."""
+        """Returns the packets of one kind: `place` is that of the address in the content, and
+        `head` the number of bytes before the data.
+        """
         contents, self._open = cut_frames(self._open + data, bytes([START]), _cut)
         return [
             Packet(int.from_bytes(content[place : place + 8], "big"), content[head:])

@@ -1,4 +1,4 @@
 """Byte and frame carriers of the car: CAN adapters, serial links.
 
-No meaning of the bytes, no Drake.
+They know nothing of the meaning of the bytes, and need no Drake.
 """

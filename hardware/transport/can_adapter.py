@@ -34,28 +34,29 @@ except ImportError:
     ) from None
 
 BITRATE = 1_000_000
-"""bit/s of the tail motors (manual V1.0.8)."""
+"""Bit rate of the tail motors, bit/s (manual V1.0.8)."""
 _LINE = re.compile(rb"[^\r\a]*[\r\a]")
 """A line of slcan."""
 _MAX_LINE = 64
-"""Most bytes that are kept without the end of their line: a frame takes 27."""
+"""Largest number of bytes kept without the end of their line: a frame takes 27."""
 _HEADS = {"t": 5, "T": 10}
-"""Characters of a line of slcan before its data, the last of them their number in bytes."""
+"""Number of characters before the data in a line of slcan; the last one is the data's length in
+bytes."""
 _CONTAINER_BYTES = 2048
-"""A block goes to the disk when it holds that much: about 20 frames, a tenth of a second of two
-motors at 100 Hz."""
+"""Size at which a block goes to the disk, bytes: about 20 frames, a tenth of a second of two motors
+at 100 Hz."""
 _MAX_WAITING = 10_000
-"""Most messages that wait for the disk."""
+"""Largest number of messages that wait for the disk."""
 
 
 class CanSettings(StrictModel):
     """A CAN bus as python-can names it.
 
     Attributes:
-        interface: `socketcan`, `slcan`, `socketcand`, `virtual` or another interface of python-can.
-        channel: `can0`, `/dev/ttyACM0`, ...
-        bitrate: bit/s; for the interfaces that set it themselves (socketcan does not: `ip link`
-            does).
+        interface: interface of python-can: `socketcan`, `slcan`, `socketcand`, `virtual`, ...
+        channel: channel of the interface, such as `can0` or `/dev/ttyACM0`.
+        bitrate: bit rate, bit/s, for the interfaces that set it themselves (socketcan does not:
+            `ip link` does).
         options: further arguments of the interface, such as `host` and `port` of socketcand.
     """
 
@@ -99,11 +100,11 @@ def open_bus(settings: CanSettings) -> can.BusABC:
 
 
 class _Slcan(slcanBus):
-    """The slcan of python-can, which reads byte by byte and takes a quarter of a core at 400
-    frames/s.
+    """The slcan bus of python-can with a faster read: the original reads byte by byte and takes a
+    quarter of a core at 400 frames/s.
 
-    This one takes all bytes at hand at once. A line that is no text, has no end, or carries another
-    number of bytes than it names (time stamps are never switched on) is dropped with a
+    This one reads all available bytes at once. A line that is no text, has no end, or carries
+    another number of bytes than it names (time stamps are never switched on) is dropped with a
     `ValueError`.
     """
 
@@ -147,11 +148,12 @@ class TrafficLog:
     """BLF file of the frames that were sent and received.
 
     Args:
-        file: written without a buffer of its own. `TrafficLog.create` makes one.
+        file: open file without a buffer of its own. `TrafficLog.create` opens one.
 
     Attributes:
-        error: what stopped the writing, empty while it works. The bus goes on without its log.
-        lost: frames that were not written since the disk was too slow or failed.
+        error: reason why the writing stopped; empty while it works. The bus goes on without its
+            log.
+        lost: number of frames that were not written because the disk was too slow or failed.
     """
 
     def __init__(self, file: RawIOBase) -> None:

@@ -23,21 +23,21 @@ from aerodima.workbench.core.errors import HardwareError
 _RECEIVE_TIMEOUT = 0.05
 """Longest wait of one read from the driver, s."""
 _RECEIVER_SILENT = 0.5
-"""A receive thread that has not come round for that long is taken for dead, s."""
+"""Time without a pass of its loop after which a receive thread is taken for dead, s."""
 _SENDER_STUCK = 0.25
-"""A driver that does not return from sending for that long is stuck, s."""
+"""Time after which a driver that does not return from sending counts as stuck, s."""
 _SEND_TIMEOUT = 0.02
-"""For the driver, s. pyserial looks at it after the write too: a thread that waits 5 ms for its
-turn is not late."""
+"""Time-out of the driver's send call, s. pyserial checks it after the write too: a thread that
+waits 5 ms for its turn is not late."""
 _SEND_RETRY = 0.001
 """Wait after a failed sending before the next attempt, s."""
 _SEND_BLOCKED = 0.05
-"""The driver takes no frame for that long: its buffer is full (ENOBUFS) since nobody acknowledges
-on the bus, s."""
+"""Time after which a driver that takes no frame counts as blocked, s: its buffer is full (ENOBUFS)
+since nobody acknowledges on the bus."""
 _MAX_GARBAGE = 200
-"""Lines in a row that are no frame."""
+"""Largest number of lines in a row that are no frame."""
 _ECHO_TIME = 0.05
-"""A frame that equals one sent within this time is its echo, s."""
+"""Time within which a received frame that equals a sent one is its echo, s."""
 _ERROR_BUS_OFF = 0x40
 """Class bit of socketcan's error frames (linux/can/error.h)."""
 _GONE = (
@@ -50,11 +50,11 @@ _GONE = (
     errno.ECONNRESET,
 )
 _STALE_AFTER = 0.05
-"""A command that has waited that long is not sent any more, s: five cycles of the loop."""
+"""Time after which a waiting command is no longer sent, s: five cycles of the loop."""
 _CLOSE = 0.2
-"""Longest wait for what is to be sent, and for a thread, at the end, s."""
+"""Longest wait at the end for what is to be sent, and for a thread, s."""
 _MAX_URGENT = 256
-"""Most urgent frames that wait."""
+"""Largest number of urgent frames that wait."""
 
 
 class BusFault(IntEnum):
@@ -95,8 +95,8 @@ class Outbox:
             self._condition.notify_all()
 
     def next(self) -> CanFrame | None:
-        """Waits for the next frame to send, the one in hand being sent; None once the box is closed
-        without urgent ones.
+        """Takes the frame in hand as sent and waits for the next one; returns None when the box is
+        closed and holds no urgent one.
         """
         with self._condition:
             while True:
@@ -125,7 +125,7 @@ class Outbox:
         After `close` nothing comes back, so that a lost adapter cannot keep the thread alive.
         """
         with self._condition:
-            assert self._in_hand is not None  # of `next`
+            assert self._in_hand is not None  # set by `next`
             since, frame, urgent = self._in_hand
             self._in_hand = None
             newer = {*self._waiting, *map(_key, self._urgent)}
@@ -146,7 +146,7 @@ class Outbox:
     def wait_empty(self, timeout: float) -> bool:
         """Waits until nothing waits and nothing is in hand, at most `timeout` s.
 
-        Whether it came to that.
+        Returns whether that is so.
         """
         with self._condition:
             return self._condition.wait_for(
@@ -164,15 +164,16 @@ class CanBus:
     """Frames in and out of one adapter.
 
     Args:
-        bus: python-can's; this object owns and closes it. `CanBus.open` makes both.
-        traffic_log: takes all frames; this object closes it. name: of the adapter, for messages.
-        listen: standard ids that are kept; extended frames are always kept, since they betray V3
-            firmware. None: all.
+        bus: bus of python-can; this object owns and closes it. `CanBus.open` makes both.
+        traffic_log: log that takes all frames; this object closes it.
+        listen: standard ids whose frames are kept; None: all. Extended frames are always kept,
+            since they reveal V3 firmware.
+        name: name of the adapter, for messages.
 
     Attributes:
-        fault: first reason not to trust the bus; stays.
+        fault: first reason not to trust the bus; it stays.
         fault_text: the same in words, with what the driver said.
-        garbage: messages since the start that are no frame.
+        garbage: number of messages since the start that are no frame.
     """
 
     def __init__(
@@ -208,11 +209,11 @@ class CanBus:
         traffic_log: Path | None = None,
         listen: Collection[int] | None = None,
     ) -> CanBus:
-        """Opens the adapter of these settings and a new file for the traffic (`.blf`; none when
+        """Opens the adapter of these settings and a new file for the traffic (`.blf`; no file when
         None).
 
         Raises:
-            HardwareError: as `open_bus` and `TrafficLog.create` do.
+            HardwareError: an error of `open_bus` or `TrafficLog.create`.
         """
         log = None if traffic_log is None else TrafficLog.create(traffic_log)
         try:
@@ -231,9 +232,9 @@ class CanBus:
         """Hands a frame to the sending thread and returns at once.
 
         Args:
-            urgent: goes out before all others, is repeated until the driver takes it, and removes
-                the waiting commands for the same id: for exit frames. Other frames that wait are
-                replaced by the next one of the same id.
+            urgent: whether the frame goes out before all others, is repeated until the driver takes
+                it, and removes the waiting commands for the same id: for exit frames. Other frames
+                that wait are replaced by the next one of the same id.
 
         Returns:
             False if the bus is closed.
@@ -244,12 +245,14 @@ class CanBus:
         return True
 
     def poll(self) -> TimedFrames:
-        """Returns frames since the last call, oldest first, each with its `time.monotonic`."""
+        """Returns the frames received since the last call, oldest first, each with its arrival, s
+        on `time.monotonic`.
+        """
         self._check_threads()
         return [self._inbox.popleft() for _ in range(len(self._inbox))]
 
     def flush(self, timeout: float = _CLOSE) -> bool:
-        """Waits until every frame was handed to the driver, at most `timeout` s. Whether it was."""
+        """Waits, at most `timeout` s, until the driver has every frame; returns whether it has."""
         return self._outbox.wait_empty(timeout)
 
     def close(self) -> None:
@@ -394,7 +397,7 @@ class CanBus:
 
 
 def _key(frame: CanFrame) -> tuple[int, bool]:
-    """Returns what tells the frames of one id from others."""
+    """Returns the key that tells the frames of one id from others."""
     return frame.arbitration_id, frame.extended
 
 

@@ -1,9 +1,9 @@
-"""One lock per device of the car: two programs never have their hands on it at the same time.
+"""One lock per device of the car: two programs never use it at the same time.
 
-An advisory `flock` on a file beside the system's own lock files. The kernel frees it when the last
-process that has it open has died, whatever killed it. A device of this computer is locked by the
-name that was given and by what that name stands for, anything else by its address. Taken before the
-device is opened: opening a port can stop a car that drives.
+The lock is an advisory `flock` on a file beside the system's own lock files. The kernel frees it
+when the last process that has it open has died, whatever killed it. A device of this computer is
+locked by the name that was given and by what that name stands for, anything else by its address.
+The lock is taken before the device is opened: opening a port can stop a car that drives.
 """
 
 import contextlib
@@ -23,14 +23,14 @@ from aerodima.workbench.core.file_reading import read_json
 
 _FOLDERS = ("/run/lock", "/var/lock", tempfile.gettempdir())
 _UNKNOWN_WAIT = 1.0
-"""s; for a holder that has not said yet who it is."""
+"""Longest wait for a holder to say who it is, s."""
 _POLL_PERIOD = 0.02
-"""Time between two looks at a lock, s."""
+"""Time between two attempts to take a lock, s."""
 
 
 def can_address(settings: CanSettings) -> str:
-    """Returns what the adapter of these settings is locked by: its device, or interface and
-    address.
+    """Returns the name by which the adapter of these settings is locked: its device, or interface
+    and address.
     """
     if settings.interface == "slcan":
         return settings.channel.partition("@")[0]
@@ -49,7 +49,7 @@ def lock_devices(devices: Iterable[str], holder: str) -> contextlib.ExitStack:
 
     Args:
         devices: paths and addresses, as the ports file names them.
-        holder: what this program is, for whoever is refused.
+        holder: description of this program, for whoever is refused.
 
     Raises:
         HardwareError: another program has one of them; names device, program and process.
@@ -76,7 +76,7 @@ def lock_devices(devices: Iterable[str], holder: str) -> contextlib.ExitStack:
 
 
 def _names(device: str) -> set[str]:
-    """Returns what a device is known by.
+    """Returns the names by which a device is known.
 
     A pseudo-terminal's number is soon given to another one: only its name counts.
     """
@@ -100,8 +100,8 @@ def _lock_file(name: str) -> Path:
 
 
 def _open(path: Path) -> int:
-    """Opens a lock file, without O_CREAT first: the kernel refuses it for files of others in a
-    folder that all may write to.
+    """Opens a lock file, at first without O_CREAT, which the kernel refuses for files of others in
+    a folder that all may write to.
     """
     while True:
         try:
@@ -130,7 +130,7 @@ def _take(path: Path, device: str) -> int:
 
 
 def _holder(path: Path) -> str:
-    """Returns who has a lock; empty while it has not said so."""
+    """Returns the holder of a lock, in words; empty while it has not said who it is."""
     try:
         note = read_json(path, HardwareError)
     except HardwareError:  # not written yet
@@ -141,7 +141,7 @@ def _holder(path: Path) -> str:
 
 
 def _lives(process_id: object) -> bool:
-    """Returns whether there is such a process that is more than a remainder."""
+    """Returns whether the process exists and is neither dead nor a zombie."""
     if not isinstance(process_id, int):
         return False
     try:

@@ -15,8 +15,8 @@ from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.core.yaml_files import StrictModel
 
 READ_TIMEOUT = 0.02
-"""s; a read returns with the first byte, so that only a silent port waits that long: 50 times a
-second."""
+"""Longest wait of a read, s; it returns with the first byte, so that only a silent port waits that
+long: 50 times a second."""
 _WITHOUT_PORT = 0.002
 """Wait of the sending thread while there is no port, s."""
 _WRITE_TIMEOUT = 0.1
@@ -24,19 +24,19 @@ _WRITE_TIMEOUT = 0.1
 RECONNECT = 0.25
 """Wait between two attempts to open the port again, s."""
 _THREAD_SILENT = 0.5
-"""A reading thread that has not come round for that long is taken for dead, s."""
+"""Time without a pass of its loop after which a reading thread is taken for dead, s."""
 _CLOSE = 0.2
-"""Longest wait for what is to be written, and for a thread, at the end, s."""
+"""Longest wait at the end for what is to be written, and for a thread, s."""
 _MAX_CHUNKS = 4096
-"""Most pieces of received data that wait to be taken."""
+"""Largest number of pieces of received data that wait to be taken."""
 
 
 class SerialSettings(StrictModel):
     """A serial device.
 
     Attributes:
-        path: `/dev/ttyACM0`, ...
-        rate: bit/s; a USB port ignores it.
+        path: path of the device, such as `/dev/ttyACM0`.
+        rate: bit rate, bit/s; a USB port ignores it.
     """
 
     path: str = Field(min_length=1)
@@ -68,17 +68,16 @@ class SerialLink:
     """Bytes in and out of one serial device.
 
     What is written replaces what still waits: each text frame of the Teensy carries everything, and
-        an
-    old one must not be sent after a newer one was made. The device is opened again when it was
-    lost; nobody is told to go on by that.
+    an old one must not be sent after a newer one was made. A device that was lost is opened again;
+    that alone tells nobody to go on.
 
     Args:
-        open_port: opens the device; raises `HardwareError`. The first call is made here, so that a
-            wrong path is an error at once.
+        open_port: function that opens the device or raises `HardwareError`. The first call is made
+            here, so that a wrong path is an error at once.
 
     Attributes:
-        error: why the device is not open, or was not last time; empty before the first loss.
-        losses: how often it was lost or closed.
+        error: reason why the device is not open, or was not last time; empty before the first loss.
+        losses: number of times that the device was lost or closed.
     """
 
     def __init__(self, open_port: Callable[[], Serial]) -> None:
@@ -124,13 +123,13 @@ class SerialLink:
             self._condition.notify_all()
 
     def poll(self) -> list[tuple[float, bytes]]:
-        """Returns bytes that came since the last call, in the pieces in which they came, each with
-        its `time.monotonic`.
+        """Returns the bytes that came since the last call, in the pieces in which they came, each
+        with its time of arrival, s on `time.monotonic`.
         """
         return [self._inbox.popleft() for _ in range(len(self._inbox))]
 
     def flush(self, timeout: float = _CLOSE) -> bool:
-        """Waits until nothing waits to be written, at most `timeout` s; whether it came to that."""
+        """Waits, at most `timeout` s, until everything is written; returns whether it is."""
         with self._condition:
             return self._condition.wait_for(lambda: self._waiting is None, timeout)
 

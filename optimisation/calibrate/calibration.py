@@ -1,5 +1,5 @@
 """The calibration: runs of reduced and full cars through the engine, posteriors of the cars, and
-what tests them.
+fine runs that test them.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -35,9 +35,9 @@ from aerodima.workbench.core.array_types import FloatArray, IntArray
 from aerodima.workbench.metrics.published_values import Platform
 
 REDUCED_PER_ITEM = 300
-"""Reduced cars in one item of work."""
+"""Number of reduced cars in one item of work."""
 FULL_PER_ITEM = 4
-"""Full cars in one item of work."""
+"""Number of full cars in one item of work."""
 MIDDLE_FRICTION = 0.67
 """Friction in the middle of the first search for a flip."""
 WIDE_REACH = 0.8
@@ -45,20 +45,21 @@ WIDE_REACH = 0.8
 NARROW_REACH = 0.4
 """Reach of the second search in the logarithm of the friction."""
 FULL_REACH = {"none": 0.05, "held": 0.05, "swing": 0.15}
-"""Steps of the search for the flip of a full car from that of the reduced one."""
+"""First step, in the logarithm of the friction, of the search for the flip of a full car from that
+of the reduced one, by tail mode."""
 COARSE_STEPS = (0.001, 0.002)
 """Steps at which the best car must end its turns as at the fine step, s."""
 LIFT_WIDTH = 0.1
 """Width of the yaw rate at which the inner wheels lift, rad/s."""
 STARTS = 20_000
-"""Cars of the prior of which the likeliest start the sampler."""
+"""Number of cars of the prior, of which the likeliest start the sampler."""
 
 
 def fit_surrogate(plan: CalibrationPlan, runs: CachedRunner) -> Surrogate:
     """Runs the reduced cars and the full cars of a plan, and fits the surrogate to them.
 
-    The first wave of reduced cars is spread over the prior; a rough posterior says where the second
-    wave, and one of both waves where the full cars are needed.
+    The first wave of reduced cars is spread over the prior. A rough posterior says where the second
+    wave is needed, and a posterior from both waves says where the full cars are.
     """
     prior = prior_of(plan)
     figures = figures_of(plan)
@@ -80,10 +81,10 @@ def fit_surrogate(plan: CalibrationPlan, runs: CachedRunner) -> Surrogate:
 def _reduced(
     plan: CalibrationPlan, runs: CachedRunner, cars: FloatArray, reach: float
 ) -> TurnResults:
-    """Runs `run_reduced` for cars (m, n) by name of the turn; the flip is searched around the
-    friction of each car.
+    """Runs `run_reduced` for cars (m, n) and returns the results by name of the turn; the flip is
+    searched around the friction of each car.
 
-    The wide search is around the middle of what friction may be. In the turns of trends, which two
+    The wide search is around the middle of the possible friction. In the turns of trends, which two
     trends may share, cars drive once.
     """
     runs.stage = "reduced cars"
@@ -101,8 +102,8 @@ def _reduced(
 def _full_flips(
     plan: CalibrationPlan, runs: CachedRunner, cars: FloatArray, surrogate: Surrogate
 ) -> TurnResults:
-    """Runs `search_full` for cars (m, n) by name of the turn, around the friction at which they
-    flip by the surrogate.
+    """Runs `search_full` for cars (m, n), around the friction at which they flip by the surrogate,
+    and returns the results by name of the turn.
     """
     runs.stage = "full cars"
     items = []
@@ -138,7 +139,7 @@ def _work_items(
 
 
 def _different(cars: FloatArray, number: int, seed: int) -> FloatArray:
-    """Returns so many of the drawn cars (m, n), no two alike: a sampler that stays
+    """Returns `number` of the drawn cars (m, n), no two of them alike: a sampler that does not move
     repeats a car.
     """
     return np.random.default_rng(seed).permutation(np.unique(cars, axis=0))[:number]
@@ -160,9 +161,9 @@ class Posterior:
     """Cars that the figures of some tables leave possible.
 
     Attributes:
-        cars: drawn with equal weights (m, n).
+        cars: cars drawn with equal weights (m, n).
         size: effective sample size, that of the worst coordinate.
-        length: steps that were kept over the longest autocorrelation time.
+        length: number of steps that were kept, over the longest autocorrelation time.
     """
 
     cars: FloatArray
@@ -197,13 +198,13 @@ def log_likelihood(surrogate: Surrogate, figures: Sequence[Figure], cars: FloatA
 def log_density(
     surrogate: Surrogate, figure: Figure, cars: FloatArray, values: FloatArray | None = None
 ) -> FloatArray:
-    """Computes the logarithm of the density of a published figure given cars (m, n), per share of
-    the figure (m).
+    """Computes the logarithm of the density (m) of a published figure given cars (m, n), per share
+    of the figure.
 
-    The model is off by a share of what it predicts.
+    The model is off by a share of its prediction.
 
     Args:
-        values: of the figure (m), where they are known already.
+        values: values of the figure for the cars (m), where they are known already.
     """
     if values is None:
         values = surrogate.value(cars, figure)
@@ -216,8 +217,8 @@ def log_density(
 def spread_of(
     surrogate: Surrogate, figure: Figure, cars: FloatArray, values: FloatArray
 ) -> FloatArray:
-    """Computes the standard deviation (m) of the published figure around what cars (m, n) show (m),
-    in its unit.
+    """Computes the standard deviation (m) of the published figure around the values (m) that cars
+    (m, n) show, in its unit.
 
     A rate and its integral are off by different shares; the integral of a gyro gathers what the
     rate averages out.
@@ -239,8 +240,8 @@ def sample(
     It walks in the logit of each range, so that no step leaves it.
 
     Args:
-        prior: another one than that of the surrogate, inside its ranges.
-        steps: in place of those of the plan.
+        prior: prior in place of that of the surrogate, inside its ranges.
+        steps: number of steps in place of that of the plan.
     """
     import emcee
 
@@ -290,9 +291,9 @@ class FineRuns:
     """Cars of a posterior that were run with the full car.
 
     Attributes:
-        cars: (m, n).
-        rows: name of a turn -> rows of `run_full` (m) at the fine step of the plan.
-        best: system -> index of the car that stands for it.
+        cars: cars that were run (m, n).
+        rows: rows of `run_full` (m) at the fine step of the plan, by name of the turn.
+        best: index of the car that stands for a system, by system.
     """
 
     cars: FloatArray
@@ -350,7 +351,7 @@ def _full_rows(
     step: float,
     runs: CachedRunner,
 ) -> dict[str, list[Row]]:
-    """Runs `run_full` for cars (m, n) at a step (s); rows (m) by name of the turn."""
+    """Runs `run_full` for cars (m, n) at a step (s); returns rows (m) by name of the turn."""
     items = []
     for turn in turns:
         items += _work_items(plan, turn, cars, FULL_PER_ITEM, step=step)

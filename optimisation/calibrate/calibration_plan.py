@@ -35,9 +35,9 @@ SLIP = "car.tyre_slip_angle"
 CAUSAL_FILTER_THRESHOLD = 0.5
 """Value of `forward` above which the filter runs in one direction."""
 MAX_NUISANCES: dict[Nuisance, float] = {"window": 1.2, "latency": 0.3}
-"""Largest values, s; what is recorded around the steering allows no more."""
+"""Largest values of nuisances, s; the recording around the steering allows no more."""
 MAX_POSTERIOR_SAMPLES = 2000
-"""Cars of a posterior that are kept."""
+"""Number of cars of a posterior that are kept."""
 DISCREPANCY = "discrepancy"
 ROLL_DISCREPANCY = "discrepancy of roll"
 LIFT = "lift_yaw_rate_rad_per_s"
@@ -61,14 +61,14 @@ def _ordered(ends: Pair) -> Pair:
 
 
 Range = Annotated[Pair, AfterValidator(_ordered)]
-"""Lower and upper end."""
+"""Lower and upper end of a range."""
 Ends = Literal["survived", "flipped"]
 Tail = Literal["none", "held", "swing"]
 Nuisance = Literal["window", "latency", "gyro_bias", "forward"]
 NUISANCES: tuple[Nuisance, ...] = get_args(Nuisance)
 Mean = Literal["average_yaw_rate_rad_per_s", "average_linear_acceleration_m_per_s2"]
 MEANS: tuple[Mean, ...] = get_args(Mean)
-"""Metrics that a trend may be of."""
+"""Metrics that a trend may describe."""
 
 
 class Turn(StrictModel):
@@ -84,7 +84,7 @@ class Turn(StrictModel):
 
     @property
     def name(self) -> str:
-        """Unique in a plan."""
+        """Name of the turn, unique in a plan."""
         return f"{self.system} {self.tail} {self.speed:g}"
 
     @property
@@ -107,11 +107,12 @@ class Trend(StrictModel):
     The trend passes through the table of these turns, at its speed.
 
     Attributes:
-        system, tail: of the turns.
+        system: system of the turns.
+        tail: tail mode of the turns.
         metric: one of `MEANS`.
-        exponent: of the speed; 0 for a constant.
-        speeds: other than that of the table, m/s.
-        deviation: of one value from the trend, in its logarithm.
+        exponent: exponent of the speed; 0 for a constant.
+        speeds: speeds other than that of the table, m/s.
+        deviation: standard deviation of one value from the trend, in its logarithm.
         source: place in the thesis.
     """
 
@@ -135,14 +136,15 @@ class Budget(StrictModel):
     """Number of cars, runs and steps.
 
     Attributes:
-        cars: reduced cars of a rough posterior that drive every turn, after half as many of the
-            prior.
-        rounds: of the search for the friction at which each of them flips.
-        full: full cars that drive every turn and correct the reduced ones.
-        full_rounds: runs of the search for the friction at which each of them flips.
-        walkers, steps: of the sampler, for each posterior; the first third of the steps is dropped.
-        ensemble: posterior cars that are run again with the full car.
-        fine_step: of these runs, s.
+        cars: number of reduced cars of a rough posterior that drive every turn, after half as many
+            of the prior.
+        rounds: number of rounds of the search for the friction at which each reduced car flips.
+        full: number of full cars that drive every turn and correct the reduced ones.
+        full_rounds: number of runs of the search for the friction at which each full car flips.
+        walkers: number of walkers of the sampler, for each posterior.
+        steps: number of steps of the sampler, for each posterior; the first third is dropped.
+        ensemble: number of posterior cars that are run again with the full car.
+        fine_step: step of these runs, s.
     """
 
     cars: int = Field(ge=40, le=20_000)
@@ -280,9 +282,9 @@ class Figure:
     """One published figure that cars are held to.
 
     Attributes:
-        turn: that shows it.
-        metric: name with unit.
-        published: value, in the unit of the metric.
+        turn: turn that shows the figure.
+        metric: name of the metric, with its unit.
+        published: published value, in the unit of the metric.
     """
 
     turn: Turn
@@ -291,7 +293,7 @@ class Figure:
 
     @property
     def name(self) -> str:
-        """Unique: table and metric."""
+        """Name of the figure, which is unique: table and metric."""
         return f"{self.turn.table} {self.metric}"
 
 
@@ -319,9 +321,9 @@ class CarPrior:
     """Prior of both cars at once.
 
     Attributes:
-        plan: that states it.
-        names: of the coordinates of a car, the columns of all arrays of cars (m, n).
-        ranges: lowest and highest value (n, 2), in the unit of each parameter.
+        plan: plan that states the prior.
+        names: names of the coordinates of a car, the columns of all arrays of cars (m, n).
+        ranges: lowest and highest value of each coordinate (n, 2), in its unit.
     """
 
     plan: CalibrationPlan
@@ -349,7 +351,7 @@ class CarPrior:
             object.__setattr__(self, name, value)
 
     def column(self, name: str) -> int:
-        """Returns the index of a coordinate."""
+        """Returns the column of a coordinate."""
         return self.names.index(name)
 
     def inputs(self, system: Platform) -> list[int]:
@@ -361,8 +363,8 @@ class CarPrior:
         return [self.column(name) for name in (*self.plan.body, *nuisances, *tyres)]
 
     def scaled(self, cars: FloatArray) -> FloatArray:
-        """Scales cars (m, n) to -1 to 1 from end to end of each range; `forward` is a switch and
-        has -1 or 1 alone.
+        """Scales cars (m, n) so that each range goes from -1 to 1; `forward` is a switch and is
+        either -1 or 1.
         """
         low, high = self.ranges.T
         scaled: FloatArray = 2.0 * (cars - low) / (high - low) - 1.0
@@ -371,8 +373,8 @@ class CarPrior:
         return scaled
 
     def log_density(self, cars: FloatArray) -> FloatArray:
-        """Returns the logarithm of the density (m), up to a constant; -inf where a car
-        cannot be.
+        """Returns the logarithm of the density (m), up to a constant; -inf where a car cannot
+        exist.
         """
         low, high = self.ranges.T
         inside = np.all((cars >= low) & (cars <= high), axis=1)
@@ -386,7 +388,7 @@ class CarPrior:
         return np.where(inside, total, -np.inf)
 
     def spread(self, number: int, seed: int) -> FloatArray:
-        """Returns cars (m, n) that can be, evenly over the ranges, from a scrambled Sobol
+        """Returns cars (m, n) that can exist, evenly spread over the ranges, from a scrambled Sobol
         sequence.
         """
         low, high = self.ranges.T
@@ -396,7 +398,7 @@ class CarPrior:
         return cars[self._can_be(cars)][:number]
 
     def draw(self, number: int, seed: int) -> FloatArray:
-        """Draws cars (number, n) of the prior."""
+        """Draws cars (number, n) from the prior."""
         cars = self.spread(40 * number, seed)
         density = self.log_density(cars)
         weight = np.exp(density - np.max(density))
@@ -404,8 +406,8 @@ class CarPrior:
         return cars[chosen]
 
     def settings(self, car: FloatArray, turn: Turn) -> list[str]:
-        """Returns the overrides of a scenario for one car (n) in a turn, six digits; a gyro bias
-        moves the trigger.
+        """Returns the overrides of a scenario for one car (n) in a turn, with six digits; a gyro
+        bias moves the trigger.
         """
         system = turn.system
         values = {name: car[self.column(name)] for name in self.plan.body}
@@ -418,8 +420,8 @@ class CarPrior:
         return [*settings, *self.plan.settings.get(system, ())]
 
     def _can_be(self, cars: FloatArray) -> NDArray[np.bool_]:
-        """Returns which cars (m) of (m, n) exist: gyration of a body, and a chassis with its centre
-        of mass inside the car.
+        """Flags (m) the cars (m, n) that can exist: with the gyration of a body, and a chassis with
+        its centre of mass inside the car.
         """
         changes: dict[str, NamedArrays] = defaultdict(dict)
         for key in self.plan.body:

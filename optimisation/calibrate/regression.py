@@ -14,17 +14,17 @@ from scipy.linalg import cho_solve
 from aerodima.workbench.core.array_types import ArrayPair, FloatArray, IntArray
 
 VARIANCE_BOUNDS = (1e-2, 1e3)
-"""Bounds of the variance that a process is tuned in."""
+"""Bounds within which the variance of a process is tuned."""
 LENGTH_BOUNDS = (0.3, 100.0)
 """Bounds of its lengths over scaled columns."""
 NOISE_BOUNDS = (1e-5, 1.0)
 """Bounds of the variance of its noise."""
 HYPERPARAMETER_SAMPLES = 250
-"""Most rows by which a process is tuned."""
+"""Largest number of rows by which a process is tuned."""
 TRAINING_SAMPLES = 1200
-"""Most rows to which a process is fitted."""
+"""Largest number of rows to which a process is fitted."""
 RIDGES = np.logspace(0.0, 4.0, 9)
-"""Ridges of a plane that are tried."""
+"""Ridge penalties of a plane that are tried."""
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,11 @@ class TrainingSet:
     """Rows that a regression is fitted to.
 
     Attributes:
-        columns: of the scaled cars that the values depend on.
-        scaled: cars (m, n).
-        values: (m, k).
-        cars: which car a row is of (m); the residuals of a car are found without all rows of that
-            car.
+        columns: columns of the scaled cars that the values depend on.
+        scaled: scaled cars (m, n).
+        values: values that are to be predicted (m, k).
+        cars: index of the car of each row (m); the residuals of a car are found without all rows of
+            that car.
     """
 
     columns: list[int]
@@ -83,7 +83,7 @@ def tune(rows: ArrayPair) -> list[float]:
 
 
 def _kernel(number: int) -> Any:
-    """Makes the kernel of a process over so many columns, before it is tuned."""
+    """Makes the kernel of a process over `number` columns, before it is tuned."""
     from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
     smooth = ConstantKernel(1.0, VARIANCE_BOUNDS) * RBF(np.full(number, 2.0), LENGTH_BOUNDS)
@@ -95,11 +95,11 @@ class Regression:
     """A regression over some columns of scaled cars.
 
     Attributes:
-        columns: of the cars.
-        model: scaled columns (m, c) -> values (m, k).
-        deviation: of the residuals of cars that it was not fitted to (k), in the unit of its
-            values.
-        residuals: of each row, fitted without that row's car (m, k).
+        columns: columns of the scaled cars that the model takes.
+        model: function from these columns (m, c) to values (m, k).
+        deviation: deviation of the residuals of cars that it was not fitted to (k), in the unit of
+            its values.
+        residuals: residuals of each row, fitted without that row's car (m, k).
     """
 
     columns: tuple[int, ...]
@@ -112,8 +112,8 @@ class Regression:
         """Fits a Gaussian process.
 
         Args:
-            data: rows of many cars.
-            theta: hyperparameters of `tune`; tuned here when left out.
+            data: training rows of many cars.
+            theta: hyperparameters from `tune`; tuned here when left out.
         """
         from sklearn.gaussian_process import GaussianProcessRegressor
 
@@ -136,7 +136,7 @@ class Regression:
         for car in np.unique(cars):
             own = np.flatnonzero(cars == car)
             residuals[rows[own]] = spread * np.linalg.solve(inverse[np.ix_(own, own)], weights[own])
-        rest = np.isnan(residuals[:, 0])  # not fitted, so that the process has not seen them
+        rest = np.isnan(residuals[:, 0])  # not fitted, so the process has not seen them
         residuals[rest] = data.values[rest] - model(inputs[rest])
         return cls(tuple(data.columns), model, _deviation(residuals[rows]), residuals)
 

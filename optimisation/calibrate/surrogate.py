@@ -31,19 +31,19 @@ from aerodima.workbench.core.file_reading import Facts
 
 METRICS = (*FIGURES, LIFT)
 MIN_MEAN = 1e-3
-"""Least mean that has a logarithm, in the unit of its metric."""
+"""Smallest mean whose logarithm is taken, in the unit of its metric."""
 TurnResults = Mapping[str, Facts]
-"""Name of a turn -> lists of the results of its cars, by name."""
+"""Lists of the results of the cars in each turn, by name of the turn."""
 Regressions = dict[str, Regression]
-"""By the name of a turn."""
+"""Regressions by name of the turn."""
 MIN_REDUCED_CARS = 8
-"""Cars that a process needs."""
+"""Number of reduced cars that a process needs."""
 MIN_FULL_CARS = 3
-"""Full cars that a correction needs."""
+"""Number of full cars that a correction needs."""
 MIN_MARGIN = 0.005
 """Margin that counts as none."""
 QUADRATURE_NODES = np.linspace(-6.0, 6.0, 121)
-"""Residuals of the surrogate for a car, over their deviation."""
+"""Nodes of a quadrature: residuals of the surrogate for a car, over their deviation."""
 LOG_WEIGHTS = np.log(norm.pdf(QUADRATURE_NODES) / norm.pdf(QUADRATURE_NODES).sum())[:, None]
 """Logarithms of the weights of the nodes."""
 
@@ -53,13 +53,13 @@ class Surrogate:
     """Figures and flips of every turn of a plan, for any car.
 
     Attributes:
-        prior: whose coordinates the cars have.
-        flips: name of the turn -> logarithm of the friction at the flip.
-        figures: name of the turn -> `METRICS`.
-        shifts: name of the turn -> full less reduced cars in that logarithm; its deviation is that
-            of the surrogate.
-        corrections: name of the turn -> full less reduced cars in `METRICS`, likewise.
-        means: name of a turn of a trend -> logarithms of `MEANS`.
+        prior: prior whose coordinates the cars have.
+        flips: regressions of the logarithm of the friction at the flip, by name of the turn.
+        figures: regressions of `METRICS`, by name of the turn.
+        shifts: regressions of full minus reduced cars in that logarithm, by name of the turn; their
+            deviations are those of the surrogate.
+        corrections: regressions of full minus reduced cars in `METRICS`, likewise.
+        means: regressions of the logarithms of `MEANS`, by name of a turn of a trend.
     """
 
     prior: CarPrior
@@ -73,8 +73,8 @@ class Surrogate:
     def from_reduced(
         cls, prior: CarPrior, cars: FloatArray, results: TurnResults, runs: CachedRunner
     ) -> Surrogate:
-        """Fits to `run_reduced` of all cars (m, n), by name of the turn; `runs` tune the
-        processes.
+        """Fits a surrogate to the results of `run_reduced` for cars (m, n), by name of the turn;
+        `runs` tune the processes.
         """
         fit = partial(_fit_processes, runs)
         flips, figures = _fit(fit, prior, cars, results, MIN_REDUCED_CARS)
@@ -82,7 +82,7 @@ class Surrogate:
         return cls(prior, flips, figures, means=means)
 
     def corrected(self, cars: FloatArray, results: TurnResults) -> Surrogate:
-        """Corrects by `search_full` of all cars (m, n), by name of the turn."""
+        """Corrects by the results of `search_full` for cars (m, n), by name of the turn."""
         shifts, corrections = _fit(_fit_lines, self.prior, cars, results, MIN_FULL_CARS, self)
         return replace(self, shifts=shifts, corrections=corrections)
 
@@ -119,10 +119,10 @@ class Surrogate:
         return survives
 
     def log_outcomes(self, margins: Mapping[str, FloatArray]) -> FloatArray:
-        """Returns the logarithm of the probability (m) of how all turns of the plan ended, by their
+        """Returns the logarithm of the probability (m) of the published ends of all turns, by their
         `margin` (m).
 
-        What the surrogate misses is one number for the turns of a car that differ in their speed
+        The error of the surrogate is one number for the turns of a car that differ in their speed
         alone.
         """
         total: FloatArray = np.zeros(())
@@ -136,8 +136,8 @@ class Surrogate:
         return total
 
     def values(self, cars: FloatArray, turn: Turn, margin: FloatArray | None = None) -> FloatArray:
-        """Returns `METRICS` of cars (m, n) in a turn (m, 6), each in its unit; `margin` (m) where
-        it is known already.
+        """Returns `METRICS` of cars (m, n) in a turn (m, 6), each in its unit; takes `margin` (m)
+        where it is known already.
         """
         if margin is None:
             margin = self.margin(cars, turn)
@@ -154,10 +154,11 @@ class Surrogate:
     def log_trends(self, cars: FloatArray, values: Mapping[str, FloatArray]) -> FloatArray:
         """Returns the logarithm of the probability (m) of the plan's trends, given cars (m, n).
 
-        What counts is how the values at all speeds differ from their own power of the speed.
+        Only the differences of the values at all speeds from their own power of the speed count.
 
         Args:
-            values: name of a turn with a table -> its `METRICS` (m, 6).
+            cars: cars of the prior (m, n).
+            values: `METRICS` (m, 6) of each turn with a table, by name of the turn.
         """
         scaled = self.prior.scaled(cars)
         means = {name: regression(scaled) for name, regression in self.means.items()}
@@ -185,7 +186,7 @@ class Surrogate:
 
 
 TrainingSets = Mapping[str, TrainingSet]
-"""Name of a turn -> rows that its regression is fitted to."""
+"""Rows that the regression of a turn is fitted to, by name of the turn."""
 
 
 def _fit_processes(runs: CachedRunner, sets: TrainingSets) -> Regressions:
@@ -213,14 +214,14 @@ def _fit(
     min_cars: int,
     base: Surrogate | None = None,
 ) -> tuple[Regressions, Regressions]:
-    """Fits the flips and figures of every turn, or what they are beyond those of a surrogate.
+    """Fits the flips and figures of every turn, or their differences from those of a surrogate.
 
     Args:
-        fit: makes the regressions of training sets.
-        prior: whose coordinates the cars have.
-        cars: that were searched (m, n).
-        results: of `run_reduced` or `search_full`, by name of the turn.
-        min_cars: that a fit needs.
+        fit: function that makes the regressions of training sets.
+        prior: prior whose coordinates the cars have.
+        cars: cars that were searched (m, n).
+        results: results of `run_reduced` or `search_full`, by name of the turn.
+        min_cars: number of cars that a fit needs.
         base: surrogate that is corrected.
     """
     searches = {}
@@ -287,7 +288,7 @@ def _unseen(
     index: IntArray,
 ) -> FloatArray:
     """Returns the margin of cars that were tried (k), as the surrogate predicts it for cars it was
-    not fitted to; `index` (k) of each among the flips.
+    not fitted to; `index` (k) is that of each car among the flips.
     """
     predicted = flip.copy()
     predicted[np.isfinite(flip)] -= regression.residuals[:, 0]
@@ -304,8 +305,8 @@ def _with_margin(scaled: FloatArray, margin: FloatArray) -> FloatArray:
 def _search(
     turn: Turn, cars: FloatArray, result: Facts, min_cars: int
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, IntArray]:
-    """Returns which of the cars flip, the flip of each, cars (k, n) that survived, their figures
-    (k, 6), and the index of their car.
+    """Returns the indices of cars whose flip is known, the flip of every car, cars (k, n) that
+    survived, their figures (k, 6), and the index of their car.
     """
     flip = np.array(result["flips"], float)
     known = np.flatnonzero(np.isfinite(flip))

@@ -40,19 +40,21 @@ from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.signal_table import WHEELS
 
 BEFORE = 0.4
-"""Time before the start of the steering that figures are made of, s."""
+"""Time before the start of the steering from which figures are made, s."""
 AFTER = 1.6
-"""Time after the start of the steering that figures are made of, s."""
+"""Time after the start of the steering until which figures are made, s."""
 LEFT = [index for index, wheel in enumerate(WHEELS) if wheel.endswith("left")]
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Signals of a run, every `STEP` from `BEFORE` the steering on.
+    """Signals of a run, every `STEP`, which begin `BEFORE` the steering does.
 
     Attributes:
-        yaw_rate, acceleration, roll_rate: rad/s, lateral m/s2, outwards rad/s, (k) each.
-        both_inner: whether both inner wheels bear load (k).
+        yaw_rate: yaw rate (k), rad/s.
+        acceleration: lateral acceleration (k), m/s2.
+        roll_rate: roll rate outwards (k), rad/s.
+        both_inner: flags of the times at which both inner wheels bear load (k).
     """
 
     yaw_rate: FloatArray
@@ -66,8 +68,8 @@ def figures_of_motion(motion: Motion, turn: Turn, nuisances: dict[str, float]) -
     yaw rate of the lift.
 
     Args:
-        motion: of the run.
-        turn: whose system decides over filter and sample time.
+        motion: motion of the run.
+        turn: turn whose system decides over filter and sample time.
         nuisances: window and latency in s, gyro_bias in rad/s, forward above 0.5 for a filter of
             one direction.
     """
@@ -101,7 +103,7 @@ def figures_of_motion(motion: Motion, turn: Turn, nuisances: dict[str, float]) -
 
 
 def nuisances_of(prior: CarPrior, car: FloatArray) -> dict[str, float]:
-    """Returns name -> value of a car (n)."""
+    """Returns the nuisances of a car (n), by name."""
     return {name: float(car[prior.column(name)]) for name in prior.plan.nuisances}
 
 
@@ -110,9 +112,12 @@ class WorkItem:
     """Work for the engine: cars (m, n) in one turn.
 
     Attributes:
-        reach: of the search for the flip around the friction of a car, to either side, in its
-            logarithm.
-        step: of the full car, s; None for the default.
+        plan: plan of the calibration.
+        turn: turn that the cars drive.
+        cars: coordinates of the cars (m, n).
+        reach: reach of the search for the flip around the friction of a car, to either side, in its
+            logarithm; first step of the search of a full car.
+        step: step of the full car, s; None for the default.
         margins: logarithm of the friction at which a search begins over that of each car.
     """
 
@@ -149,13 +154,13 @@ def prior_of(plan: CalibrationPlan) -> CarPrior:
 
 
 def run_reduced(item: WorkItem) -> Json:
-    """Searches the friction at which each reduced car flips; figures of every run of the search
-    that survived.
+    """Searches the friction at which each reduced car flips, and computes the figures of every run
+    of the search that survived.
 
     Returns:
         `flips` (m): logarithm of the friction at the flip, None where the search did not find it,
-        or where it has no reach and each car drives once;
-        and of the survived runs `inputs` (k, n), cars with their friction, and `figures` (k, 6).
+        or where it has no reach and each car drives once; `inputs` (k, n) of the runs that
+        survived, which are cars with the friction of the run, and their `figures` (k, 6).
     """
     plan = item.plan
     prior = prior_of(plan)
@@ -198,7 +203,7 @@ def run_reduced(item: WorkItem) -> Json:
 
 
 def _with_drawn_nuisances(prior: CarPrior, car: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Returns a car (n) with other nuisances, but for its bias: they cost nothing."""
+    """Returns a car (n) with new nuisances, which cost nothing, except for its gyro bias."""
     drawn = car.copy()
     for name, ends in prior.plan.nuisances.items():
         drawn[prior.column(name)] = rng.uniform(*ends)
@@ -208,8 +213,8 @@ def _with_drawn_nuisances(prior: CarPrior, car: FloatArray, rng: np.random.Gener
 
 
 def _motions(driven: Turns, x: FloatArray, z: FloatArray) -> list[Motion]:
-    """Returns the motion of each reduced car at its IMU, x and z (m) in B; still before the
-    steering.
+    """Returns the motion of each reduced car at its IMU, which is at x and z (m) in B; all signals
+    are zero before the steering.
     """
     assert driven.history is not None
     assert driven.loads is not None
@@ -218,7 +223,7 @@ def _motions(driven: Turns, x: FloatArray, z: FloatArray) -> list[Motion]:
     v = rates[..., V] + np.cross(w, np.column_stack([x, np.zeros_like(x), z]))
     acceleration = np.gradient(v, STEP, axis=0) + np.cross(w, v)
     loaded = is_loaded(driven.loads[:, LEFT]).all(axis=1)
-    # States are those behind a step, loads those at its beginning.
+    # States are those at the end of a step, loads those at its beginning.
     before = np.zeros((round(BEFORE / STEP) + 1, len(x)))
     after = (w[:-1, :, 2], acceleration[:-1, :, 1], w[:-1, :, 0])
     signals = [np.concatenate([before, values]).T for values in after]
@@ -227,7 +232,7 @@ def _motions(driven: Turns, x: FloatArray, z: FloatArray) -> list[Motion]:
 
 
 def search_full(item: WorkItem) -> Json:
-    """Searches the friction at which each full car flips; returns what `run_reduced` does.
+    """Searches the friction at which each full car flips; returns the same as `run_reduced`.
 
     The search begins at the margin of each car and goes up or down, by the reach of the item and
     then by twice as much as the step before, until the outcome changes; then it bisects. The last
@@ -273,8 +278,8 @@ def run_full(item: WorkItem) -> list[Row]:
     """Runs full cars (m) in a turn, each at its own friction.
 
     Returns:
-        A row per car: `survived`, `trigger` s after the steering or None, and the
-        figures of a survived run; or `error` of a car that could not be run.
+        A row per car: `survived`, `trigger` in s after the steering or None, and the figures of a
+        run that survived; or `error` of a car that could not be run.
     """
     prior = prior_of(item.plan)
     return [_full_row(prior, item.turn, np.array(car), item.step) for car in item.cars]

@@ -32,9 +32,9 @@ from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.scenario import load_scenario
 
 TRIES = 10_000
-"""Draws of a posterior car that survives every turn, before it is given up."""
+"""Number of posterior cars that are drawn to find one that survives every turn with a table."""
 DRAWS = 400
-"""Measurements that are drawn for the information of one."""
+"""Number of outcomes of a measurement that are drawn for its information."""
 BAND = (0.05, 0.5, 0.95)
 """Quantiles of a 90 % interval and its median."""
 
@@ -44,12 +44,13 @@ class LeftOut:
     """One table predicted without its own figures.
 
     Attributes:
-        table: name.
-        rows: of each figure `figure`, `published`, `low`, `median`, `high`, `prior_low`,
+        table: name of the table.
+        rows: row of each figure: `figure`, `published`, `low`, `median`, `high`, `prior_low`,
             `prior_high`, `inside`.
-        density, prior_density, constant_density: logarithm of the joint density of its figures, per
-            share of each: of the cars that the other tables leave, of the prior, and of a model
-            that says of each figure what the other tables imply.
+        density: logarithm of the joint density of the figures, per share of each, by the cars that
+            the other tables leave.
+        prior_density: the same by cars of the prior that survive the turn.
+        constant_density: the same by a model that takes each figure from the other tables' values.
     """
 
     table: str
@@ -72,7 +73,7 @@ class Question(NamedTuple):
 
 
 def predictions(questions: Sequence[Question], runs: CachedRunner) -> list[LeftOut]:
-    """Returns `leave_out` of each question, each once."""
+    """Answers each question with `leave_out`, each once."""
     import joblib  # type: ignore[import-untyped]
 
     # Unlike a pickle, this hash does not depend on the order of sets, which every process has anew.
@@ -91,7 +92,7 @@ def leave_out(question: Question) -> LeftOut:
     others = [figure for figure in figures if figure not in own]
     cars = sample(surrogate, others, seed, prior).cars
     drawn = surrogate.prior.draw(len(cars), seed)
-    # By their probability to survive the turn, as the printed one did.
+    # Cars are chosen by their probability of surviving the turn, as the published car did.
     weight = surrogate.survival(drawn, own[0].turn)
     chosen = np.random.default_rng(seed).choice(len(cars), len(cars), p=weight / weight.sum())
     survivors = drawn[chosen]
@@ -113,7 +114,7 @@ def leave_out(question: Question) -> LeftOut:
 def predicted(
     surrogate: Surrogate, figure: Figure, cars: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
-    """Draws (m) of what the thesis would have printed for cars (m, n)."""
+    """Draws values (m) of a figure that the thesis would have printed for cars (m, n)."""
     values = surrogate.value(cars, figure)
     return values + spread_of(surrogate, figure, cars, values) * rng.standard_normal(len(cars))
 
@@ -125,8 +126,8 @@ def joint_density(surrogate: Surrogate, figures: Sequence[Figure], cars: FloatAr
 
 
 def _constant(own: Sequence[Figure], figures: Sequence[Figure]) -> float:
-    """Returns the density by the other tables' values of the same metrics, with Student's t for so
-    few; NaN where only one other has them.
+    """Returns the logarithm of the density by the other tables' values of the same metrics, with
+    Student's t for so few; NaN where fewer than two have a metric.
     """
     total = 0.0
     for figure in own:
@@ -142,8 +143,8 @@ def _constant(own: Sequence[Figure], figures: Sequence[Figure]) -> float:
 
 
 def rigid(prior: CarPrior) -> CarPrior:
-    """Returns the prior with its stiffest tyres, no latency, no bias, zero phase, no delay of the
-    swing.
+    """Returns the prior with its stiffest tyres, its smallest delay of the swing, a window of
+    0.64 s, no latency, no bias and zero phase.
     """
     plan = prior.plan
     ranges = dict(plan.ranges)
@@ -207,10 +208,10 @@ class Measurement:
     """Something that the lab can measure of its car.
 
     Attributes:
-        name: what.
-        how: the procedure in a sentence.
-        deviation: of one measurement, in the unit of the value.
-        value: cars (m, n) -> what would be measured (m).
+        name: name of the measured quantity.
+        how: procedure in a sentence.
+        deviation: standard deviation of one measurement, in the unit of the value.
+        value: function from cars (m, n) to the values that would be measured (m).
     """
 
     name: str
@@ -220,8 +221,8 @@ class Measurement:
 
 
 def information(measurement: Measurement, cars: FloatArray, seed: int) -> float:
-    """Returns the expected gain of a measurement over what posterior cars (m, n) know: information,
-    nats.
+    """Returns the information that a measurement is expected to add to that of posterior cars
+    (m, n), nats.
     """
     truth = measurement.value(cars)
     rng = np.random.default_rng(seed)
@@ -236,8 +237,8 @@ def measurements(prior: CarPrior) -> tuple[Measurement, ...]:
     """Reads the measurements that a lab with a scale, a ruler and a flat floor can make of the real
     car: `calibration/measurements.csv`.
 
-    Its deviations are in the unit of the parameter; without a parameter it is the angle of balance,
-    in degrees.
+    Deviations in that file are in the unit of the parameter; a row without a parameter is the angle
+    of balance, in degrees.
     """
 
     def value(key: str) -> Callable[[FloatArray], FloatArray]:
@@ -262,8 +263,8 @@ def _angle_of_balance(prior: CarPrior, cars: FloatArray) -> FloatArray:
 def combinations(
     prior: CarPrior, cars: FloatArray, seed: int
 ) -> list[tuple[float, dict[str, float]]]:
-    """Finds what the data determine best: variance over that of the prior, and its largest
-    coordinates, five of them.
+    """Finds the five combinations of coordinates that the data determine best; returns for each its
+    variance over that of the prior, and its four largest coordinates.
     """
     physical = [
         index

@@ -1,4 +1,4 @@
-"""The page of a calibration and the page of what to measure next; sentences are made of the
+"""The page of a calibration and the page of what to measure next; their sentences are made from the
 result.
 """
 
@@ -60,10 +60,10 @@ PAGE = "index.html"
 MEASURE = "measure_next.html"
 FIELD_TABLES = ("Table 7.3", "Table 7.4")
 FINAL = 3
-"""How many times as long as for a table that is left out the sampler runs for the posterior of all
-figures."""
+"""Ratio of the steps of the sampler for the posterior of all figures to those for a table that is
+left out."""
 SOON = 0.3
-"""s after the steering command."""
+"""Time after the steering command within which a swing is early, s."""
 NEAR_A_BOUND = 0.1
 """Share of a prior's range that counts as near its end."""
 MAX_AT_A_BOUND = 0.15
@@ -84,7 +84,7 @@ FIGURE_COLUMNS = {
     "of the prior": "{prior_low:.3g} to {prior_high:.3g}",
     "inside": "{inside}",
 }
-"""Heading -> format of a row."""
+"""Formats of a row of the published figures, by heading."""
 PARAMETER_COLUMNS = {
     "parameter": "{parameter}",
     "prior": "{prior_low:.3g} to {prior_high:.3g}",
@@ -94,13 +94,13 @@ PARAMETER_COLUMNS = {
     "deviation over the prior's": "{deviation_ratio:.3g}",
     "cars near one end": "{share_at_a_bound:.0%}",
 }
-"""Heading -> format of a row."""
+"""Formats of a row of the parameters, by heading."""
 MEASURE_COLUMNS = {
     "quantity": "{quantity}",
     "procedure": "{procedure}",
     "expected gain [nats]": "{gain_nats:.2f}",
 }
-"""Heading -> format of a row."""
+"""Formats of a row of the measurements, by heading."""
 PART_COLUMNS = {
     "part": "{part}",
     "mass [kg]": "{mass_kg:g}",
@@ -109,14 +109,14 @@ PART_COLUMNS = {
     "z [m]": "{z_m:.3f}",
     "source": "{source}",
 }
-"""Heading -> format of a row."""
+"""Formats of a row of the parts, by heading."""
 DENSITY_COLUMNS = {
     "table": "{table}",
     "from the others": "{density:.1f}",
     "of the prior": "{prior_density:.1f}",
     "of constant values": "{constant_density:.1f}",
 }
-"""Heading -> format of a row."""
+"""Formats of a row of the densities, by heading."""
 OUTCOME_COLUMNS = {
     "system": "{system}",
     "tail": "{tail}",
@@ -127,7 +127,7 @@ OUTCOME_COLUMNS = {
     "trigger [s]": "{trigger}",
     "within 0.3 s": "{early}",
 }
-"""Heading -> format of a row."""
+"""Formats of a row of the outcomes, by heading."""
 
 
 @dataclass(frozen=True)
@@ -135,12 +135,13 @@ class Result:
     """Everything that the pages say.
 
     Attributes:
-        surrogate: what every turn shows, for any car.
-        posterior: given every figure.
-        left_out: every table, predicted from the others.
+        surrogate: figures and flips of every turn, for any car.
+        posterior: cars of the posterior given every figure.
+        left_out: prediction of every table from the others.
         rigid_density: logarithm of the density of the last table with the stiffest tyres, given the
             others.
-        perfect: share inside the intervals when posterior cars play the thesis.
+        perfect: share of figures inside their intervals when posterior cars play the thesis; NaN
+            when none does.
         fine: cars of the ensemble, run with the full car at the fine step.
     """
 
@@ -158,10 +159,10 @@ def calibrate(plan: CalibrationPlan, runs: CachedRunner, out: Path, played: int)
     Returns the path of the page.
 
     Args:
-        plan: to be carried out.
-        runs: through which everything is run; they keep what is finished.
-        out: folder.
-        played: how many posterior cars play the thesis.
+        plan: plan that is carried out.
+        runs: runner of all work, which keeps finished runs.
+        out: folder of the pages, their tables and the ensembles.
+        played: number of posterior cars that play the thesis.
 
     Raises:
         UserError: too few cars flip or survive in a turn of the plan.
@@ -185,8 +186,8 @@ def calibrate(plan: CalibrationPlan, runs: CachedRunner, out: Path, played: int)
 
 
 def write_pages(result: Result, out: Path) -> Path:
-    """Writes both pages, their tables and an ensemble per system into a folder; the path of the
-    first page.
+    """Writes both pages, their tables and an ensemble per system into a folder; returns the path of
+    the first page.
     """
     prior = result.surrogate.prior
     cars = result.posterior.cars
@@ -384,8 +385,8 @@ def measure_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
 
 
 def parameter_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
-    """Computes for each coordinate its prior, quantiles, deviation over that of the prior, the
-    larger share of the cars near one end, and whether the prior decides.
+    """Computes the prior of each coordinate, quantiles of the cars, their deviation over that of
+    the prior, the larger share of them near one end, and whether the prior decides.
     """
     reference = prior.draw(2000, prior.plan.seed)
     first, last = prior.ranges.T

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 Out = Annotated[Path, cli.written("Folder for CSV, YAML, PNG and report.html.")]
 _MOST_SHOWN = 20
-"""Most fits that the terminal shows."""
+"""Largest number of fits that the terminal shows."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,8 @@ class LogFit:
     ] = None
 
     def options(self, *kinds: str) -> FitOptions:
-        """Returns the choices for logs of some kinds; what is wrong with them is refused here, once
-        and not for every log.
+        """Returns the fit options for logs of some kinds; wrong ones are refused here, once and not
+        for every log.
         """
         from aerodima.optimisation.identify.log_rig import named_rig
         from aerodima.optimisation.identify.rig_constants import constant_names, require_constants
@@ -91,11 +91,11 @@ class LogFit:
         Exit status: 3 when something was left out, 2 when every log failed.
 
         Args:
-            title: of the report.
-            work: fits the log of a path, with `options` and what is in `more`.
-            options: of all fits.
-            tables: makes further tables of the report from the results; may write files into the
-                folder.
+            title: title of the report.
+            work: function that fits the log of a path, with `options` and the settings in `more`.
+            options: options of all fits.
+            tables: function that makes further tables of the report from the results; it may write
+                files into the folder.
             more: settings of this fit alone.
         """
         from aerodima.optimisation.identify.fit_batch import fit_logs
@@ -163,8 +163,8 @@ def averages(results: list[FitResult], out: Path) -> Extra:
 
 
 def static_tables(results: list[FitResult], out: Path) -> Extra:
-    """Writes coefficient files of what the logs span; averages per tail, axis, angle and wind
-    speed.
+    """Writes coefficient files of the tails and axes that the logs span; computes averages per
+    tail, axis, angle and wind speed.
     """
     from aerodima.optimisation.identify.coefficient_averages import (
         averages_table,
@@ -183,7 +183,7 @@ def static_tables(results: list[FitResult], out: Path) -> Extra:
 
 
 def robot_tables(results: list[FitResult], out: Path) -> Extra:
-    """Writes a coefficient file of the bins, and all averages."""
+    """Writes a coefficient file of the bins, and computes all averages."""
     from aerodima.optimisation.identify.coefficient_averages import robot_tail_set, write_sets
 
     bins = robot_tail_set(results)
@@ -193,10 +193,12 @@ def robot_tables(results: list[FitResult], out: Path) -> Extra:
 
 
 def car_files(results: list[FitResult], out: Path, settings: tuple[str, ...]) -> Extra:
-    """Writes each fitted car as a scenario file, and all averages.
+    """Writes each fitted car as a scenario file, and computes all averages.
 
     Args:
-        settings: that went over the scenarios of the logs.
+        results: results of the fits.
+        out: folder of the scenario files.
+        settings: overrides that the fits applied to the scenarios of the logs.
     """
     import yaml
 

@@ -49,7 +49,7 @@ def engine_for(
 
 @contextmanager
 def runs_in(out: Path, work: cli.WorkOptions) -> Iterator[CachedRunner]:
-    """Runs that are kept in a folder; its engine and its workers are those of the options."""
+    """Opens the runs that are kept in a folder, with the engine and the workers of the options."""
     from aerodima.optimisation.studies.runs import cached_runs
 
     with (

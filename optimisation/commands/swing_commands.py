@@ -105,7 +105,7 @@ class CaseOptions:
 
 @dataclass(frozen=True)
 class MotionOptions:
-    """Search of a motion; fields as those of `BoundEffort`."""
+    """Options of the search of a motion; their fields are those of `BoundEffort`."""
 
     members: Annotated[int, typer.Option(help="Of a generation of the first search.", min=8)] = 150
     generations: Annotated[int, typer.Option(help="Of the first search.", min=0)] = 40

@@ -1,12 +1,11 @@
-"""What a bound does to the intervals of a fit.
+"""Effect of active bounds on the intervals of a fit.
 
-A parameter that stopped at a bound would, without it, be moved further, to r >= 0 standard
-deviations beyond. Given that the truth lies within the bounds, what remains is the end of a
-distribution: with F its upper tail, the truth lies within q standard deviations inside with 95 %
-confidence, where F(r + q) = 5 % of F(r). The more the data ask for what the bound forbids, the
-shorter that is. The others are estimated with the parameter kept at its bound; what they would
-change by if it moved inside by q is added to their intervals, in quadrature and on the side where
-it leads.
+A parameter that stopped at a bound would, without it, move further, to r >= 0 standard deviations
+beyond. Given that the truth lies within the bounds, only the end of a distribution remains: with F
+its upper tail, the truth lies within q standard deviations inside with 95 % confidence, where
+F(r + q) = 5 % of F(r). The more the data ask for what the bound forbids, the shorter that is. The
+other parameters are estimated with this one kept at its bound; the change that they would make if
+it moved inside by q is added to their intervals, in quadrature and on the side where it leads.
 """
 
 import math
@@ -22,22 +21,23 @@ RANK_TOLERANCE = 1e-7
 _TAIL = 0.05
 """Share of the tail beyond a bound that an interval leaves out."""
 _MIN_TAIL = 1e-250
-"""Smaller tails are not counted with: the floating-point numbers end."""
+"""Smallest tail that is computed with; the floating-point numbers end not far below it."""
 
 
 @dataclass(frozen=True)
 class ActiveBounds:
-    """The scaled unknowns that are held at a bound, and the others given them.
+    """Scaled unknowns that are held at a bound, and the other ones given them.
 
     Attributes:
         sides: -1 where an unknown is held at its lower bound, 1 at its upper one, else 0 (p).
-        inverse: pseudo-inverse of the Jacobian of the others (p x m); zero in the rows of what is
-            held.
-        beyond: how far the data ask for more than the bound allows, in standard deviations (p); NaN
-            for the others.
-        reach: how far inside the truth may lie (p); zero for the others.
-        shift: change of the others per unknown that is held, when it moves inside by its reach (p x
-            p).
+        inverse: pseudo-inverse of the Jacobian of the other unknowns (p x m); zero in the rows of
+            the held ones.
+        beyond: distance beyond its bound to which the data ask an unknown to move, in standard
+            deviations (p); NaN for the unknowns that are not held.
+        reach: distance inside its bound within which the truth may lie, in scaled unknowns (p);
+            zero for the unknowns that are not held.
+        shift: change of the other unknowns when a held one moves inside by its reach, a column for
+            each held unknown (p x p).
     """
 
     sides: IntArray
@@ -57,9 +57,9 @@ def condition_on_active_bounds(
     """Condition a linear fit on the bounds that it stopped at, see the head of this module.
 
     Args:
-        jacobian: of the weighted residual by the scaled unknowns (m x p).
-        residual: weighted (m).
-        covariance: of its error (m x m), or the diagonal (m).
+        jacobian: derivative of the weighted residual by the scaled unknowns (m x p).
+        residual: weighted residual (m).
+        covariance: covariance of the error of the residual (m x m), or its diagonal (m).
         sides: -1 where an unknown is held at its lower bound, 1 at its upper one, 0 where it is
             free (p).
         freedom: degrees of freedom of the variance.
@@ -72,7 +72,7 @@ def condition_on_active_bounds(
     reach = np.zeros(count)
     shift = np.zeros((count, count))
     for k in np.flatnonzero(sides):
-        # What is left of this column once the others have followed it.
+        # Remainder of this column once the other unknowns have followed it.
         column = jacobian[:, k]
         followed = inverse @ column
         alone = column - jacobian @ followed
@@ -93,8 +93,8 @@ def one_sided_quantile(beyond: float, freedom: float) -> float:
     tail = float(stdtr(freedom, -beyond))
     if tail > _MIN_TAIL:
         return -float(stdtrit(freedom, _TAIL * tail)) - beyond
-    # F goes like (1 + r^2 / freedom)^(-(freedom + 1) / 2); in the limit of a known variance like
-    # exp(-r^2 / 2).
+    # F falls like (1 + r^2 / freedom)^(-(freedom + 1) / 2), and like exp(-r^2 / 2) in the limit of
+    # a known variance.
     drop = -2.0 * math.log(_TAIL)
     more = drop
     if math.isfinite(freedom):

@@ -1,11 +1,11 @@
 """Friction, slip and centre of mass of one car, with delay and bias, from a log of its own drive.
 
-The commands of the log are played to the car of its scenario, and the unknowns are those with which
+The commands of the log are played to the car of its scenario, and the unknowns are chosen so that
 it moves as the sensors say. Residuals are divided by the noise of the sensors and a least error of
-the model; a channel whose residual is larger, or repeats itself, counts for as many samples as it
-is worth. What the plant's step changes is taken from a run at half of it and added; how much of it,
-is uncertain and part of every interval. Ranges of `models/parameters` are a weak prior. All other
-numbers of the car are taken to be right.
+the model; a channel whose residual is larger, or is correlated in time, counts for its effective
+samples. The effect of the plant's step is taken from a run at half the step and added; its size is
+uncertain, which is part of every interval. Ranges of `models/parameters` are a weak prior. All
+other numbers of the car are taken to be right.
 
 The cost of a run is rough, since contacts come a step earlier or later; its derivatives over a
 standard deviation are not. So a fit ends when its next step is small against the intervals, not
@@ -43,15 +43,15 @@ from aerodima.workbench.scenario.scenario import Scenario
 CAR = ("tyre_friction", "tyre_slip_angle", "com_height")
 DELAY = "delay"
 SPEED = "speed"
-"""Speed with which the run begins."""
+"""Name of the speed at the start of the run."""
 DRIVEN = "driven_speed"
-"""Speed that the throttle of the log drives to."""
+"""Name of the speed to which the throttle of the log drives the car."""
 BIASES = {
     "yaw_rate": "gyro_bias_z",
     "roll_rate": "gyro_bias_x",
     "lateral_acceleration": "acceleration_bias_y",
 }
-"""Channel -> unknown that is added to it."""
+"""Unknown that is added to a channel, by channel."""
 UNITS = {"tyre_friction": "1", "tyre_slip_angle": "rad", "com_height": "m", DELAY: "s"}
 UNITS |= {name: "rad/s" if "gyro" in name else "m/s2" for name in BIASES.values()}
 DELAY_RANGE = (0.0, 0.15)
@@ -63,52 +63,54 @@ STEPS = {
     SPEED: 1e-2,
     DRIVEN: 1e-2,
 }
-"""Steps of the finite differences, about a standard deviation of each: within it contacts that come
-a step earlier or later do not count."""
+"""Steps of the finite differences, about a standard deviation of each unknown: over such a step,
+contacts that come a step of the plant earlier or later do not count."""
 STEP_ERROR = (1.5, 0.5)
-"""Factor by which the change with half the plant's step is added to its motion, and its standard
-deviation: once is a plant of half the step, twice, to first order, one without."""
+"""Factor on the change from halving the plant's step, and its standard deviation: 1 stands for a
+plant of half the step, 2, to first order, for a plant without step error."""
 _SPEED_REACH = 1.0
-"""Bounds of the speeds about those of the GPS, m/s."""
+"""Distance of the bounds of the speeds from those of the GPS, m/s."""
 _TILT = 0.01
-"""Error of the attitude with which the IMU takes gravity off, rad."""
+"""Error of the attitude with which the IMU removes gravity, rad."""
 _SCAN = ((0.2, 0.2), (0.5, 0.35), (0.8, 0.2), (0.5, 0.6))
 """Slip angle and height of the cars that are tried first, as shares of their ranges."""
 _QUANTILE = 0.9
-"""Quantile of the lateral acceleration over gravity that gives their friction."""
+"""Quantile of the lateral acceleration over gravity from which their friction is taken."""
 _FRICTION_FACTOR = 1.35
-"""Friction of the cars that are tried over that quantile."""
+"""Ratio of the friction of the cars that are tried to that quantile."""
 _DELAYS = np.arange(0.0, 0.1501, 0.005)
 """Delays that are tried, s."""
 _TRUNCATION = {"yaw_rate": 1.0, "roll_rate": 1.0, "lateral_acceleration": 4.0, "speed": 0.5}
-"""Residual by channel beyond which it counts no more for the start, rad/s, m/s2 and m/s: what rolls
-over in one car and not in another."""
+"""Residual at which each channel is cut off when the start is chosen, rad/s, m/s2 and m/s: one car
+may roll over where another does not."""
 MISFIT = 1.5
-"""Times what noise and the least error of the model allow, from which a misfit is reported."""
+"""Ratio of the residual to what noise and the least error of the model allow, above which a misfit
+is reported."""
 SATURATED = 0.6
 """Share of their friction that the tyres must use, by the lateral acceleration, for a log to show
 it; below it the fitted friction is a lower bound.
 
-A log shows friction by how much the tyre's force bends away from a straight line, and laws differ
-in that. The brush tyre (Pacejka, Tire and Vehicle Dynamics, section 3.2) of the same stiffness has
-the bend that our law (design section 7) has at 0.44, 0.6, 0.7 and 0.8 of its friction at 0.28,
-0.52, 0.69 and 0.86 of its own: there the same log means a friction that is 54, 16, 2 and -6 %
-higher. A tyre that stays straight for longer has more. A simulated car that slides at 30 degrees of
-steering shows 0.7 to 0.83, since its forces brake it, too."""
+A log shows friction by how far the tyre's force bends away from a straight line, and tyre laws
+differ in that. The brush tyre (Pacejka, Tire and Vehicle Dynamics, section 3.2) of the same
+stiffness has the bend that our law (design section 7) has at 0.44, 0.6, 0.7 and 0.8 of its friction
+at 0.28, 0.52, 0.69 and 0.86 of its own: there the same log means a friction that is 54, 16, 2 and
+-6 % higher. A tyre whose force stays straight for longer has more. A simulated car that slides at
+30 degrees of steering shows 0.7 to 0.83, since its forces brake it, too."""
 OPEN = 0.8
-"""Share of a prior's deviation from which a log does not determine a number."""
+"""Ratio of a number's standard deviation to that of its prior above which the log does not
+determine the number."""
 _OPTIONS = SolverOptions(max_steps=25, jacobian="secant", settled=0.01, roughness=2.0)
-"""A step that predicts less than a seventh of a standard deviation of all unknowns together ends a
-fit; contacts that come a step earlier or later may raise its cost by two."""
+"""Solver options: a step that predicts less than a seventh of a standard deviation of all unknowns
+together ends a fit; contacts that come a step earlier or later may raise its cost by two."""
 _NEAR = 25.0
-"""A step that predicts less ends the fit with the noise of the sensors alone."""
+"""Predicted decrease of the cost below which the fit with the noise of the sensors alone ends."""
 
 
 def prior_range(name: str, car: CarParameters) -> Pair:
-    """Look up the range of an unknown of `UNITS` that is known beforehand.
+    """Look up the prior range of an unknown of `UNITS`.
 
-    A car of another size, whose own value lies outside the range of `models/parameters`, has that
-    range in proportion.
+    A car of another size, whose own value lies outside the range of `models/parameters`, gets that
+    range scaled in proportion.
     """
     if name == DELAY:
         return DELAY_RANGE
@@ -127,7 +129,7 @@ def prior_range(name: str, car: CarParameters) -> Pair:
 
 def unknowns(drive: CarDrive) -> Parameters:
     """Make the unknowns of a fit, from the middle of their ranges; bounds lie half a range beyond
-    them, but no car answers before it is commanded.
+    them, but not below the least possible values: a delay is not negative.
     """
     gps = drive.channels["speed"]
     before = gps.value[gps.time < max(drive.turn, gps.time[1])]
@@ -141,7 +143,7 @@ def unknowns(drive: CarDrive) -> Parameters:
     for name, speeds in ((SPEED, before[:2]), (DRIVEN, before[-3:])):
         v = float(np.mean(speeds))
         parameters.append(Parameter(name, "m/s", v, v - _SPEED_REACH, v + _SPEED_REACH, scale=0.05))
-    # Only roll shows the height.
+    # Only the roll rate shows the height.
     hidden = () if "roll_rate" in drive.channels else ("com_height", BIASES["roll_rate"])
     for name, unit in UNITS.items():
         if name in hidden:
@@ -155,15 +157,16 @@ def unknowns(drive: CarDrive) -> Parameters:
 
 
 class CarModel:
-    """Residual of a drive: rows of the channels, then one of every prior.
+    """Residual of a drive: rows of the channels, then a row for every prior.
 
     Attributes:
-        drive: that is fitted.
-        parameters: see `unknowns`.
-        latency: of the commands where there is no tail, whole ticks, s.
-        scales: by channel, that its residual is divided by beside its deviation.
-        noise: of the residual, as it was last weighed.
-        finer: what half the plant's step changes in the rows, once `find_step_error` has found it.
+        drive: drive that is fitted.
+        parameters: parameters of the fit, see `unknowns`.
+        latency: latency of the commands of a car without tail, a whole number of ticks, s.
+        scales: divisor of each channel's residual beside its deviation, by channel.
+        noise: noise of the residual when the channels were last weighed.
+        finer: change of the rows (m) from halving the plant's step; zeros until `find_step_error`
+            has computed it.
     """
 
     def __init__(self, drive: CarDrive) -> None:
@@ -183,8 +186,8 @@ class CarModel:
         self._runs: dict[tuple[float, ...], Signals] = {}
 
     def problem(self, x: FloatArray) -> Problem:
-        """State the least-squares problem; its differences go from x to the middle of the
-        ranges.
+        """State the least-squares problem; its finite differences step from x towards the middle of
+        the ranges.
         """
         steps = {**STEPS, DELAY: 2.0 * self._step} if self.drive.tailed else STEPS
         sizes = np.array([steps.get(name, 1e-3) for name in self.parameters.names])
@@ -196,7 +199,7 @@ class CarModel:
         )
 
     def run(self, values: dict[str, float], latency: float, step: float) -> Signals:
-        """Simulate the car with these values: its signals, cached."""
+        """Simulate the car with these values and return its signals; they are cached."""
         car = {name: values[name] for name in CAR if name in values}
         speeds = values[SPEED], values[DRIVEN]
         key = (*car.values(), *speeds, latency, step)
@@ -205,13 +208,14 @@ class CarModel:
         return self._runs[key]
 
     def rows(self, x: FloatArray, step: float | None = None) -> FloatArray:
-        """Compute model less log, then unknown less its prior, in their units (m).
+        """Compute model minus log, then unknowns minus their priors, in their units (m).
 
-        Commands are late by whole ticks; what the delay differs by shifts the motion in time. That
-        is exact for the steering, but not for a tail, whose commands are not late.
+        Commands are late by whole ticks; the rest of the delay shifts the motion in time. That is
+        exact for the steering, but not for a tail, whose commands are not late.
 
         Args:
-            step: of the plant, s; that of the scenario by default.
+            x: unknowns (p).
+            step: step of the plant, s; that of the scenario by default.
         """
         values = self.parameters.values(x)
         latency = self._whole_ticks(values[DELAY]) if self.drive.tailed else self.latency
@@ -236,14 +240,14 @@ class CarModel:
         return np.concatenate([*sizes, [p.prior_std for p in self._known]])
 
     def find_step_error(self, x: FloatArray) -> None:
-        """Find what half the plant's step changes in the rows, with the latency of the delay."""
+        """Compute the change of the rows from halving the plant's step, with the latency of x."""
         self.latency = self._whole_ticks(self.parameters.values(x)[DELAY])
         self.finer = self.rows(x, 0.5 * self._step) - self.rows(x)
 
     def start(self) -> FloatArray:
         """Choose the best of a few cars to start from (p).
 
-        Their friction is from the lateral acceleration, and each has its best delay.
+        Their friction is taken from the lateral acceleration, and each gets its best delay.
         """
         drive = self.drive
         x = self.parameters.by_name(self.parameters.initial)
@@ -266,7 +270,7 @@ class CarModel:
         return np.array(list(best.values()))
 
     def _truncated_cost(self, motion: Signals) -> float:
-        """Sum the squares of the residual, none larger than those at `_TRUNCATION`."""
+        """Sum the squares of the residual over `_TRUNCATION`, each at most 1."""
         cost = 0.0
         for name, channel in self.drive.channels.items():
             size = np.abs(motion[name] - channel.value) / _TRUNCATION[name]
@@ -291,8 +295,8 @@ class CarModel:
 def fit_car(drive: CarDrive) -> FitResult:
     """Fit one drive; FitError where no car of the ranges can be simulated.
 
-    First with the noise of the sensors alone, then with the error of the plant's step and channels
-    that are weighed anew in every step.
+    A first fit uses the noise of the sensors alone. A second one adds the error of the plant's step
+    and weighs the channels anew in every step.
     """
     model = CarModel(drive)
     far = replace(_OPTIONS, settled=_NEAR)
@@ -360,8 +364,9 @@ def fit_car_log(path: Path | str, options: FitOptions = FREE) -> FitResult:
     delay, biases.
 
     Args:
-        path: of the log.
-        options: its `settings` go over the scenario of the log, such as a mass that was weighed.
+        path: path of the log.
+        options: options of the fit; only their `settings` are used, which override the scenario of
+            the log, such as with a mass that was weighed.
 
     Raises:
         LogError, FitError, ScenarioError: as `car_drive` and `fit_car`.

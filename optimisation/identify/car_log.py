@@ -29,30 +29,30 @@ from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import IMU
 
 Signals = Mapping[str, FloatArray]
-"""Name -> samples (n)."""
+"""Samples (n) of signals, by name."""
 LEAD = 0.6
-"""The car of a model rolls from so long before the first steering command on, s."""
+"""Time before the first steering command from which the car of a model rolls, s."""
 SETTLING = 0.1
-"""Its motion is compared so much later, once pitch and tail have settled, s."""
+"""Time after that from which its motion is compared, once pitch and tail have settled, s."""
 REACH = 0.5
-"""Its motion is compared until so long after the last command, s."""
+"""Time after the last steering command until which its motion is compared, s."""
 MAX_TILT = 0.8
-"""rad; what a car does that leans more is decided by what no model knows. Samples behind it are not
-fitted."""
+"""Largest lean that is fitted, rad; beyond it the motion is decided by what no model knows, and
+later samples are not used."""
 STOP_MARGIN = 0.03
-"""rad; a tail so near to the stop that it swings to has struck it or may, in an instant that
-decides all behind it."""
+"""Distance from the stop that the tail swings to within which it has struck it or may, rad; that
+instant decides all that follows."""
 MODEL_SHARE = 0.005
-"""Least error of the model: share of the signal, by which the largest yaw rate at the plant's step
-is off."""
+"""Least error of the model, as a share of the signal; the largest yaw rate at the plant's step is
+off by this share."""
 MODEL_TIME = 0.1
 """Duration of one such error, s."""
 MIN_SPAN = 0.5
 """Time that a log needs before and after the first steering command, s."""
 MIN_SAMPLES = {"imu": 40, "speed": 5}
-"""Samples that a log needs, by source."""
+"""Number of samples that a log needs, by source."""
 MIN_NOISE = 1e-4
-"""Least noise of a signal whose unit is in rad/s or m/s2."""
+"""Least deviation of a sample, in the unit of its signal: rad/s, m/s2 or m/s."""
 DRIVER = ("steering_command_rad", "throttle_command", "planned_turn")
 WITHOUT = {
     "throttle_command": "the car is driven at the logged speed",
@@ -63,7 +63,7 @@ WITHOUT = {
     "status_speed_age_s": "each row is taken as a new sample",
     "imu_gyro_x_rad_per_s": "roll rate is left out and car.com_height is that of the scenario",
 }
-"""Column that a log may lack -> what a fit does without it."""
+"""Note on what a fit does without a column, for each column that a log may lack."""
 TAIL = {
     joint: [
         f"tail_{joint}_command_{name}"
@@ -77,16 +77,18 @@ CHANNELS = {
     "lateral_acceleration": ("imu", "imu_acceleration_y_m_per_s2", "acceleration_y_truth_m_per_s2"),
     "speed": ("speed", "speed_m_per_s", ""),
 }
-"""Channel -> source of its `status`, column of the log, column of the model's run."""
+"""Source of its `status`, column of the log and column of the model's run, by channel."""
 
 
 @dataclass(frozen=True)
 class Channel:
-    """Samples of one sensor: when they were taken (n), s, what they say (n), and how far a model
-    may be off (n).
+    """Samples of one sensor.
 
-    `deviation` is the noise of the sensor, and the least error of the model, spread over the
-    samples of its duration.
+    Attributes:
+        time: times at which the samples were taken (n), s.
+        value: readings of the sensor (n).
+        deviation: deviation by which a model may be off (n): the noise of the sensor, and the least
+            error of the model, spread over the samples of its duration.
     """
 
     time: FloatArray
@@ -100,12 +102,13 @@ class LoggedCommands:
     law.
 
     Attributes:
-        time: of the rows (n), s.
+        time: times of the rows (n), s.
         driver: steering angle, rad, throttle and planned turn (3, n).
-        tail: commands to pitch and roll (2, n, 5).
+        tail: commands to the joints pitch and roll (2, n, 5).
         rate: ticks of the tail's controller per second, Hz.
-        begin: time of the log at which they are played from, s.
-        latency: by how much the car is steered later than commanded, s.
+        begin: time of the log from which the commands are played, s.
+        latency: time by which the steering lags its command, s.
+        memory_size: size of the law's memory, which is empty.
     """
 
     time: FloatArray
@@ -122,7 +125,7 @@ class LoggedCommands:
         return DriverInput(float(steering), *self.driver[1:, self._row(time)].tolist())
 
     def start(self) -> FloatArray:
-        """Return the empty memory of a law without memory."""
+        """Return the memory of this law, which is empty."""
         return np.zeros(0)
 
     def step(
@@ -143,13 +146,14 @@ class CarDrive:
     """A drive to be fitted.
 
     Attributes:
-        name: of the log.
-        scenario: of the log; its car is where a fit starts.
-        commands: of driver and controllers.
-        channels: by name, as `CHANNELS`.
+        name: name of the log.
+        scenario: scenario of the log; its car has the numbers that are not fitted.
+        commands: commands of the driver and of the tail's controller.
+        channels: samples of the sensors, by channel as in `CHANNELS`.
         turn: time of the first steering command, s.
-        line_speed: that the scenario's drive has for the throttle of the log then, m/s.
-        warnings: why samples at the end are not used.
+        line_speed: speed that the scenario's drive has at the throttle of the log at `turn`, m/s.
+        warnings: inconsistent sensors, columns that the log lacks, and reasons why samples at the
+            end are not used.
     """
 
     name: str
@@ -162,20 +166,20 @@ class CarDrive:
 
     @property
     def tailed(self) -> bool:
-        """Whether the car has a tail."""
+        """True for a car with a tail."""
         return self.scenario.tail.mode != "none"
 
     def run(self, car: Values, begin: float, driven: float, latency: float, step: float) -> Signals:
-        """Simulate the drive: channels without noise and bias, and `time`, s of the log.
+        """Simulate the drive; return channels without noise and bias, and `time`, s of the log.
 
-        Another driven speed is another line of the throttle.
+        Another driven speed means another line of the throttle.
 
         Args:
             car: changes to the car of the scenario, by key.
-            begin: speed with which it rolls straight ahead where the commands begin, m/s.
-            driven: speed that the throttle of the log drives to, m/s.
-            latency: of the steering, whole steps, s.
-            step: of the plant, s.
+            begin: speed at which the car rolls straight ahead where the commands begin, m/s.
+            driven: speed to which the throttle of the log drives the car, m/s.
+            latency: latency of the steering, a whole number of steps, s.
+            step: step of the plant, s.
 
         Raises:
             FitError: there is no such car.
@@ -210,7 +214,7 @@ class CarDrive:
         return columns
 
     def sampled(self, run: Signals, late: float) -> NamedArrays:
-        """Sample a run at the times of the log, all of it `late` seconds later."""
+        """Sample a run, delayed by `late` seconds, at the times of the log."""
         return {
             name: np.interp(channel.time - late, run["time"], run[name])
             for name, channel in self.channels.items()
@@ -218,16 +222,16 @@ class CarDrive:
 
 
 def car_drive(log: RunLog, settings: tuple[str, ...] = ()) -> CarDrive:
-    """Take from a log of a drive what a fit needs; no truth.
+    """Take from a log of a drive what a fit needs, but no truth.
 
     Args:
-        log: of the car or of its simulation.
-        settings: `section.key=value` over its scenario, such as a mass that was weighed.
+        log: log of a drive of the car or of its simulation.
+        settings: overrides of its scenario, `section.key=value`, such as a mass that was weighed.
 
     Raises:
-        LogError: a column is missing that is not in `WITHOUT`, unsorted time, a gap, NaN; names the
+        LogError: a missing column that is not in `WITHOUT`, unsorted time, a gap or NaN; names the
             column and the time.
-        FitError: a log of something else, without a turn, too short.
+        FitError: a log of something else, without a turn, or too short.
         ScenarioError: its scenario or a setting is wrong.
     """
     with naming(log.name):
@@ -238,7 +242,7 @@ def _completed(log: RunLog, scenario: Scenario) -> tuple[RunLog, Scenario, list[
     """Fill in the columns of `WITHOUT` that a log lacks.
 
     Returns:
-        Log and scenario of the drive, and what is done without each of them.
+        Log and scenario of the drive, and a note on what is done without each missing column.
     """
     absent = [name for name in WITHOUT if name not in log.table]
     table = log.table.assign(**dict.fromkeys(absent, 0.0))
@@ -256,7 +260,7 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
             f"is a log of kind {log.kind!r}; this fit needs a drive of the car, 'car_run' or "
             "'car_log'"
         )
-    # A sign, a unit or gravity in a sensor, which no constant of the car can make up.
+    # A wrong sign or unit, or gravity in a sensor, for which no constant of the car can make up.
     warnings = inconsistent_rates(log.table)
     rolls = CHANNELS["roll_rate"][1] in log.table
     scenario = Scenario.from_dict(log.scenario, "its scenario", settings)
@@ -305,7 +309,7 @@ def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
 
 
 def _losses(scenario: Scenario, signals: Signals, turn: int) -> dict[str, np.ndarray]:
-    """Flag where no model can follow the car any more (n): reason -> flags.
+    """Flag the rows in which no model can follow the car any more; return flags (n) by reason.
 
     Args:
         turn: row of the first steering command.
@@ -320,7 +324,7 @@ def _losses(scenario: Scenario, signals: Signals, turn: int) -> dict[str, np.nda
 
 
 def _channel(log: RunLog, name: str, scenario: Scenario, span: Interval) -> Channel:
-    """Take the samples of a sensor within a span, s: a row of the log for each, at its own time."""
+    """Take the samples of a sensor within a span, s, one per row of the log, each at its time."""
     source, column, _ = CHANNELS[name]
     age = log.signal(f"status_{source}_age_s")
     values = log.signal(column)
@@ -330,7 +334,7 @@ def _channel(log: RunLog, name: str, scenario: Scenario, span: Interval) -> Chan
     check_signals(time, {column: values[used], f"status_{source}_age_s": age[used]})
     taken = time - age[used]
     sensor = scenario.imu if source == "imu" else scenario.gps
-    # A log may hold a faster sensor than its scenario: then no age ever reaches that one's period.
+    # The sensor of a log may be faster than that of its scenario, whose period no age then reaches.
     period = min(1.0 / sensor.rate, float(np.ptp(age[used])) + median_step(time))
     new = _fresh_rows(taken, 0.5 * period)
     count = len(new)
@@ -347,14 +351,14 @@ def _channel(log: RunLog, name: str, scenario: Scenario, span: Interval) -> Chan
     value = values[used][new]
     alike = max(MODEL_TIME * (time.size - 1) / float(np.ptp(time)), 1.0)
     size = maximum_filter1d(np.abs(value), 2 * round(alike) + 1)
-    # Rounding is evenly spread.
+    # Rounding errors are uniformly distributed.
     squares = noise**2 + step**2 / 12.0 + alike * np.square(MODEL_SHARE * size)
     return Channel(time, value, np.sqrt(np.maximum(squares, MIN_NOISE**2)))
 
 
 def _fresh_rows(taken: FloatArray, gap: float) -> list[int]:
-    """List the rows whose sample was taken (n), s, later by more than the gap, s, than that of the
-    fresh row before.
+    """List the rows with a new sample: one taken (n), s, later than that of the last listed row by
+    more than the gap, s.
     """
     rows: list[int] = []
     last = -math.inf

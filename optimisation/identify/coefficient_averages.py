@@ -1,8 +1,8 @@
-"""Averages over several fits, and coefficient files of many
+"""Averages over several fits, and coefficient files made of many fits
 (`aerodima.workbench.aero.coefficient_files`).
 
-The thesis' weighted average, and robust ones beside it: eps_i = sum(res) / res_i, w_i = eps_i /
-sum(eps), value = sum(w_i value_i) (thesis eqs. 4.29-4.31).
+The weighted average is that of the thesis, eps_i = sum(res) / res_i, w_i = eps_i / sum(eps),
+value = sum(w_i value_i) (thesis eqs. 4.29-4.31); robust averages stand beside it.
 """
 
 import math
@@ -25,13 +25,13 @@ from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.core.file_reading import Json
 
 Grid = dict[Pair, list[FitResult]]
-"""Speed (m/s) and angle (degrees) of a node -> its tests."""
+"""Tests of each node, by its speed (m/s) and angle (degrees)."""
 _ANGLE_STEP = 1.0
-"""Holds within half of this (degrees) of each other are one node."""
+"""Spacing of the nodes, degrees; a hold belongs to the nearest one."""
 
 
 def weights(resnorms: FloatArray) -> FloatArray:
-    """Compute w_i of eqs. 4.29 and 4.30.
+    """Compute the weights w_i of eqs. 4.29 and 4.30.
 
     Raises:
         FitError: a resnorm that is not above zero; its weight would be infinite.
@@ -49,8 +49,8 @@ def averages(values: FloatArray, resnorms: FloatArray) -> dict[str, float]:
     """Compute all averages of one quantity over several fits.
 
     Args:
-        values: (n).
-        resnorms: of their fits (n).
+        values: values of the quantity, one per fit (n).
+        resnorms: `resnorm` of each fit (n).
 
     Returns:
         `weighted` by resnorm (eqs. 4.29-4.31), `mean`, `median`, `huber` (see `huber_location`),
@@ -71,10 +71,11 @@ def averages(values: FloatArray, resnorms: FloatArray) -> dict[str, float]:
 
 
 def averages_table(results: Sequence[FitResult], keys: Sequence[str] = ()) -> pd.DataFrame:
-    """Tabulate all averages of every determined parameter over several fits; the start of a swing
-    is none.
+    """Tabulate all averages of every determined parameter over several fits, but for the start of a
+    swing.
 
     Args:
+        results: results of the fits.
         keys: facts that tell the groups apart, such as tail and wind speed.
 
     Returns:
@@ -101,7 +102,7 @@ def huber_location(values: FloatArray) -> float:
     """Find the value with the least Huber loss; its scale is 1.4826 times the median deviation
     from the median.
 
-    The zero of a sum that falls with the location, so it is found however near to each other the
+    It is the zero of a sum that falls with the location, so it is found however close together the
     values lie.
     """
     scale = spread(values)
@@ -121,14 +122,14 @@ def node_angle(result: FitResult) -> float:
 
 
 def static_sets(results: Sequence[FitResult]) -> tuple[dict[str, Json], list[str]]:
-    """Make per tail and axis the content of a coefficient file, from what static fits determined.
+    """Make the content of a coefficient file per tail and axis, from what static fits determined.
 
     A node is the resnorm-weighted average (eqs. 4.29-4.31) of its tests, with mean, median, Huber
     location and percentiles beside it. Sets that do not span two angles and two speeds make no
     table.
 
     Returns:
-        Contents by name of the file, and a line for each that is left out because its grid has
+        Contents by name of the file, and a line for each file that is left out because its grid has
         holes.
     """
     grids: dict[tuple[str, str], Grid] = defaultdict(lambda: defaultdict(list))
@@ -169,7 +170,7 @@ def static_sets(results: Sequence[FitResult]) -> tuple[dict[str, Json], list[str
 
 
 def _nodes_and_range(nodes: list[Json], *axes: str) -> Json:
-    """Make the entries of the nodes, the lowest first, and of the range that they span."""
+    """Make the entries of the nodes, which are in rising order, and of the range they span."""
     first = nodes[0]
     last = nodes[-1]
     return {"range": {axis: [first[axis], last[axis]] for axis in axes}, "nodes": nodes}
@@ -187,7 +188,7 @@ def _static_node(speed: float, angle: float, group: list[FitResult]) -> Json:
 
 
 def _average(name: str, pairs: Sequence[Pair]) -> dict[str, float]:
-    """Average values with resnorms: weighted under the name itself, the others beside it."""
+    """Average values with resnorms; the weighted average stands under the name itself."""
     numbers = averages(*np.array(pairs).T)
     del numbers["samples"]
     rounded = {f"{name}_{key}": round(value, 5) for key, value in numbers.items()}
@@ -221,7 +222,7 @@ def robot_tail_set(results: Sequence[FitResult]) -> Json | None:
 
 
 def write_sets(folder: Path, sets: dict[str, Json]) -> list[Path]:
-    """Write coefficient files, each after reading its text back: none is left that the
+    """Write coefficient files, each after reading its text back, so that none is left that the
     aerodynamics refuse.
     """
     paths = []

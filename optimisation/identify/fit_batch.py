@@ -40,9 +40,9 @@ class BatchResult:
     """Outcome of a batch.
 
     Attributes:
-        results: in the order of the logs; several per log are allowed.
-        failed: log -> reason, for the logs that could not be fitted.
-        reused: number of logs whose result was there already.
+        results: results of the logs that were fitted, in the order of the logs.
+        failed: reason why a log could not be fitted, by log.
+        reused: number of logs whose outcome was there already.
     """
 
     results: list[FitResult]
@@ -63,16 +63,16 @@ def fit_logs(
     """Fit every log and keep what is finished in `out`.
 
     Args:
-        work: fits the log of a path; a function of a module, or a `functools.partial` of one.
-        logs: paths.
+        work: module-level function, or `functools.partial` of one, that fits the log of a path.
+        logs: paths of the logs.
         out: output folder; made when it is not there.
-        settings: of the fit, JSON-able; results of other ones are refused unless `force`.
-        workers: processes.
-        force: drop earlier results.
-        progress: receives lines of progress.
+        settings: settings of the fit, JSON-able; results of others are refused unless `force`.
+        workers: number of processes.
+        force: whether to drop earlier results.
+        progress: function that receives lines of progress.
 
     Raises:
-        FitError: a log is named twice, or none, or the folder holds results of other settings.
+        FitError: a log is named twice, none is named, or the folder holds other settings' results.
     """
     names = _unique(logs)
     keys = {name: _key(name) for name in names}
@@ -111,7 +111,7 @@ def fit_logs(
 
 
 def _unique(logs: Sequence[Path | str]) -> list[str]:
-    """Names of the logs; FitError when one is named twice, or none is named."""
+    """Return the names of the logs; FitError when one is named twice, or none is named."""
     names = [str(path) for path in logs]
     if not names:
         raise FitError("no log is named")

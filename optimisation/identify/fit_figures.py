@@ -12,9 +12,9 @@ from aerodima.optimisation.identify.fit_result import FitResult, short_name
 from aerodima.workbench.view.figure_style import BLUE, GREY, SKY, VERMILION, new_figure, styled
 
 _MAX_CURVES = 12
-"""Most panels of a figure."""
+"""Largest number of panels in a figure."""
 _MAX_NAMED = 16
-"""Most fits whose names stand below the axis."""
+"""Largest number of fits whose names stand below the axis."""
 
 
 def figures_of(results: Sequence[FitResult]) -> dict[str, Figure]:

@@ -13,19 +13,19 @@ Knowledge = Literal["uncertain", "exact"]
 
 @dataclass(frozen=True)
 class FitOptions:
-    """Choices that every fit of a rig log understands; what a fit has no use for is refused by its
-    command.
+    """Options that every fit of a rig log understands; those that a fit has no use for are refused
+    by its command.
 
     Attributes:
-        loss: `huber` holds samples back that lie far off.
-        bounds: lower and upper bound by name of the parameter, in place of the model's own.
+        loss: loss function, `squares` or `huber`, which holds back samples that lie far off.
+        bounds: name of a parameter with its lower and upper bound, in place of the model's own.
         rig: name or file of the rig scenario that the log was made on; the log's own by default,
             else `models/`.
         settings: overrides on top of the rig, `section.key=value`.
-        free: constants of the rig and errors of its instruments (`models/rig/constants.csv`) as
-            unknowns without a prior.
-        constants: `uncertain`, by the scenario's section `uncertainty`; or `exact`: intervals are
-            those of noise alone.
+        free: constants of the rig and errors of its instruments (`models/rig/constants.csv`) that
+            are unknowns without a prior.
+        constants: knowledge of the rig's constants: `uncertain`, by the scenario's section
+            `uncertainty`, or `exact`, with intervals from noise alone.
     """
 
     loss: Loss = "squares"
@@ -36,8 +36,8 @@ class FitOptions:
     constants: Knowledge = "uncertain"
 
     def bounded(self, parameters: Sequence[Parameter]) -> list[Parameter]:
-        """Put the parameters within these bounds, their initial values too; FitError for a bound
-        that belongs to none of them.
+        """Put parameters and their initial values within these bounds; FitError for a bound that
+        belongs to none of them.
         """
         self.require_known([p.name for p in parameters])
         limits = {name: (low, high) for name, low, high in self.bounds}
@@ -57,4 +57,4 @@ class FitOptions:
 
 
 FREE = FitOptions()
-"""Least squares within the model's own bounds, on the rig that the log names."""
+"""Default options: least squares within the model's own bounds, on the rig that the log names."""

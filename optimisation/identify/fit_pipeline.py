@@ -37,20 +37,20 @@ def fit(
     """Solve a problem from all starts and estimate its intervals.
 
     Args:
-        problem: with the constants of the rig at their initial values; or its `FitProgram`, with
-            costs and constraints that were added.
-        noise: makes the noise of the residual from the solution, see `uncertainty`.
-        old_noise: the same, after a solver in place of `noise`; deprecated, to be dropped in 0.5.
-        starts: vectors of the unknowns (p); the initial values by default.
-        channels: per channel where it stands in the residual and the weight that its residual was
-            divided by.
+        problem: problem with the constants of the rig at their initial values, or its `FitProgram`,
+            with costs and constraints that were added.
+        noise: function that makes the noise of the residual from the solution, see `uncertainty`.
+        old_noise: noise of a call that has a solver in place of `noise`; deprecated, to be dropped
+            in 0.5.
+        starts: vectors of the unknowns to start from (p); the initial values by default.
+        channels: rows of each channel in the residual, and the weight that they were divided by.
         facts: labels of the data, for reports.
-        warnings: of the data, kept before those of the fit.
-        loss: `huber` goes on from the least-squares solution with Huber's loss.
-        rig: goes on from there with its constants, if there are any, as unknowns too.
+        warnings: warnings about the data, kept before those of the fit.
+        loss: loss function; with `huber` the fit goes on from the least-squares solution.
+        rig: uncertain rig whose constants, if there are any, are unknowns in a further fit.
 
     Raises:
-        FitError: no start could be solved, or the program has what the solver cannot honour.
+        FitError: no start could be solved, or the program has terms that the solver cannot honour.
     """
     make_noise: NoiseModel = old_noise or noise
     channels = channels or {}

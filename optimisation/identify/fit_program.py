@@ -24,16 +24,17 @@ _CONVEX = -1e-9
 
 @dataclass(frozen=True)
 class LinearTerms:
-    """The terms that a user added, for unknowns in some units (p).
+    """Terms that a user added, for p unknowns in some units.
 
     The costs are |factor x|^2 / 2 + slope'x + constant, the constraints lower <= rows x <= upper.
 
     Attributes:
-        factor: (q x p), of the quadratic costs.
-        slope: (p).
-        constant: part of the costs.
-        rows: (k x p).
-        lower, upper: (k).
+        factor: factor of the quadratic costs (q x p).
+        slope: slope of the linear costs (p).
+        constant: constant part of the costs.
+        rows: coefficients of the constraints (k x p).
+        lower: lower limits of the constraints (k).
+        upper: upper limits of the constraints (k).
     """
 
     factor: FloatArray
@@ -45,16 +46,16 @@ class LinearTerms:
 
     @property
     def present(self) -> bool:
-        """Whether there are any."""
+        """True if there are any constraints or costs."""
         return bool(len(self.rows) or len(self.factor) or np.any(self.slope))
 
     def cost(self, x: FloatArray) -> float:
-        """Compute the costs."""
+        """Compute the costs at x (p)."""
         quadratic = 0.5 * float(np.sum(np.square(self.factor @ x)))
         return quadratic + float(self.slope @ x) + self.constant
 
     def scaled(self, scales: FloatArray) -> LinearTerms:
-        """Express them in unknowns / scales."""
+        """Express the terms in unknowns / scales."""
         return replace(
             self,
             factor=self.factor * scales,
@@ -63,7 +64,7 @@ class LinearTerms:
         )
 
     def about(self, x: FloatArray) -> LinearTerms:
-        """Express them in the change from x; the constant is left out."""
+        """Express the terms in the change from x; the constant is left out."""
         reached = self.rows @ x
         return replace(
             self,
@@ -85,9 +86,9 @@ class FitProgram:
     """A least-squares problem as a `MathematicalProgram`.
 
     Attributes:
-        problem: that is stated.
+        problem: least-squares problem that is stated.
         prog: Drake's program, to which costs and constraints may be added.
-        x: its decision variables: the unknowns (p) in their units, in the order of
+        x: decision variables of `prog`: the unknowns (p) in their units, in the order of
             `problem.parameters.names`.
     """
 
@@ -106,7 +107,7 @@ class FitProgram:
         return self.x[self.problem.parameters.names.index(name)]
 
     def _half_square(self, x: Any) -> Any:
-        """Compute |residual|^2 / 2 at x (p), of numbers or of AutoDiffXd."""
+        """Compute |residual|^2 / 2 at x (p), which holds numbers or AutoDiffXd."""
         if x.dtype == float:
             return 0.5 * float(np.sum(np.square(self.problem.finite_residual(x))))
         values = ExtractValue(x)[:, 0]
@@ -115,11 +116,11 @@ class FitProgram:
         return InitializeAutoDiff(np.array([0.5 * float(r @ r)]), slope[None, :])[0, 0]
 
     def linear_terms(self) -> LinearTerms:
-        """Collect what was added to the problem's own bounds and cost.
+        """Collect the terms that were added to the problem's own bounds and cost.
 
         Raises:
-            FitError: something that is neither a linear constraint nor a linear or convex
-                quadratic cost, or is in other variables.
+            FitError: a term is neither a linear constraint nor a linear or convex quadratic cost,
+                or is in other variables.
         """
         prog = self.prog
         count = len(self.x)
@@ -162,7 +163,7 @@ class FitProgram:
         return np.concatenate(values), np.concatenate(rows)
 
     def _factor(self, hessian: FloatArray) -> FloatArray:
-        """Compute F (q x p) with F'F the Hessian; FitError where it is not convex."""
+        """Compute F (q x p) with F'F the Hessian; FitError for a cost that is not convex."""
         values, vectors = np.linalg.eigh(hessian)
         largest = float(np.max(np.abs(values)))
         if float(values[0]) < _CONVEX * largest:

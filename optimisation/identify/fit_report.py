@@ -32,9 +32,9 @@ from aerodima.workbench.view.report_page import (
 
 SCHEMA = "aerodima/fit-report/1"
 _MAX_DECIMALS = 9
-"""Most decimals of a number that is not written as a power of ten."""
+"""Largest number of decimals of a number that is not written as a power of ten."""
 _MIN_SHARE = 0.01
-"""Least share of a variance that is shown."""
+"""Smallest share of a variance that is shown."""
 _BUDGET_TEXT = (
     "Percent of the variance, median over the fits; the rig's constants by its section "
     "uncertainty. Noise counts more than with exact constants, since the log helps to find them, "
@@ -55,12 +55,12 @@ def write_report(
     replaced.
 
     Args:
-        failed: logs that could not be fitted, with the reason.
+        failed: reason why a log could not be fitted, by log.
         tables: further tables by name, each also written as `<name>.csv` and into the YAML.
-        left_out: a line for each further table that could not be made.
+        left_out: lines about further tables that could not be made, one each.
 
     Returns:
-        The files written.
+        Paths of the files written.
     """
     failed = dict(failed or {})
     tables = dict(tables or {})
@@ -74,7 +74,7 @@ def write_report(
         "tables": {name: table.to_dict("records") for name, table in tables.items()},
         "fits": [_plain(result) for result in results],
     }
-    # Numbers of NumPy and tuples become plain ones on their way through JSON.
+    # NumPy's numbers and tuples become plain numbers and lists on their way through JSON.
     plain = json.loads(json.dumps(whole, default=np.generic.item))
     sections = [
         *_findings(results, failed, left_out),
@@ -103,7 +103,7 @@ def write_report(
 def _findings(
     results: Sequence[FitResult], failed: Mapping[str, str], left_out: Sequence[str]
 ) -> list[Section]:
-    """Make sections of what failed, what was left out, and warnings."""
+    """Make sections of failed logs, tables that are left out, and warnings."""
     findings = {
         f"{len(failed)} could not be fitted": [f"{log}: {text}" for log, text in failed.items()],
         "Left out": left_out,
@@ -113,7 +113,7 @@ def _findings(
 
 
 def _origins(results: Sequence[FitResult], budget: pd.DataFrame) -> list[Section]:
-    """List shares of the variances, and what of the rig differs from `models/`."""
+    """Make sections of shares of the variances, and of rig values that differ from `models/`."""
     sections = []
     if len(budget):
         shares = budget.drop(columns="fit").groupby("parameter", sort=False).median()
@@ -129,8 +129,8 @@ def _origins(results: Sequence[FitResult], budget: pd.DataFrame) -> list[Section
 
 
 def budget_table(results: Sequence[FitResult]) -> pd.DataFrame:
-    """Tabulate shares of the variance of every determined parameter: a row each, a column for
-    noise and each constant.
+    """Tabulate shares of the variance of every determined parameter: a row for each, with a column
+    for noise and for each constant.
     """
     rows = []
     for result in results:
@@ -141,7 +141,7 @@ def budget_table(results: Sequence[FitResult]) -> pd.DataFrame:
 
 
 def _plain(result: FitResult) -> Json:
-    """Make the content of the YAML file for one fit; the order of its keys is part of it."""
+    """Make the content of the YAML file for one fit; the order of its keys is fixed."""
     content = asdict(result)
     del content["curves"]
     renamed = {"unidentifiable": "not_determined"}
@@ -178,7 +178,7 @@ def _estimates(results: Sequence[FitResult]) -> Table:
 
 
 def _facts(results: Sequence[FitResult]) -> pd.DataFrame:
-    """Tabulate a row per fit: what was fitted, how large the residuals are, how the search
+    """Tabulate a row per fit: facts of the data, size of the residuals, and how the search
     ended.
     """
     rows = []
@@ -215,7 +215,7 @@ def format_estimate(estimate: Estimate, unit: bool = False) -> str:
 
 
 def _digits(width: float) -> str:
-    """Format of numbers whose interval is that wide: it keeps two digits."""
+    """Return a number format for an interval of this width, which keeps two of its digits."""
     if 0.0 < width < math.inf:
         decimals = 1 - math.floor(math.log10(width))
         if decimals <= _MAX_DECIMALS:

@@ -15,7 +15,7 @@ from aerodima.workbench.core.array_types import Values
 from aerodima.workbench.core.file_reading import Facts, Json
 
 Channels = Mapping[str, tuple[slice, float]]
-"""Name -> rows of a channel in the residual, and the weight that they were divided by."""
+"""Rows of a channel in the residual and the weight that they were divided by, by channel."""
 
 
 @dataclass(frozen=True)
@@ -23,13 +23,17 @@ class Estimate:
     """One parameter after a fit.
 
     Attributes:
-        name, unit: of the parameter.
-        value: in `unit`.
-        standard_deviation, lower, upper: with the 95 % interval, which holds the value; infinite
-            when not identifiable, zero when fixed, one-sided at a bound (see `uncertainty`).
-        identifiable: whether the data determine it.
-        bound: `lower` or `upper` when the fit stopped there.
-        frozen: fixed: kept its initial value.
+        name: name of the parameter.
+        unit: unit of the parameter.
+        value: estimated value, in `unit`.
+        standard_deviation: standard deviation of the estimate; infinite when not identifiable, zero
+            when fixed.
+        lower: lower end of the 95 % interval, which holds the value; infinite when not
+            identifiable. At a bound the interval is one-sided (see `uncertainty`).
+        upper: upper end of that interval.
+        identifiable: whether the data determine the parameter.
+        bound: `lower` or `upper` when the fit stopped there, else empty.
+        frozen: whether the parameter was fixed and kept its initial value.
         noise_deviation: standard deviation that noise alone would give, with the rig's constants
             taken as exact; NaN in results of earlier versions.
     """
@@ -55,24 +59,29 @@ class FitResult:
     """The result of one fit, ready for a report.
 
     Attributes:
-        name: of the log or table that was fitted.
-        estimates: of all parameters, the frozen ones included.
-        covariance: of the free parameters, in the order of `free` (p x p).
-        cost: |weighted residual|^2 / 2, of Huber's loss with `loss="huber"`.
+        name: name of the log or table that was fitted.
+        estimates: estimates of all parameters, the frozen ones included.
+        covariance: covariance of the free parameters, in the order of `free` (p x p).
+        cost: |weighted residual|^2 / 2; with `loss="huber"` and exact constants that of Huber's
+            loss.
         added_cost: value of the costs that a user added to the program, not in `cost`.
         residual_rms: root mean square of the residual per channel, in the channel's unit.
-        success, status: of the solver.
-        attempts: all starts that were tried: start, cost, success, status, iterations.
+        success: whether the solver succeeded.
+        status: reason why the solver ended.
+        attempts: all starts that were tried, each with `start`, `found`, `cost`, `success`,
+            `status` and `iterations`.
         unidentifiable: directions that the data do not determine.
-        warnings: what a reader must know: active bounds, missing axes, undetermined directions.
-        effective_samples: that the data count as.
+        warnings: notes that a reader must know of, such as active bounds, missing axes and
+            undetermined directions.
+        effective_samples: number of independent samples that the data count as.
         facts: labels of the data, such as tail, axis, angle and wind speed.
-        rig: what of the rig differs from `models/`, as `section.key`.
-        budget: per parameter the shares of the variance that noise and each uncertain constant
+        rig: values of the rig that differ from `models/`, by `section.key`.
+        budget: shares of the variance of each parameter that noise and each uncertain constant
             have.
-        constants: those that have a prior: shift from the scenario, deviation after the fit, and
-            `known_to` before it.
-        curves: for plots, by name; each a dictionary of equally long lists. Not in CSV and YAML.
+        constants: constants that have a prior, each with its `shift` from the scenario, its
+            `deviation` after the fit and its deviation before it, `known_to`.
+        curves: curves for plots, by name, each with equally long lists and the labels of its axes.
+            They are not in CSV and YAML.
     """
 
     name: str
@@ -104,12 +113,12 @@ class FitResult:
 
     @property
     def free(self) -> tuple[Estimate, ...]:
-        """The estimates that were not frozen."""
+        """Estimates of the parameters that were not frozen."""
         return tuple(estimate for estimate in self.estimates if not estimate.frozen)
 
     @property
     def resnorm(self) -> float:
-        """|weighted residual|^2, above zero: what the averages over several fits weigh by (eqs.
+        """|weighted residual|^2, kept above zero; averages over several fits weigh by it (eqs.
         4.29-4.31).
         """
         return 2.0 * max(self.cost, 1e-12)
@@ -120,7 +129,7 @@ class FitResult:
         """
         row: Json = {"fit": self.name, **self.facts}
         for e in self.estimates:
-            # The end of a column name: `N m s/rad` becomes `n_m_s_per_rad`.
+            # The unit ends the column name: `N m s/rad` becomes `n_m_s_per_rad`.
             unit = e.unit.lower().replace("/", "_per_").replace(" ", "_").replace("^", "")
             suffix = "" if e.unit in ("1", "") else f"_{unit}"
             name = e.name
@@ -229,7 +238,7 @@ def _estimates(solution: Solution, intervals: Uncertainty) -> list[Estimate]:
                 float(intervals.lower[i]),
                 float(intervals.upper[i]),
                 identifiable,
-                # What is not identifiable stays where it started, which may be a bound.
+                # An unidentifiable parameter stays where it started, which may be a bound.
                 bounds.get(p.name, "") if identifiable else "",
                 noise_deviation=sigma,
             )
@@ -254,7 +263,7 @@ def _attempts(solution: Solution) -> tuple[Json, ...]:
 
 
 def _bound_warnings(estimates: Sequence[Estimate], beyond: Values) -> list[str]:
-    """Warn of what stopped at a bound; `beyond` is in standard deviations, by name."""
+    """Warn of estimates that stopped at a bound; `beyond` is in standard deviations, by name."""
     at_bounds = [e for e in estimates if e.bound]
     warnings = []
     for e in at_bounds:

@@ -21,32 +21,33 @@ from aerodima.workbench.core.deprecation import renamed
 from aerodima.workbench.core.errors import FitError
 
 Ending = tuple[bool, str]
-"""Whether the solver succeeded, and why it ended."""
+"""Success of the solver, and the reason why it ended."""
 _MIN_DAMPING = 1e-8
-"""Least damping, relative to the square of the least singular value that counts: next to a
-Gauss-Newton step."""
+"""Least damping, relative to the square of the least singular value that counts; the step is then
+almost a Gauss-Newton step."""
 _FIRST_DAMPING = 1.0
 """Damping after a refused step."""
 _MAX_DAMPING = 1e20
 """Damping beyond which a solution is given up."""
 _UNIDENTIFIABLE = 1e-9
-"""Singular values below this part of the largest do not count: unidentifiable directions."""
+"""Share of the largest singular value below which a singular value does not count, since its
+direction is unidentifiable."""
 _AT_BOUND = 1e-6
-"""A step that ends this near a bound, in units of its length, ends on it."""
+"""Distance from a bound, in lengths of the step, within which a step ends on the bound."""
 _DECREASE_TOLERANCE = 1e-8
-"""A refused step that predicted to lower the cost by less than this part of it was refused by
-rounding: the minimum is reached."""
+"""Predicted decrease, as a share of the cost, below which a step was refused because of rounding:
+the minimum is reached."""
 _KINK_TOLERANCE = 1e-4
 """The same where no step, however short, lowers the cost: the minimum is a kink of the
 model (jet edge, node of a table)."""
 _STEP_TOLERANCE = 1e-8
-"""A step below this part of the scaled unknowns is short."""
+"""Share of the scaled unknowns below which a step is short."""
 _COST_TOLERANCE = 1e-10
-"""A step that lowers the cost by less than this part has settled."""
+"""Decrease, as a share of the cost, below which the cost has settled."""
 _GRADIENT_TOLERANCE = 1e-9
-"""Gradient over the root of the cost below which it vanishes."""
+"""Ratio of the gradient to the root of the cost below which the gradient vanishes."""
 _SAME_COST = 1.01
-"""Costs within this factor are the same minimum."""
+"""Factor within which costs belong to the same minimum."""
 _SLOW = 0.5
 """A kept Jacobian is out of date when the last step lowered the cost by less than half of what it
 predicted, and the next one predicts more than this part of that."""
@@ -56,17 +57,17 @@ _POOR = 3.0
 
 @dataclass(frozen=True)
 class SolverOptions:
-    """Choices of the solver.
+    """Options of the solver.
 
     Attributes:
-        max_steps: most steps.
-        jacobian: `differences` takes it anew in every step; `secant` carries it on by Broyden's
-            update, for residuals that cost seconds.
-        settled: a next step that predicts to lower the cost by less ends the fit.
-        roughness: by which a step may raise the cost. Both are in units of half a squared standard
-            deviation, or of the mean square of the residual where that is above 1.
-        reweigh: called with the unknowns (p) before every step; returns the factors (m) by which
-            the divisors of the residual grow there and from there on.
+        max_steps: largest number of steps.
+        jacobian: source of the Jacobian: `differences` takes it anew in every step; `secant`
+            carries it on by Broyden's update, for residuals that cost seconds.
+        settled: decrease of the cost below which the next step, by its prediction, ends the fit.
+        roughness: amount by which a step may raise the cost; like `settled` in units of half a
+            squared standard deviation, or of the mean square of the residual where that is above 1.
+        reweigh: function that is called with the unknowns (p) before every step; returns the
+            factors (m) by which the divisors of the residual grow there and from there on.
     """
 
     max_steps: int = 100
@@ -83,8 +84,8 @@ def solve(problem: Problem | FitProgram, starts: Sequence[FloatArray] | None = N
     """Solve from every start and keep the lowest cost; of costs within 1 % that of a success.
 
     Args:
-        problem: or its program, with what was added to it.
-        starts: vectors of the unknowns (p); the initial values by default.
+        problem: problem to solve, or its program with added terms.
+        starts: vectors of the unknowns to start from (p); the initial values by default.
 
     Raises:
         FitError: no start gave a finite residual; the message has the reason of each.
@@ -117,7 +118,7 @@ def solve_from(
 
 
 class _Descent:
-    """State of one solution; vectors in unknowns / scales."""
+    """State of the descent from one start; vectors are in unknowns / scales."""
 
     def __init__(self, program: FitProgram, options: SolverOptions) -> None:
         parameters = program.problem.parameters
@@ -137,7 +138,7 @@ class _Descent:
         self.refusal = ""
 
     def run(self, start: FloatArray) -> StartResult:
-        """Step until it settles or cannot go on."""
+        """Step from a start (p) until the fit settles or cannot go on."""
         try:
             self.z = start / self.scales
             if len(self.terms.rows):
@@ -177,7 +178,7 @@ class _Descent:
         return 0.5 * float(r @ r) + self.terms.cost(z)
 
     def _step(self) -> Ending | None:
-        """Take one step, or renew the Jacobian; at the end whether it succeeded, and why."""
+        """Take one step, or drop an outdated Jacobian; return the ending once there is one."""
         if self.options.reweigh is not None:
             self._divide(self.options.reweigh(self.z * self.scales))
         if self.J is None:
@@ -207,7 +208,7 @@ class _Descent:
         while True:
             trial = self._evaluate(d)
             if trial is not None and not self.kept and not self._lowers(d, trial, limit):
-                # Bends the step by the curvature of the residual along it.
+                # Bend the step by the curvature of the residual along it.
                 bent = bounded_step(R, Q.T @ trial - R @ d, self.damping, *bounds, terms)
                 refusal = self.refusal
                 bent_trial = self._evaluate(bent)
@@ -232,7 +233,7 @@ class _Descent:
             self.J = self.J / factors[:, None]
 
     def _evaluate(self, d: FloatArray) -> FloatArray | None:
-        """Compute the residual after a step; None where the model ends, whose reason is kept."""
+        """Compute the residual after a step; where the model ends, keep the reason, return None."""
         try:
             return self.problem.finite_residual((self.z + d) * self.scales)
         except FitError as error:
@@ -244,7 +245,7 @@ class _Descent:
         return r is not None and self._cost(self.z + d, r) <= limit
 
     def _shorten(self, d: FloatArray, predicted: float) -> Ending | None:
-        """Raise the damping after a refused step; the ending when that is of no use."""
+        """Raise the damping after a refused step; return the ending when that is of no use."""
         self.damping = max(10.0 * self.damping, _FIRST_DAMPING)
         if predicted <= _DECREASE_TOLERANCE * self._size:
             return True, "the next step predicts no decrease"
@@ -256,7 +257,7 @@ class _Descent:
         return None
 
     def _accept(self, d: FloatArray, r: FloatArray, predicted: float, whole: bool) -> Ending | None:
-        """Go to z + d with its residual; the ending when cost and step have settled."""
+        """Go to z + d with its residual; return the ending when cost or step has settled."""
         assert self.J is not None
         cost = self._cost(self.z + d, r)
         decrease = self.cost - cost
@@ -297,7 +298,7 @@ def bounded_step(
     high: FloatArray,
     terms: LinearTerms,
 ) -> FloatArray:
-    """Find the step d (n) of least |R d + c|^2 / 2 + damping s^2 |d|^2 / 2 and costs of `terms`.
+    """Find the step d (n) of least |R d + c|^2 / 2 + damping s^2 |d|^2 / 2 plus costs of `terms`.
 
     R is (k, n), c is (k), low and high are (n), s is the least singular value of R that counts. The
     step lies within low <= d <= high and meets the constraints of `terms`.
@@ -343,7 +344,7 @@ def bounded_step(
 def _exact_inside(
     A: FloatArray, b: FloatArray, step: FloatArray, low: FloatArray, high: FloatArray
 ) -> FloatArray:
-    """Solve min |A d + b| again for what an interior-point step (n) leaves within its bounds."""
+    """Solve min |A d + b| again for the parts of an interior-point step (n) within their bounds."""
     inside = (step > low) & (step < high)
     at_bounds = b + A[:, ~inside] @ step[~inside]
     exact = step.copy()

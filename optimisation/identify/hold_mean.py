@@ -1,4 +1,4 @@
-"""Mean readings of a static hold without the drift of the sensor, and what is no noise in them."""
+"""Mean readings of a static hold without the drift of the sensor, and signs of more than noise."""
 
 from dataclasses import dataclass
 
@@ -17,22 +17,22 @@ from aerodima.optimisation.identify.residual_check import (
 from aerodima.workbench.core.array_types import FloatArray
 
 _MAX_ROUNDS = 40
-"""Most rounds of the robust regression."""
+"""Largest number of rounds of the robust regression."""
 _SETTLED = 1e-4
-"""Change, in scales, below which it has settled."""
+"""Change, in scales, below which the robust regression has settled."""
 MAX_CORRELATED = 8192
-"""Samples that the correlation time of a noise is taken from."""
+"""Largest number of samples from which the correlation time of a noise is taken."""
 
 
 @dataclass(frozen=True)
 class HoldMean:
-    """Mean of readings over a hold (k).
+    """Means of k readings over a hold.
 
     Attributes:
-        value: their step at the end of the rest; without a rest their mean (k).
-        variance: of its error from noise (k).
-        lags: samples that count as one (k).
-        checks: of what is left of each (k).
+        value: step of each reading at the end of the rest, or its mean without a rest (k).
+        variance: variance of the error of `value` from noise (k).
+        lags: number of samples that count as one (k).
+        checks: checks of the residual of each reading (k).
     """
 
     value: FloatArray
@@ -44,17 +44,17 @@ class HoldMean:
 def hold_mean(
     time: FloatArray, values: FloatArray, step: FloatArray | None, loss: Loss = "squares"
 ) -> HoldMean:
-    """Fits a line of time, and the step.
+    """Fits a line over time, and the step, to each reading.
 
     Args:
-        time: s (n).
+        time: times of the samples (n), s.
         values: readings (k x n).
         step: 0 in the rest and 1 in the hold (n); None without a rest.
-        loss: squares; `huber` holds samples back that lie far off.
+        loss: loss function, `squares` or `huber`, which holds back samples that lie far off.
     """
     constant = np.ones_like(time)
     drift = time - time.mean()
-    # What is wanted stands last.
+    # The wanted coefficient stands last.
     design = np.stack([drift, constant] if step is None else [constant, drift, step])
     readings = [_reading_mean(row, design, loss) for row in values]
     means, variances, lags, checks = zip(*readings, strict=True)
@@ -64,7 +64,7 @@ def hold_mean(
 def _reading_mean(
     row: FloatArray, design: FloatArray, loss: Loss
 ) -> tuple[float, float, float, ResidualCheck]:
-    """Fits one reading: the last coefficient, its variance, lag and check."""
+    """Fits one reading; returns the last coefficient, its variance, lag and check."""
     count = len(design)
     coefficients, scatter, widened = _coefficients(row, design, loss)
     lag = correlation_time(scatter[:MAX_CORRELATED])
@@ -73,7 +73,7 @@ def _reading_mean(
     variance = float(scatter @ scatter) / freedom * widened * share
     check = check_residual(scatter, count)
     if loss == "squares" and (check.far_off or chance_of([check]) < CHANCE):
-        # What lies far off has bent the fit: how far shows against one that it has bent less.
+        # Samples far off have bent the fit; a robust fit, which is bent less, shows how far off.
         robust, _, _ = _coefficients(row, design, "huber")
         check = check_residual(row - robust @ design, count)
     return coefficients[-1], variance, lag, check
@@ -82,8 +82,8 @@ def _reading_mean(
 def _coefficients(
     row: FloatArray, design: FloatArray, loss: Loss
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Solves for one reading: coefficients; the residual, clipped by `huber`; by how much that
-    widens the variance.
+    """Solves for one reading; returns the coefficients, the residual, which `huber` clips, and the
+    factor by which clipping widens the variance.
     """
     solution = row @ design.T @ np.linalg.inv(design @ design.T)
     residual = row - solution @ design
@@ -106,7 +106,7 @@ def _coefficients(
 
 
 def residual_warnings(mean: HoldMean, channels: list[str], time: FloatArray) -> list[str]:
-    """Warn of what the readings do that noise does not."""
+    """Warn of readings that behave as noise does not."""
     checks = dict(zip(channels, mean.checks, strict=True))
     far = {name: check for name, check in checks.items() if check.far_off >= FEW_FAR_OFF}
     warnings = []

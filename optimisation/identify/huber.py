@@ -1,8 +1,8 @@
-"""Huber's loss: squares within a limit and straight beyond it, so that a few wild values do not
+"""Huber's loss: quadratic within a limit and linear beyond it, so that a few wild values do not
 decide a fit.
 
-The limit stands in units of a scale taken from the data: 1.4826 times the median deviation of the
-residual, which is the standard deviation of normal data however far a minority lies off.
+The limit is in units of a scale that is taken from the data: 1.4826 times the median deviation of
+the residual, which is the standard deviation of normal data however far off a minority lies.
 """
 
 from dataclasses import dataclass, replace
@@ -18,13 +18,13 @@ Loss = Literal["squares", "huber"]
 LIMIT = 1.345
 """Limit of the squares, in standard deviations: 95 % efficient on normal data."""
 _NORMAL = 1.4826
-"""Standard deviation of normal data over its median deviation."""
+"""Ratio of the standard deviation of normal data to its median deviation."""
 _SETTLED = 0.05
 """Relative change of the scale below which it has settled."""
 _MAX_SCALES = 4
-"""Most fits with the scale taken anew."""
+"""Largest number of fits, each with the scale taken anew."""
 _OUTLIER = 3.0
-"""Residuals beyond, in scales, are reported as outliers."""
+"""Size of a residual, in scales, above which it is reported as an outlier."""
 
 
 def huber(residual: FloatArray, limit: float = LIMIT) -> FloatArray:
@@ -37,7 +37,7 @@ def huber(residual: FloatArray, limit: float = LIMIT) -> FloatArray:
 
 
 def huber_weight(size: FloatArray) -> FloatArray:
-    """Compute the limit over sizes (m) beyond it, else 1: how much samples still count."""
+    """Compute weights of samples from their sizes (m): 1 up to the limit, limit / size beyond."""
     return LIMIT / np.maximum(np.abs(size), LIMIT)
 
 
@@ -57,9 +57,9 @@ class HuberSolution:
     """A solution under Huber's loss.
 
     Attributes:
-        solution: x, and residual and Jacobian of the problem as it was given; its attempts end with
-            the robust one.
-        influence: the same x with the clipped residual, and the Jacobian times the share of the
+        solution: robust x, with residual and Jacobian of the problem as it was given; its attempts
+            end with the robust one.
+        influence: same x with the clipped residual, and the Jacobian times the share of the
             residuals within the limit: J^+ S J^+' of it is Huber's asymptotic covariance.
         outliers: number of residuals beyond three scales.
     """
@@ -70,8 +70,8 @@ class HuberSolution:
 
 
 def solve_huber(problem: Problem, squares: Solution) -> HuberSolution:
-    """Minimise Huber's loss from the least-squares solution on; the scale is taken anew until it
-    settles.
+    """Minimise Huber's loss, starting at the least-squares solution; the scale is taken anew until
+    it settles.
 
     Raises:
         FitError: no finite residual on the way.

@@ -52,11 +52,12 @@ class Parameter:
     """One number of a model.
 
     Attributes:
-        name: unique in its fit.
-        unit: SI; `1` for a pure number.
-        initial: where the solver starts; the value itself when fixed.
-        lower, upper: bounds; infinite by default.
-        fixed: keeps its initial value and is no unknown.
+        name: name of the parameter, unique in its fit.
+        unit: SI unit; `1` for a pure number.
+        initial: value at which the solver starts; the value itself when fixed.
+        lower: lower bound; minus infinity by default.
+        upper: upper bound; infinity by default.
+        fixed: whether the parameter keeps its initial value and is no unknown.
         scale: typical size, in `unit`: the solver works on value / scale. By default a quarter of
             the range between finite bounds, else the size of the initial value, else 1.
         prior_std: standard deviation with which the initial value is known beforehand; infinite
@@ -65,8 +66,8 @@ class Parameter:
         seed: deprecated name of `initial`.
 
     Raises:
-        FitError: bounds that are NaN, empty or exclude the initial value, or one that is not
-            finite.
+        FitError: bounds that are NaN, empty or exclude the initial value, an initial value that is
+            not finite, or a scale that is not a finite number above 0.
     """
 
     name: str
@@ -101,7 +102,7 @@ class Parameter:
 
     @property
     def size(self) -> float:
-        """The scale that the solver uses, in `unit`."""
+        """Scale that the solver uses, in `unit`."""
         if self.scale is not None:
             return self.scale
         span = self.upper - self.lower
@@ -111,7 +112,7 @@ class Parameter:
 
     @property
     def has_prior(self) -> bool:
-        """Whether the initial value is known beforehand."""
+        """True if the initial value is known beforehand."""
         return math.isfinite(self.prior_std)
 
     def starting_at(self, value: float) -> Parameter:
@@ -122,6 +123,9 @@ class Parameter:
 @dataclass(frozen=True)
 class Parameters:
     """An ordered set of parameters; vectors of a fit hold the free ones in this order.
+
+    Attributes:
+        all: parameters of the fit, the fixed ones included.
 
     Raises:
         FitError: two parameters have the same name, or none is free.
@@ -144,7 +148,7 @@ class Parameters:
 
     @property
     def free(self) -> tuple[Parameter, ...]:
-        """The unknowns."""
+        """Parameters that are not fixed: the unknowns."""
         return tuple(parameter for parameter in self.all if not parameter.fixed)
 
     @property
@@ -201,7 +205,7 @@ class Parameters:
         return vectors
 
     def sides(self, x: FloatArray) -> IntArray:
-        """Tell the sides on which unknowns sit on a bound (p): -1 lower, 1 upper, else 0."""
+        """Tell on which bound each unknown sits (p): -1 lower, 1 upper, 0 none."""
         margin = _AT_BOUND * self.scales
         return np.where(x <= self.lower + margin, -1, np.where(x >= self.upper - margin, 1, 0))
 
@@ -217,13 +221,14 @@ class Problem:
     """A least-squares problem: minimise |residual|^2 / 2 over the free parameters within bounds.
 
     Attributes:
-        parameters: what may change.
-        residual: weighted residual (m) of the unknowns (p) in their units; `FitError` where the
-            model does not exist.
-        jacobian: d residual / d unknowns (m x p); finite differences without it.
-        name: of the fit, for messages.
-        steps: of the one-sided differences (p), in the units of the unknowns; for residuals that
-            are rough.
+        parameters: parameters of the model, free and fixed.
+        residual: function that returns the weighted residual (m) of the unknowns (p) in their
+            units; raises `FitError` where the model does not exist.
+        jacobian: function that returns d residual / d unknowns (m x p); finite differences are
+            taken without it.
+        name: name of the fit, for messages.
+        steps: steps of the one-sided differences (p), in the units of the unknowns, for residuals
+            that are rough; 1e-5 scales by default.
     """
 
     parameters: Parameters
@@ -243,11 +248,14 @@ class Problem:
         return r
 
     def forward_jacobian(self, x: FloatArray, at_x: FloatArray) -> FloatArray:
-        """Compute the Jacobian (m x p): given, or one-sided differences that stay within the
-        bounds.
+        """Compute the Jacobian (m x p): the given one, or one-sided differences within the bounds.
+
+        Args:
+            x: unknowns (p).
+            at_x: residual at x (m).
 
         Raises:
-            FitError: it is not finite.
+            FitError: the Jacobian is not finite.
         """
         if self.jacobian is not None:
             J = np.asarray(self.jacobian(x), float)
@@ -263,9 +271,9 @@ class Problem:
         return J
 
     def central_jacobian(self, x: FloatArray) -> FloatArray:
-        """Compute the Jacobian for the covariance (m x p): given, or central differences.
+        """Compute the Jacobian for the covariance (m x p): the given one, or central differences.
 
-        One-sided at a bound, and where the model ends on the other side.
+        Differences are one-sided at a bound, and where the model ends on one side.
 
         Raises:
             FitError: the model ends on both sides.
@@ -293,7 +301,7 @@ class Problem:
     def _end_of_difference(
         self, x: FloatArray, index: int, value: float
     ) -> tuple[float, FloatArray]:
-        """Compute value and residual (m) of one end; those of x where the model does not exist."""
+        """Compute value and residual (m) at one end; those of x where the model does not exist."""
         moved = x.copy()
         moved[index] = value
         try:
@@ -312,13 +320,15 @@ class StartResult:
     """The result of one start.
 
     Attributes:
-        start, x: unknowns (p).
+        start: unknowns at which the solver started (p).
+        x: unknowns at which the solver ended (p).
         cost: value of all costs of the program; infinite when there never was a finite one.
-        added_cost: part of it that was added to |residual|^2 / 2.
-        success: the solver met its tolerances.
-        status: in the solver's words.
-        iterations: steps of the solver.
-        jacobian: of the residual (m x p), as the last step took it.
+        added_cost: part of `cost` that was added to |residual|^2 / 2.
+        success: whether the solver met its tolerances.
+        status: reason of the end, in the solver's words.
+        iterations: number of steps of the solver.
+        jacobian: Jacobian of the residual (m x p), as the last step took it; None if it is out of
+            date.
     """
 
     start: FloatArray
@@ -336,12 +346,12 @@ class Solution:
     """The result of the best start, with all others.
 
     Attributes:
-        problem: that was solved.
-        x: unknowns (p).
-        residual: weighted, at x (m).
-        jacobian: of the weighted residual at x (m x p).
-        best: the start that x is from.
-        attempts: one per start, in order.
+        problem: problem that was solved.
+        x: unknowns of the solution (p).
+        residual: weighted residual at x (m).
+        jacobian: Jacobian of the weighted residual at x (m x p).
+        best: result of the start from which x was found.
+        attempts: results of all starts, in order.
     """
 
     problem: Problem

@@ -1,8 +1,8 @@
-"""The rig that a log was made on, and what a log must be for a fit.
+"""The rig that a log was made on, and requirements on a log for a fit.
 
 A log of this workbench carries its scenario; one of another laboratory has the rig of `models/`, of
 the scenario that its mapping names, or of the one that the user names for the fit. The log's own
-facts (kind, tail, axis, wind) go last.
+facts (kind, tail, axis, wind) override these.
 """
 
 import math
@@ -27,22 +27,22 @@ from aerodima.workbench.scenario.scenario_file import merged
 ANGLE = "angle_rad"
 CURRENT = "current_a"
 MAX_ANGLE = math.radians(110.0)
-"""Largest angle of a log, rad: a larger one is of another unit."""
+"""Largest angle of a log, rad; a larger one is in another unit."""
 MAX_WIND_SPEED = 60.0
-"""m/s of wind that a log may state: far beyond any tunnel for tails of this size, below a slip of
-the unit."""
+"""Largest wind speed that a log may state, m/s: far beyond any tunnel for tails of this size, below
+a slip of the unit."""
 _TRUTH = ("aero", "seed", "name", "schema", "simulation")
 _OF_THE_LOG = tuple(f"experiment.{key}" for key in ("kind", "tail", "axis", "wind_speed"))
 _FACTS = (("tail", ("1", "2", "3")), ("axis", ("major", "minor")))
 
 
 def checked_angle(log: RunLog, kind: str, least: int) -> ArrayPair:
-    """Read times (s) and angles (rad) of a log (n each), once both are what a fit of this kind can
-    use.
+    """Read times (s) and angles (rad) of a log (n each), and check that a fit of this kind can use
+    them.
 
     Raises:
         LogError: unsorted time, gap or NaN, with column and time.
-        FitError: another kind of log, fewer than `least` samples, angles that must be degrees.
+        FitError: another kind of log, fewer than `least` samples, or angles that must be degrees.
     """
     if log.kind != kind:
         raise FitError(f"is a log of kind {log.kind!r}; this fit needs {kind!r}")
@@ -74,8 +74,8 @@ def is_simulated(log: RunLog) -> bool:
 
 
 def rig_of(log: RunLog, kind: str, options: FitOptions = FREE) -> RigScenario:
-    """Make the rig that a log was made on; what a fit is to find is that of `models/`, not of the
-    log.
+    """Make the rig that a log was made on; quantities that a fit is to find are those of `models/`,
+    not of the log.
 
     Raises:
         FitError: the log does not say which tail was on the rig, or how fast the wind was.
@@ -96,11 +96,11 @@ def rig_of(log: RunLog, kind: str, options: FitOptions = FREE) -> RigScenario:
 
 @lru_cache(maxsize=16)
 def named_rig(rig: str, settings: tuple[str, ...]) -> Json:
-    """Reads what the user says of the rig: section -> key -> value; do not change it in place.
+    """Reads the user's values of the rig, by section and key; do not change them in place.
 
     Raises:
-        FitError: a setting is about what the log says.
-        ScenarioError: not the name of a rig, no such key, a value out of range.
+        FitError: a setting is about a fact that the log states.
+        ScenarioError: not the name of a rig, no such key, or a value out of range.
     """
     data: Json = {}
     if rig:
@@ -122,7 +122,7 @@ def named_rig(rig: str, settings: tuple[str, ...]) -> Json:
 
 
 def _experiment(log: RunLog, kind: str) -> Json:
-    """Reads what the log's metadata say of its experiment."""
+    """Reads the facts of the experiment from the log's metadata."""
     experiment: Json = {"kind": kind}
     extra = log.extra
     if kind in ("static", "swing"):
@@ -151,7 +151,7 @@ def wind_speed(log: RunLog, least: float, most: float) -> float:
 
 
 def differences(scenario: RigScenario) -> Json:
-    """Lists what of a rig differs from `models/`, as `section.key`; the experiment is left out."""
+    """Lists a rig's values that differ from `models/`, by `section.key`, but for the experiment."""
     changes = {}
     known = rig_scenario_from_dict({}).resolved()
     for section, values in scenario.resolved().items():

@@ -1,9 +1,9 @@
-"""Noise of a residual, from the residual itself.
+"""Noise of a residual, estimated from the residual itself.
 
-Filtered signals repeat themselves: n samples with autocorrelation rho_k count as n / (1 + 2 sum
-rho_k) (design section 11: intervals that ignore this held the truth in 23 % of the cases instead of
-95 %). Noise whose correlation is short, white or filtered, has a flat spectrum at the lowest
-frequencies; drift, a burst in the middle and an error of the model do not.
+Filtered signals are correlated in time: n samples with autocorrelation rho_k count as
+n / (1 + 2 sum rho_k) (design section 11: intervals that ignore this held the truth in 23 % of the
+cases instead of 95 %). Noise whose correlation is short, white or filtered, has a flat spectrum at
+the lowest frequencies; drift, a burst in the middle and an error of the model do not.
 """
 
 from dataclasses import dataclass
@@ -13,9 +13,10 @@ import numpy as np
 from aerodima.workbench.core.array_types import FloatArray
 
 _EXCESS = 0.2
-"""A residual whose variance exceeds that of its rounding by this part is not explained by it.
+"""Excess of a residual's variance over that of its rounding, as a share of the latter, from which
+rounding does not explain the residual.
 
-Chosen on simulated swings, whose intervals hardly change between 0.05 and 1.
+The value was chosen on simulated swings, whose intervals hardly change between 0.05 and 1.
 """
 
 
@@ -24,12 +25,14 @@ class Noise:
     """Covariance of the error of the weighted residual, and how much data it was estimated from.
 
     Attributes:
-        covariance: (m x m), or its diagonal (m).
-        degrees_of_freedom: of the variance estimate; infinite when it is known, zero when there are
-            no more residuals than unknowns and nothing is left to estimate it from.
-        effective_samples: that the residual stands for.
+        covariance: covariance of the error (m x m), or its diagonal (m).
+        degrees_of_freedom: degrees of freedom of the variance estimate; infinite when the variance
+            is known, zero when there are no more residuals than unknowns and nothing is left to
+            estimate it from.
+        effective_samples: number of independent samples that the residual stands for.
         rounding: change of the residual (m) per half count of a reading that was rounded; its error
-            is evenly spread, not normal. It is part of `covariance` (a third of its square).
+            is uniformly distributed, not normal. It is part of `covariance` (a third of its
+            square).
     """
 
     covariance: FloatArray
@@ -39,10 +42,10 @@ class Noise:
 
 
 def correlation_time(residual: FloatArray) -> float:
-    """Compute 1 + 2 sum rho_k of a signal (n): how many samples count as one; at least 1.
+    """Compute 1 + 2 sum rho_k of a signal (n), the number of samples that count as one; at least 1.
 
     The autocorrelation is summed in pairs until a pair is no longer positive (initial positive
-    sequence): longer sums scatter too much in short logs. Of a steep filter, whose autocorrelation
+    sequence): longer sums scatter too much in short logs. For a steep filter, whose autocorrelation
     rings, this takes the first lobe only and makes intervals about 8 % too wide.
     """
     x = residual - np.mean(residual)
@@ -66,14 +69,14 @@ def serial_noise(
     times its correlation time.
 
     Args:
-        residual: weighted, of all channels (m).
-        channels: where each time series stands in it.
-        unknowns: number of the free parameters; they are paid for out of the effective samples.
+        residual: weighted residual of all channels (m).
+        channels: rows of each time series in the residual.
+        unknowns: number of free parameters; it is subtracted from the effective samples.
         rounding: step of the readings, in units of the residual. Where a reading moves through many
-            steps, rounding errors are evenly spread and average out at least as fast as white
-            noise, also when they look like a saw: a residual whose variance they explain (a twelfth
-            of the step's square) counts for single samples, one that exceeds it by a fifth counts
-            by its correlation, and in between by both in part.
+            steps, rounding errors are uniformly distributed and average out at least as fast as
+            white noise, even when they look like a sawtooth: a residual whose variance they explain
+            (a twelfth of the step's square) counts for single samples, one that exceeds it by a
+            fifth counts by its correlation, and one in between by both in part.
     """
     variance = np.empty(len(residual))
     effective = 0.0
@@ -92,7 +95,7 @@ def serial_noise(
 
 
 def independent_noise(residual: FloatArray, unknowns: int) -> Noise:
-    """Estimate the noise of rows that do not repeat each other (a table): one variance, from the
+    """Estimate the noise of independent rows, such as those of a table: one variance, from the
     residual.
     """
     freedom = max(len(residual) - unknowns, 0)

@@ -32,19 +32,19 @@ OUTLIER = 0.03
 _TOLERANCE = 0.02
 """Relative error of a current above which the fit weighs it less."""
 _MIN_CURRENT = 0.5
-"""The fit takes errors of smaller currents relative to this, A: the tests without wind held almost
-nothing."""
+"""Current to which the errors of smaller currents are relative in the fit, A: the tests without
+wind held almost nothing."""
 _TAILS = (1, 2, 3)
 """Numbers of the tails with published holds."""
 _COPIED_TABLE = "Table 11.6"
-"""Table of the robot tail whose rows stand again in a table of a higher wind speed, where they
+"""Table of the robot tail whose rows are repeated in a table of a lower wind speed, where they
 cannot be from."""
 _CELL = ["tail", "axis", "angle_of_attack_deg", "wind_speed_m_per_s"]
 
 
 def check_published() -> tuple[list[FitResult], dict[str, pd.DataFrame]]:
-    """Recompute everything: the fits of the rig constants and of the robot tail's line, and all
-    tables by name.
+    """Recompute everything; return the fits of the rig constants and of the robot tail's line, and
+    all tables by name.
     """
     constants = fit_rig_constants(static_rows())
     line = robot_tail_line()
@@ -168,8 +168,9 @@ class RigConstants:
     """Result of the joint fit.
 
     Attributes:
-        fit: values with intervals.
-        rows: per published test its current, the predicted one and the relative error.
+        fit: fitted constants with intervals.
+        rows: table with the published current, the predicted one and the relative error of each
+            test.
     """
 
     fit: FitResult
@@ -177,12 +178,12 @@ class RigConstants:
 
     @property
     def outliers(self) -> pd.DataFrame:
-        """The rows whose error is above 3 %."""
+        """Rows whose error is above 3 %."""
         return self.rows[self.rows.relative_error.abs() > OUTLIER].reset_index(drop=True)
 
 
 def constants_parameters() -> Parameters:
-    """List the unknown constants; initial value and physical bounds: value and prior in
+    """List the unknown constants; initial values and physical bounds are values and priors of
     `models/parameters/rig`.
     """
     unknowns = [_unknown("maxon", "torque_constant"), _unknown("tunnel", "jet_edge_depth")]
@@ -210,7 +211,7 @@ def balances() -> dict[int, StaticBalance]:
 
 
 def with_constants(balance: StaticBalance, tail: int, values: dict[str, float]) -> StaticBalance:
-    """Make a held rig with a trial of the constants."""
+    """Make a held rig with trial values of the constants."""
     changes = {
         "maxon": {"torque_constant": values["torque_constant"]},
         "tunnel": {"jet_edge_depth": values["jet_edge_depth"]},
@@ -262,7 +263,7 @@ def fit_rig_constants(rows: pd.DataFrame) -> RigConstants:
 
 
 def _cell_noise(residual: FloatArray, rows: pd.DataFrame, unknowns: int) -> Noise:
-    """Estimate the noise where the five tests of a cell share their error: they count as one."""
+    """Estimate the noise; the five tests of a cell share their error and count as one."""
     cell = rows.groupby(_CELL).ngroup().to_numpy()
     cells = int(cell.max()) + 1
     freedom = max(cells - unknowns, 1)

@@ -11,18 +11,18 @@ from aerodima.optimisation.identify.huber import spread
 from aerodima.workbench.core.array_types import FloatArray
 
 FAR_OFF = 6.0
-"""Robust standard deviations beyond which a sample is no noise: probability 2e-9 under a normal
-distribution."""
+"""Distance, in robust standard deviations, beyond which a sample is not noise: probability 2e-9
+under a normal distribution."""
 FEW_FAR_OFF = 3
-"""Fewest such samples that are reported."""
+"""Smallest number of such samples that is reported."""
 _SLOW = 10
-"""First modes of the cosine transform, in which wandering shows."""
+"""Number of the first modes of the cosine transform, in which wandering shows."""
 _NEXT = 60
 """End of the modes whose power is compared with theirs."""
 _MIN_SAMPLES = 4 * _NEXT
-"""Fewest samples in which wandering is looked for."""
+"""Smallest number of samples in which wandering is looked for."""
 CHANCE = 1e-5
-"""Probability below which wandering is no noise."""
+"""Probability below which wandering is not noise."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,9 @@ class ResidualCheck:
 
     Attributes:
         far_off: number of samples beyond six robust standard deviations.
-        first: row of the first of them; -1 without.
-        wander: power of the slowest modes over that of the next ones; about 1.
-        freedom: degrees of freedom of both.
+        first: row of the first of these samples; -1 without one.
+        wander: ratio of the power of the slowest modes to that of the next ones; about 1 for noise.
+        freedom: degrees of freedom of the slowest modes and of the next ones.
         swing: largest size of the slow part.
     """
 
@@ -48,8 +48,9 @@ def check_residual(residual: FloatArray, unknowns: int = 1) -> ResidualCheck:
     """Checks a residual in the order of time (n).
 
     Args:
-        unknowns: that were fitted to it, a constant among them; each takes a slow mode's worth of
-            freedom.
+        residual: residual of one reading (n).
+        unknowns: number of unknowns that were fitted to it, a constant among them; each takes the
+            freedom of one slow mode.
     """
     x = residual - np.median(residual)
     scale = spread(x)

@@ -21,28 +21,29 @@ from aerodima.workbench.scenario.rig_scenario import (
 )
 
 _TABLE = pd.read_csv(model_path("rig/constants.csv"), index_col="constant", keep_default_na=False)
-"""Name -> bound to either side where it is free, keys of the scenario that it shifts and shifts the
-other way (none for an error of an instrument), kinds of logs whose fits can free it."""
+"""Table of the constants: bound to either side when free, keys of the scenario that a constant
+shifts and shifts the other way (none for an error of an instrument), and kinds of logs whose fits
+can free it."""
 _KEYS = _TABLE.key[_TABLE.key != ""].to_dict()
 _OPPOSITE_KEYS = _TABLE.opposite_key[_TABLE.opposite_key != ""].to_dict()
 BIASES = ("fx_bias", "fy_bias", "fz_bias", "tx_bias", "ty_bias", "tz_bias")
-"""What is left in the readings of the force sensor, N and N m."""
+"""Names of the biases that are left in the readings of the force sensor, N and N m."""
 _SCALE = 0.01
 """Scale of a free constant, as a share of its reach."""
 _MAX_SHIFT = 20.0
-"""Bounds of one with a prior, in its standard deviations."""
+"""Bound of a constant with a prior to either side, in its standard deviations."""
 
 
 @cache
 def accuracies() -> FloatArray:
-    """Read Table 4.8 for the six reactions (6), N and N m; do not change it in place."""
+    """Read accuracies of the reactions (6), N and N m (Table 4.8); do not change them in place."""
     return published_table("residual_weights").uncertainty_factor.to_numpy(float)[:6]
 
 
 @cache
 def speed_accuracy() -> float:
-    """Read Table 4.8 for the speed, rad/s (printed as rad/s; ERRATA E19); in rad also that of an
-    angle, one count.
+    """Read the accuracy of the speed, rad/s, from Table 4.8 (printed as rad/s; ERRATA E19); in rad
+    it is also that of an angle, one count.
     """
     return float(published_table("residual_weights").uncertainty_factor.iloc[6])
 
@@ -69,15 +70,19 @@ def constant_parameters(
     options: FitOptions,
     biases: Values | None = None,
 ) -> tuple[Parameter, ...]:
-    """Make the constants that a fit varies, as shifts from the scenario: from zero, and a deviation
-    unless they are free.
+    """Make the constants that a fit varies, as shifts from the scenario that start at zero and have
+    a prior unless they are free.
 
     Args:
-        biases: standard deviations of what is left in the readings; unknowns only where the rig has
-            others.
+        log: log that is fitted.
+        scenario: rig that the log was made on.
+        kind: kind of the log.
+        options: options of the fit: constants that are free, knowledge of the others, and the rig.
+        biases: standard deviations of the biases in the readings; these become unknowns only where
+            the rig has other ones.
 
     Raises:
-        FitError: `options.free` names something else.
+        FitError: `options.free` names a constant that this fit does not have.
     """
     names = constant_names(kind)
     free = options.free
@@ -85,7 +90,7 @@ def constant_parameters(
     deviations = {}
     if options.constants == "uncertain":
         deviations = scenario.uncertainty.model_dump()
-    if is_simulated(log):  # exact, but for what the user says of them
+    if is_simulated(log):  # exact, but for those that the user calls uncertain
         stated = named_rig(options.rig, options.settings).get("uncertainty", {})
         deviations = {name: value for name, value in deviations.items() if name in stated}
     if any(name in free or deviations.get(name, 0.0) > 0.0 for name in names):
@@ -114,7 +119,7 @@ def _unit(name: str) -> str:
 
 
 def shifted(scenario: RigScenario, values: Values) -> RigScenario:
-    """Shift the constants of a rig; ranges are not checked again, trials of a fit stay near
+    """Shift the constants of a rig; ranges are not checked again, since trials of a fit stay near
     the scenario.
     """
     changes: dict[str, dict[str, float]] = {}

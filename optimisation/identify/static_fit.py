@@ -1,8 +1,8 @@
 """C_D, C_L, psi3 and holding current of a static hold, from its six reactions and its speed (thesis
 section 4.8).
 
-Algebraic: the balance of the held rig instead of a simulation. The seventh residual is the speed at
-which the tail would creep against its friction if the current did not hold it.
+The fit is algebraic: the balance of the held rig stands in for a simulation. The seventh residual
+is the speed at which the tail would creep against its friction if the current did not hold it.
 """
 
 import math
@@ -43,8 +43,8 @@ UNKNOWNS = {
     "psi3": Parameter("psi3", "rad", 0.0, -0.35, 0.35, scale=0.1),
     "current": Parameter("current", "A", 0.0, -10.0, 30.0, scale=5.0),
 }
-"""Within bounds that the published results themselves respect (they break the printed ones: ERRATA
-E5, E6)."""
+"""Unknowns within bounds that the published results themselves respect (they break the printed
+ones: ERRATA E5, E6)."""
 READING_FACTORS = {
     -1.0: "the other sign of",
     STANDARD_GRAVITY: "kgf in place of N in",
@@ -52,11 +52,11 @@ READING_FACTORS = {
     1e3: "a factor of 1/1000 in",
     1e-3: "a factor of 1000 in",
 }
-"""Factor that puts readings right -> what is wrong with them."""
+"""Mistakes in readings, by the factor that puts the readings right."""
 _MARGIN = 10.0
-"""By how much a mistake must be likelier than constants that are off, in -2 log likelihood."""
+"""Margin in -2 log likelihood by which a mistake must be likelier than constants that are off."""
 _MAX_SIGMA = 3.0
-"""Standard deviations beyond which a prediction is not that of the log."""
+"""Number of standard deviations beyond which a prediction disagrees with the log."""
 _TURN = 1e-5
 """Step of the central difference over psi3, rad: its error is of the order of 1e-11."""
 
@@ -77,7 +77,7 @@ def static_parameters(data: StaticData, options: FitOptions = FREE) -> Parameter
 
 @cache
 def _seed_table() -> dict[Any, dict[str, float]]:
-    """Read tail, angle (degrees) and wind speed -> name -> initial value."""
+    """Read the initial values, by tail, angle (degrees) and wind speed, and then by name."""
     keys = ["tail", "angle_of_attack_deg", "wind_speed_m_per_s"]
     table = {}
     for node, group in published_table("static_seeds").groupby(keys, sort=False):
@@ -86,9 +86,10 @@ def _seed_table() -> dict[Any, dict[str, float]]:
 
 
 class StaticResidual:
-    """The weighted residual of one hold.
+    """Weighted residual of one hold.
 
-    Rows: the present reactions over the accuracy of Table 4.8, then the speed over its own.
+    Its rows are the present reactions over their accuracy of Table 4.8, then the speed over its
+    own.
     """
 
     def __init__(self, data: StaticData) -> None:
@@ -118,7 +119,7 @@ class StaticResidual:
         return {name: (slice(i, i + 1), weights[i]) for i, name in enumerate(names)}
 
     def _wind_effect(self, psi: float) -> FloatArray:
-        """Compute the weighted rows of bar, unit C_D and unit C_L (3 x m)."""
+        """Compute the weighted rows of the wind on bar, unit C_D and unit C_L (3 x m)."""
         data = self._data
         effect = self._balance.wind_effect(data.angle, data.wind_speed, psi)
         return effect[:, [*self._rows, 6]] * self._scale
@@ -147,14 +148,14 @@ class StaticResidual:
         return Noise(covariance, np.inf, data.effective_samples, rounding)
 
     def _weight(self, angle: float) -> tuple[FloatArray, float]:
-        """Compute the reactions of the weight that are in the readings (6) and torque of the
+        """Compute the reactions of the weight that are in the readings (6), and the torque of the
         weight about the motor axis.
         """
         reactions, torque = self._balance.hanging(angle)
         tare = self._data.tare
         if tare is None:
             return reactions, torque
-        # A tare at the angle of the hold errs by as much as the angle does.
+        # A tare at the angle of the hold has the same error as the angle.
         if tare == self._data.angle:
             tare = angle
         tared, _ = self._balance.hanging(tare)
@@ -213,15 +214,15 @@ def fit_static(data: StaticData, options: FitOptions = FREE) -> FitResult:
 
 
 def _without_biases(data: StaticData) -> StaticData:
-    """Make the hold whose biases are unknowns, and no noise."""
+    """Remove the biases of a hold from its noise where they are unknowns."""
     if not any(p.name in BIASES for p in data.constants):
         return data
     return replace(data, covariance=data.covariance - np.diag(np.square(data.offset_deviation)))
 
 
 def _mended(data: StaticData) -> Iterator[tuple[str, StaticData, FloatArray]]:
-    """Yield what can be wrong with the readings, the hold put right, and the factors of its rows
-    (m): signs, the weight, units.
+    """Yield possible mistakes in the readings (signs, the weight, units), each with the hold put
+    right and the factors of its rows (m).
     """
     groups = [*zip(REACTIONS, strict=True), REACTIONS[:3], REACTIONS[3:], REACTIONS]
     if data.tare != data.angle:
@@ -254,7 +255,7 @@ def _mistake(result: FitResult, data: StaticData, parameters: Parameters) -> lis
     off = [size if size > MAX_SHIFT_SIGMA else 1.0 for size in sizes]
 
     def unlikelihood(hold: StaticData, factors: FloatArray, shifts: FloatArray) -> float:
-        """Compute -2 log likelihood of the readings; `factors` have put those of the hold right."""
+        """Compute -2 log likelihood of the readings; `factors` (m) have put the hold right."""
         shifts = shifts / factors[:, None]
         whitening = Whitening.from_covariance(noise + shifts @ shifts.T)
         model = StaticResidual(hold)
@@ -270,8 +271,8 @@ def _mistake(result: FitResult, data: StaticData, parameters: Parameters) -> lis
 
 
 def _uncertain_rig(data: StaticData) -> UncertainRig:
-    """State the hold with the rig's constants as unknowns; biases of the readings are then no
-    noise.
+    """State the hold with the rig's constants as unknowns; biases of the readings are then not part
+    of the noise.
     """
     exact = _without_biases(data)
 
@@ -291,9 +292,7 @@ def _uncertain_rig(data: StaticData) -> UncertainRig:
 
 
 def shifted_data(data: StaticData, values: Values) -> StaticData:
-    """Make the hold as it is when constants and instruments are off by some values
-    (`constants`).
-    """
+    """Make the hold for constants and instruments that are off by the given values, by name."""
     zero = values.get("encoder_zero", 0.0)
     bias = np.array([values.get(name, 0.0) for name in BIASES])
     return replace(
@@ -332,11 +331,11 @@ def fit_static_log(
     """Fit C_D, C_L, psi3 and holding current of a static hold.
 
     Args:
-        path: of the log.
+        path: path of the log.
         rest: first and last time of the rest without wind, s; by default as the log states it.
-        options: rig, its constants, bounds, loss of the samples.
+        options: options of the fit: rig, its constants, bounds, loss of the samples.
 
     Raises:
-        UserError: what is wrong with the log or the options.
+        UserError: something is wrong with the log or the options.
     """
     return fit_static(static_data(read_run_log(path), rest, options), options)

@@ -1,11 +1,11 @@
 """A static log as data of a fit: mean wrench, angle and speed of the hold, with the covariance of
 their errors.
 
-With a rest phase (wind off, same angle) in the log, a line of time (drift) and a step where the
-wind begins go through all samples of rest and hold together, because the hold helps to find the
-drift too: the bias goes, and only noise is left. Without one the bias stays, and its standard
-deviation is what the log states (`offsets_uncertainty`), else what the drift since a tare can do,
-else the accuracy of the scenario (Table 4.8).
+With a rest phase (wind off, same angle) in the log, a line over time (drift) and a step where the
+wind begins are fitted to all samples of rest and hold together, because the hold helps to find the
+drift too: the bias cancels, and only noise is left. Without one the bias stays, and its standard
+deviation is the one that the log states (`offsets_uncertainty`), else the possible drift since a
+tare, else the accuracy of the scenario (Table 4.8).
 """
 
 import math
@@ -41,18 +41,19 @@ REACTIONS = ("fx", "fy", "fz", "tx", "ty", "tz")
 COLUMNS = {c: f"force_{c[1]}_n" if c[0] == "f" else f"torque_{c[1]}_n_m" for c in REACTIONS}
 RATE = "angular_velocity_rad_per_s"
 OFFSETS = "offsets_to_add"
-"""Key in a log's `extra`: what the sensor was zeroed at, N and N m; zeros once it was added."""
+"""Key in a log's `extra`: readings at which the sensor was zeroed, N and N m; zeros once they were
+added."""
 OFFSETS_UNCERTAINTY = "offsets_uncertainty"
-"""Key in a log's `extra`: standard deviation of what is left of the readings' offsets (6), N and N
-m."""
+"""Key in a log's `extra`: standard deviations of the remaining offsets of the readings (6), N and
+N m."""
 TARED = "tared_angle_rad"
 """Key in a log's `extra`: angle at which the sensor was zeroed without wind just before, rad."""
 MIN_SAMPLES = 100
-"""Fewest samples of a hold, and of a rest."""
+"""Smallest number of samples of a hold, and of a rest."""
 _MAX_WANDER = math.radians(1.0)
 """Largest change of the angle within a hold, rad."""
 CURRENT_MARGIN = 2.0
-"""Logged currents beyond this many times the motor's limit are of another unit."""
+"""Multiple of the motor's limit beyond which a logged current is in another unit."""
 _UNKNOWN_OFFSET = (
     "no rest phase: bias and drift stay in the readings; the sensor's accuracy is taken as their "
     f"standard deviation (state {OFFSETS_UNCERTAINTY} or {TARED} in the log if it was tared or "
@@ -60,11 +61,12 @@ _UNKNOWN_OFFSET = (
 )
 """Warning of a log that does not say how well its offsets are known."""
 _NO_CHANGE = 4.0
-"""Standard deviations of noise and drift within which readings of hold and rest are the same."""
+"""Number of standard deviations of noise and drift within which hold and rest read the same."""
 _MAX_FORCE = 1000.0
-"""About twice the range of the Axia80-M20, N: larger readings are of another unit."""
+"""Largest force reading, N, about twice the range of the Axia80-M20; larger ones are in another
+unit."""
 _MAX_TORQUE = 40.0
-"""About twice the range of the Axia80-M20, N m."""
+"""Largest torque reading, N m, about twice the range of the Axia80-M20."""
 
 
 @dataclass(frozen=True)
@@ -72,27 +74,29 @@ class StaticData:
     """A static hold.
 
     Attributes:
-        name: of the log.
-        scenario: of the rig it was made on.
-        angle, wind_speed: rad, m/s.
-        wrench: mean reading plus offset (6), without the weight at `tare`; NaN for an axis that is
-            missing.
-        tare: angle at which the weight was taken out, rad: that of the hold after a rest; None: the
-            weight is in it.
-        covariance: of the error of the mean wrench (6 x 6); rows of missing axes are meaningless.
-        present: which of the six axes are there (6).
+        name: name of the log.
+        scenario: scenario of the rig that the log was made on.
+        angle: mean angle of the hold, rad.
+        wind_speed: wind speed that the log states, m/s.
+        wrench: mean reading plus offset (6), N and N m, without the weight at `tare`; NaN for an
+            axis that is missing.
+        tare: angle at which the weight was taken out of the readings, rad, which is that of the
+            hold after a rest; None when the weight is in them.
+        covariance: covariance of the error of the mean wrench (6 x 6); rows of missing axes are
+            meaningless.
+        present: flags of the axes that are there (6).
         speed: mean of the logged rate, rad/s; zero when it was not logged.
-        speed_deviation: standard deviation of its error, rad/s.
-        current, current_deviation: mean of the logged current and standard deviation of its error,
-            A; NaN without.
-        effective_samples: that the hold counts as.
+        speed_deviation: standard deviation of the error of `speed`, rad/s.
+        current: mean of the logged current, A; NaN without one.
+        current_deviation: standard deviation of the error of `current`, A; NaN without one.
+        effective_samples: number of independent samples that the hold counts as.
         facts: tail, axis, angle_deg, wind_speed_m_per_s for reports.
-        offset_deviation: standard deviation of what is left of the offsets (6), in `covariance`
+        offset_deviation: standard deviation of the offsets that are left (6); it is in `covariance`
             too.
-        constants: of the rig that are not exact, see `constant_parameters`.
+        constants: constants of the rig that are not exact, see `constant_parameters`.
         still: whether the readings change after a rest phase by no more than noise and drift can
             do.
-        warnings: of the log.
+        warnings: warnings about the log.
     """
 
     name: str
@@ -121,14 +125,14 @@ def static_data(
     """Checks a static log and takes from it what the fit needs.
 
     Args:
-        log: of kind `static`.
+        log: log of kind `static`.
         rest: first and last time of the rest phase (wind off), s; by default `rest_s` of the log's
             metadata, if it is there.
-        options: rig, its constants, loss of the samples.
+        options: options of the fit: rig, its constants, loss of the samples.
 
     Raises:
         LogError: unsorted time, gap or NaN, with column and time.
-        FitError: not a static log, too short, the angle is not held, numbers that must be of
+        FitError: not a static log, too short, an angle that is not held, or numbers that must be in
             another unit.
         ScenarioError: the rig is wrong.
     """
@@ -145,7 +149,7 @@ def _static_data(log: RunLog, rest: Interval | None, name: str, options: FitOpti
     hold = _hold_mask(time, rest)
     held = float(np.mean(angle[hold]))
     readings, warnings = _readings(log, time)
-    # Refused where it cannot be right, also if a rest makes it unneeded.
+    # An offset that cannot be right is refused, even if a rest makes it needless.
     log.stated(OFFSETS, len(REACTIONS))
     if rest is None:
         used = hold
@@ -220,7 +224,7 @@ def _hold_mask(time: FloatArray, rest: Interval | None) -> np.ndarray:
 
 
 def _readings(log: RunLog, time: FloatArray) -> tuple[NamedArrays, list[str]]:
-    """Read the axes that are there and alive; a warning names what is left out."""
+    """Read the axes that are there and alive; a warning names each axis that is left out."""
     columns: NamedArrays = {}
     warnings = []
     for channel, column in COLUMNS.items():
@@ -247,8 +251,8 @@ def _readings(log: RunLog, time: FloatArray) -> tuple[NamedArrays, list[str]]:
 def _mean_current(
     log: RunLog, hold: np.ndarray, scenario: RigScenario, warnings: list[str]
 ) -> Pair:
-    """Return the mean of the logged current of the hold, with the deviation of its error, NaN
-    without a usable one; it is not fitted.
+    """Return the mean logged current of the hold and the deviation of its error, NaN without a
+    usable current; it is not fitted.
     """
     unusable = (math.nan, math.nan)
     if CURRENT not in log.table.columns:
@@ -266,8 +270,8 @@ def _mean_current(
 
 
 def _mean_rate(log: RunLog, time: FloatArray, hold: np.ndarray, count: float) -> Pair:
-    """Return the mean speed of the hold, with the deviation of its error: half a count at either
-    end, over its length.
+    """Return the mean speed of the hold and the deviation of its error, which is up to half a count
+    at either end, over the duration of the hold.
     """
     times = time[hold]
     deviation = count / math.sqrt(6.0) / float(times[-1] - times[0])
@@ -283,10 +287,10 @@ class Offset:
     """Offset that is added to the readings of a hold.
 
     Attributes:
-        added: to the readings (6), N and N m.
-        deviation: standard deviation of what is then left (6).
-        tare: see `StaticData.tare`.
-        warnings: where the deviation is not known.
+        added: offset that is added to the readings (6), N and N m.
+        deviation: standard deviation of the offset that is then left (6), N and N m.
+        tare: angle of the tare, see `StaticData.tare`.
+        warnings: warning of a deviation that is not known.
     """
 
     added: FloatArray
@@ -300,7 +304,7 @@ def _stated_offset(log: RunLog, scenario: RigScenario) -> Offset:
     scenario.
 
     Raises:
-        LogError, FitError: nonsense in the metadata.
+        LogError, FitError: the metadata make no sense.
     """
     sensor = scenario.force_sensor
     deviation = np.asarray(sensor.accuracies)

@@ -1,9 +1,9 @@
 """Fits of swings: friction of bar and robot tail, added mass of a cheetah tail, C_N of
 the robot tail.
 
-Friction from free or motor-driven swings: thesis eq. 4.12 corrected, Tables 4.7 and 6.2. Added mass
-is fitted to the position only (section 4.9). C_N over the relative speed is what the thesis tuned
-by hand (section 6.3.3).
+Friction is fitted to free or motor-driven swings (thesis eq. 4.12 corrected, Tables 4.7 and 6.2).
+Added mass is fitted to the position only (section 4.9). C_N over the relative speed is the quantity
+that the thesis tuned by hand (section 6.3.3).
 """
 
 import math
@@ -39,15 +39,16 @@ BIN = 2.0
 """Distance of the nodes of a table over the relative speed, m/s."""
 _NODE = "cn_at_"
 _INITIAL = 2.0
-"""Start of a normal-force coefficient."""
+"""Initial value of a normal-force coefficient."""
 _LOW = 0.0
 """Lower bound of a normal-force coefficient."""
 _HIGH = 10.0
 """Upper bound of a normal-force coefficient."""
 _MAX_ADDED_MASS = 1.0
-"""kg per part: twice the bound of Table 4.12, at which one published swing stopped."""
+"""Largest added mass, kg per part: twice the bound of Table 4.12, at which one published swing
+stopped."""
 _SCANNED = 24
-"""Masses that are scanned."""
+"""Number of masses that are scanned."""
 _SCANNED_LENGTH = 1.0
 """Length of the swing over which they are scanned, s."""
 
@@ -56,7 +57,7 @@ def fit_friction_log(path: str | Path, *, options: FitOptions = FREE) -> FitResu
     """Fit Coulomb and viscous friction of a bar swing or a robot swing, see `fit_friction`.
 
     Raises:
-        UserError: what is wrong with the log or the options.
+        UserError: something is wrong with the log or the options.
     """
     log = read_run_log(path)
     kind = log.kind if log.kind in ("bar_swing", "robot_swing") else "bar_swing"
@@ -67,7 +68,7 @@ def fit_added_mass_log(path: str | Path, *, options: FitOptions = FREE) -> FitRe
     """Fit the added mass per part of a swing (kg), see `fit_added_mass`.
 
     Raises:
-        UserError: what is wrong with the log or the options.
+        UserError: something is wrong with the log or the options.
     """
     return fit_added_mass(swing_data(read_run_log(path), "swing", options=options), options)
 
@@ -87,8 +88,8 @@ def fit_friction(data: SwingData, options: FitOptions = FREE) -> FitResult:
     """Fit Coulomb and viscous friction of one swing.
 
     Args:
-        data: a bar swing, or a robot swing (its air and motor are taken from its scenario).
-        options: loss and bounds.
+        data: bar swing, or robot swing, whose air and motor are taken from its scenario.
+        options: loss and bounds of the fit.
 
     Raises:
         FitError: no rollout exists.
@@ -99,7 +100,9 @@ def fit_friction(data: SwingData, options: FitOptions = FREE) -> FitResult:
 
 
 def friction_parameters(robot: bool = False) -> list[Parameter]:
-    """Make Coulomb and viscous friction, from Table 4.7 (bar) or Table 6.2 (the robot's tail)."""
+    """Make the parameters of Coulomb and viscous friction, with initial values of Table 4.7 (bar)
+    or Table 6.2 (the robot's tail).
+    """
     name, record = "bar_friction", "seed"
     if robot:
         name, record = "robot_tail_friction", "published_final_value"
@@ -114,7 +117,7 @@ def friction_parameters(robot: bool = False) -> list[Parameter]:
 
 
 def friction_law(data: SwingData) -> TorqueLaw:
-    """Make the friction of the values; air and motor as in the scenario."""
+    """Make the law with the friction of the values; air and motor are as in the scenario."""
     scenario = data.scenario
     fixed = _air(scenario)
     if scenario.is_robot:
@@ -149,8 +152,8 @@ def potential_flow_mass(data: SwingData) -> float:
 
 
 def still_tail_law(data: SwingData) -> TorqueLaw:
-    """Make the quasi-steady coefficients of the tail and the published friction; values change
-    nothing of them.
+    """Make the law with the quasi-steady coefficients of the tail and the published friction, which
+    no values change.
     """
     torques = [known_friction(data.scenario), *_air(data.scenario)]
     return lambda values: torques
@@ -163,7 +166,9 @@ def _air(scenario: RigScenario) -> list[Torque]:
 
 
 def added_mass_parameter(data: SwingData) -> Parameter:
-    """Make it from 0, up to 1 kg per part; at least 3 % of the inertia must be left."""
+    """Make the parameter of the added mass, from 0, up to 1 kg per part; it may be negative, but at
+    least 3 % of the inertia must be left.
+    """
     least = (1.0 - MIN_INERTIA_FRACTION) * PendulumModel.from_scenario(data.scenario).min_added_mass
     return Parameter("added_mass", "kg", 0.0, least, _MAX_ADDED_MASS, scale=0.02)
 
@@ -172,8 +177,8 @@ def fit_added_mass(data: SwingData, options: FitOptions = FREE) -> FitResult:
     """Fit the added mass per part of one swing from zero, Table 4.12 at the nearest wind, and a
     scan; the start that ends lowest counts.
 
-    The published one is no start where it takes away more inertia than the tail has (tail 1 at 10
-    m/s).
+    The published mass is no start where it takes away more inertia than the tail has (tail 1 at
+    10 m/s).
 
     Raises:
         FitError: no rollout exists.
@@ -196,10 +201,10 @@ def fit_added_mass(data: SwingData, options: FitOptions = FREE) -> FitResult:
 
 
 def coarse_scan(model: SwingModel, low: float, high: float) -> float:
-    """Find the mass (kg) of the least cost over the first second of the swing, among some whose
+    """Find the mass (kg) of the least cost over the first second of the swing, among masses whose
     frequencies are evenly spaced.
 
-    Beyond that a swing of another frequency has slipped by a whole period, where the cost has other
+    Later, a swing of another frequency has slipped by a whole period, where the cost has other
     minima.
     """
     data = model.data
@@ -226,9 +231,9 @@ def fit_robot_tail(
     """Fit C_N of one swing as a constant, a line over the relative speed, or a table of bins.
 
     Args:
-        data: a robot swing.
-        shape: of C_N.
-        options: loss and bounds.
+        data: robot swing.
+        shape: shape of C_N over the relative speed: `constant`, `line` or `bins`.
+        options: loss and bounds of the fit.
 
     Raises:
         FitError: no rollout exists.
@@ -284,7 +289,7 @@ def normal_force_law(shape: Shape, values: Values, speeds: Pair) -> NormalForceL
 
 
 def robot_tail_law(shape: Shape, data: SwingData) -> TorqueLaw:
-    """Make the air with C_N of a shape; friction and motor as in the scenario."""
+    """Make the law of the air with C_N of a shape; friction and motor are as in the scenario."""
     scenario = data.scenario
     fixed = [known_friction(scenario), motor_of(scenario)]
     low, high = speed_range(data)

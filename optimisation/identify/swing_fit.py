@@ -2,8 +2,8 @@
 
 All are rollouts of the same pendulum.
 
-Residual: angle over its accuracy of Table 4.8 (one encoder count). Start angle and rate are
-unknowns too, so that one noisy sample does not spoil a whole swing.
+The residual is the angle over its accuracy of Table 4.8 (one encoder count). Start angle and rate
+are unknowns too, so that one noisy sample does not spoil a whole swing.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from aerodima.workbench.rig.pendulum import PendulumModel, Torque
 from aerodima.workbench.rig.swing_motion import simulate_swing, torque_response
 
 TorqueLaw = Callable[[Values], Sequence[Torque]]
-"""Values of parameters -> torques of air, friction and motor."""
+"""Function from values of parameters to torques of air, friction and motor."""
 _START_ANGLE = 0.02
-"""Bound of the start angle to either side of the logged one, rad."""
+"""Distance of the bounds of the start angle from the logged one, rad."""
 _START_RATE = 1.0
-"""Bound of the start rate to either side of the logged one, rad/s."""
+"""Distance of the bounds of the start rate from the logged one, rad/s."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ class SwingModel:
     """A swing as a function of parameters.
 
     Attributes:
-        data: the swing.
-        law: of a swing: values to torques of air, friction and motor.
+        data: swing that is modelled.
+        law: function that makes the torque law of a swing.
     """
 
     data: SwingData
@@ -50,17 +50,17 @@ class SwingModel:
 
     @cached_property
     def pendulum(self) -> PendulumModel:
-        """Its inertia and weight."""
+        """Inertia and weight of the rig's pendulum."""
         return PendulumModel.from_scenario(self.data.scenario)
 
     @cached_property
     def torques(self) -> TorqueLaw:
-        """Values to torques of air, friction and motor."""
+        """Torque law of this swing."""
         return self.law(self.data)
 
     def motion(self, values: Values, count: int | None = None) -> ArrayPair:
-        """Simulate angles (rad), rates (rad/s) on the data's grid, or its first `count` times (n
-        each).
+        """Simulate angles (rad) and rates (rad/s) on the data's grid, or on its first `count` times
+        (n each).
         """
         data = self.data
         return simulate_swing(
@@ -75,7 +75,7 @@ class SwingModel:
         )
 
     def problem(self, parameters: Sequence[Parameter]) -> Problem:
-        """State the least-squares problem in these parameters and the start."""
+        """State the least-squares problem in these parameters and those of the start."""
         angle = self.data.angle[0]
         rate = self.data.start_rate
         limits = angle - _START_ANGLE, angle + _START_ANGLE
@@ -85,7 +85,7 @@ class SwingModel:
         return self.problem_in(Parameters.of([*parameters, start_angle, start_rate]))
 
     def problem_in(self, parameters: Parameters) -> Problem:
-        """State it in all parameters with those of the start, constants of the rig too or not."""
+        """State the problem in parameters that include the start and may include rig constants."""
 
         def residual(x: FloatArray) -> FloatArray:
             values = parameters.values(x)
@@ -101,13 +101,14 @@ class SwingModel:
         options: FitOptions = FREE,
         exact: bool = False,
     ) -> FitResult:
-        """Solve and add the curve of the angle.
+        """Solve the fit and add the curve of the angle.
 
         Args:
-            parameters, starts: of the fit, and further starts.
-            facts: added to those of the data.
-            options: loss and bounds.
-            exact: leave the constants of the rig as they are.
+            parameters: parameters of the fit, without those of the start.
+            starts: further starts beside the initial values, by name.
+            facts: labels that are added to those of the data.
+            options: loss and bounds of the fit.
+            exact: whether the constants of the rig are left as they are.
 
         Raises:
             FitError: bounds that exclude a start or name no parameter, or no rollout exists.
@@ -135,7 +136,7 @@ class SwingModel:
         return replace(result, curves={"angle": curve}, rig=differences(data.scenario))
 
     def shifted(self, values: Values) -> SwingModel:
-        """Make the model when constants and instruments are off by some values (`constants`)."""
+        """Make the model for constants and instruments that are off by the given values."""
         data = self.data
         shifts = {c.name: values.get(c.name, 0.0) for c in data.constants}
         if not any(shifts.values()):
@@ -149,14 +150,14 @@ class SwingModel:
         return replace(self, data=replace(data, scenario=scenario, motor=motor, ramp=ramp))
 
     def readings(self, values: Values) -> FloatArray:
-        """Simulate what the encoder reads of the motion (n), rad."""
+        """Simulate the readings of the encoder (n), rad."""
         angles, _ = self.motion(values)
         gain = 1.0 + values.get("encoder_gain", 0.0)
         return (angles - values.get("encoder_zero", 0.0)) / gain
 
     def least_noise(self, solution: Solution) -> Noise:
-        """Estimate the noise as if the model were right: what changes from sample to sample, no
-        slow part.
+        """Estimate the noise as if the model were right: from the changes between samples, without
+        the slow part of the residual.
         """
         if self.data.motor_deviation:
             return self.noise(solution, widened=False)
@@ -168,8 +169,8 @@ class SwingModel:
         """Estimate the noise of a free swing from its residual; of a driven one from the rounding
         of the angle and the current.
 
-        Noise of the current pushes the tail off its path for good, so the residual wanders: too few
-        of its wanderings fit into a swing to judge them by the residual alone.
+        Noise of the current pushes the tail off its path for good, so the residual wanders, and too
+        few of its wanderings fit into a swing to judge them by the residual alone.
         """
         data = self.data
         rounding = data.rounding / speed_accuracy()
@@ -191,7 +192,7 @@ class SwingModel:
         covariance = pushed @ pushed.T + np.eye(len(data.angle)) / 12.0
         if not widened:
             return Noise(covariance)
-        # A residual larger than these two explain is the model's: it widens the intervals.
+        # A larger residual than these two explain is due to the model and widens the intervals.
         J = solution.jacobian
         expected = float(np.trace(covariance) - np.trace(np.linalg.pinv(J) @ covariance @ J))
         excess = max(1.0, float(solution.residual @ solution.residual) / max(expected, 1e-12) / 3.0)

@@ -24,36 +24,38 @@ CURRENT_SAMPLING = "current_sampling"
 """Key in a log's `extra`: whether a sample of the current is its value then or its mean since the
 sample before."""
 MAX_STEP = 0.004
-"""Step of the rollouts, s."""
+"""Approximate step of the rollouts, s; samples that are further apart are all used."""
 MAX_LENGTH = 20.0
-"""Length after the release of which a swing is fitted, s."""
+"""Time after the release over which a swing is fitted, s."""
 MIN_SAMPLES = 50
-"""Fewest samples of a swing that are fitted."""
+"""Smallest number of samples of a swing that are fitted."""
 _COUNTS_MOVED = 20
-"""Steps of the angle's reading beyond which the tail has moved."""
+"""Number of steps of the angle's reading beyond which the tail has moved."""
 _DWELL = 0.1
-"""A reading that moves no further than `_DWELL_STEPS` in that time (s) is at rest or nearly so;
+"""Time in which a reading that is at rest, or nearly so, moves no further than `_DWELL_STEPS`, s;
 chosen on simulated swings."""
 _DWELL_STEPS = 2.5
-"""In steps of the reading."""
+"""Largest motion of such a reading, in its steps."""
 _DRIVEN = 5.0
-"""A current whose steps are this many times its noise drives the swing."""
+"""Ratio of a current's root mean square to its noise above which it drives the swing."""
 _MIN_NOISE = 1e-3
 """Smallest noise of a logged current, A."""
 _WHOLE = 0.01
-"""Readings this near to whole steps are counts: a log may have been through degrees and text."""
+"""Distance from whole steps within which readings are counts: a log may have been through degrees
+and text."""
 _MAX_SAMPLING = 0.05
-"""Samples further apart than this show no swing of about a second, s."""
+"""Largest distance of samples, s; those further apart show no swing of about a second."""
 
 
 @dataclass(frozen=True)
 class LoggedCurrent:
-    """The current of a log.
+    """Current of a log.
 
     Attributes:
-        time, value: of its samples (n), s and A.
-        means: a sample is the mean since the one before; else its value then, smooth between the
-            samples (Akima).
+        time: times of the samples (n), s.
+        value: samples of the current (n), A.
+        means: whether a sample is the mean since the one before; else it is the value at its time,
+            smooth between the samples (Akima).
         ends: times between which the steps of a rollout lie (m), s.
     """
 
@@ -63,8 +65,8 @@ class LoggedCurrent:
     ends: FloatArray
 
     def mean(self, delay: float = 0.0) -> FloatArray:
-        """Average over each step (m - 1), A; a sample that comes late by `delay` (s) tells of an
-        earlier time.
+        """Average the current over each step (m - 1), A; a sample that comes late by `delay` (s)
+        stands for an earlier time.
 
         Outside the log the first and last sample hold.
         """
@@ -84,7 +86,7 @@ class LoggedCurrent:
         return np.diff(inside + before + after) / np.diff(ends)
 
     def ramp(self, delay: float = 0.0) -> FloatArray:
-        """Compute the change over each step (m - 1), A; none where samples are means."""
+        """Compute the change over each step (m - 1), A; zero where samples are means."""
         if self.means:
             return np.zeros(len(self.ends) - 1)
         return np.diff(np.interp(self.ends + delay, self.time, self.value))
@@ -101,7 +103,11 @@ def motor_torque(
     each), N m; zero without current.
 
     Args:
-        bias, delay: of the logged current, A and s.
+        scenario: rig of the motor.
+        current: logged current; None for a free swing.
+        steps: number of steps of the rollout.
+        bias: bias of the logged current, A.
+        delay: delay of the logged current, s.
     """
     if current is None:
         return np.zeros(steps), np.zeros(steps)
@@ -114,22 +120,22 @@ class SwingData:
     """A swing from its release on.
 
     Attributes:
-        name: of the log.
-        scenario: of the rig, with its published coefficients.
-        time: from the release (n), s, evenly spaced.
-        angle: (n), rad.
+        name: name of the log.
+        scenario: scenario of the rig, with its published coefficients.
+        time: time since the release (n), s, evenly spaced.
+        angle: readings of the tail's angle (n), rad.
         motor: mean torque of the motor during each step (n - 1), N m, from the logged current.
         ramp: change of that torque over the step (n - 1), N m; zero where samples of the current
             are means.
-        motor_deviation: standard deviation of its error from the noise of the current, N m; zero
-            for a free swing.
+        motor_deviation: standard deviation of the error of `motor` from the noise of the current,
+            N m; zero for a free swing.
         rounding: step of the readings of the angle, rad; zero when they are no plain counts
             (filtered, resampled).
         start_rate: estimate of the rate at the first sample, rad/s.
-        current: of a driven swing.
-        constants: of the rig that are not exact, see `constant_parameters`.
+        current: logged current of a driven swing; None for a free one.
+        constants: constants of the rig that are not exact, see `constant_parameters`.
         facts: tail, axis, wind_speed_m_per_s.
-        warnings: of the log.
+        warnings: warnings about the log.
     """
 
     name: str
@@ -156,12 +162,13 @@ def swing_data(log: RunLog, kind: str, options: FitOptions = FREE) -> SwingData:
     """Checks a swing log and takes from it what the fits need.
 
     Args:
+        log: log of a swing.
         kind: `swing`, `bar_swing` or `robot_swing`; the log must have this kind.
-        options: the rig.
+        options: options of the fit, of which the rig and its constants are used.
 
     Raises:
         LogError: unsorted time, gap or NaN, with column and time.
-        FitError: another kind of log, no motion, too short, angles that must be degrees.
+        FitError: another kind of log, no motion, too short, or angles that must be degrees.
     """
     name = log.source or kind
     with naming(name):
@@ -229,7 +236,7 @@ def _swing_data(log: RunLog, kind: str, name: str, options: FitOptions) -> Swing
 
 
 def _release(time: FloatArray, angle: FloatArray, scenario: RigScenario, log: RunLog) -> int:
-    """Find the row of the release: the end of the rest that the metadata or the scenario tell,
+    """Find the row of the release: the end of the rest that the metadata or the scenario state,
     else the first motion.
     """
     stated = stated_rest(log)
@@ -248,8 +255,8 @@ def _release(time: FloatArray, angle: FloatArray, scenario: RigScenario, log: Ru
 
 
 def reading_step(scenario: RigScenario) -> float:
-    """Step of the logged angle, rad: a count of the encoder, or of the position in a reply of the
-    AK70-10.
+    """Return the step of the logged angle, rad: a count of the encoder, or of the position in a
+    reply of the AK70-10.
     """
     if scenario.is_robot:
         return 2.0 * scenario.robot_motor.position_range / (2**POSITION_BITS - 1)
@@ -280,7 +287,9 @@ def _end_of_motion(angle: FloatArray, step: float, sampling: float) -> int:
 def _current(
     log: RunLog, scenario: RigScenario, picked: IntArray
 ) -> tuple[LoggedCurrent | None, list[str]]:
-    """Read the current of a driven swing; None of a free one, whose logged current is noise."""
+    """Read the current of a driven swing, None for a free one, whose logged current is noise; also
+    return warnings.
+    """
     if scenario.is_robot:
         return None, []
     if CURRENT not in log.table.columns:

@@ -1,8 +1,8 @@
-"""A fit with the constants of a rig that are known beforehand, but not exactly.
+"""Fits with constants of a rig that are known beforehand, but not exactly.
 
 They are unknowns with a prior beside those of the fit. The residual is whitened by its noise, and
 every constant adds a row (value - initial) / prior_std. The data then correct the constants as far
-as they can, and what stays open is in every interval; the budget has the shares.
+as they can, and the uncertainty that is left is in every interval; the budget has the shares.
 """
 
 from __future__ import annotations
@@ -24,21 +24,22 @@ from aerodima.optimisation.identify.uncertainty import uncertainty
 from aerodima.workbench.core.array_types import FloatArray
 
 _NEGLIGIBLE = 0.03
-"""A constant whose standard deviation moves the whitened residual by less is left as it is."""
+"""Change of the whitened residual, for a standard deviation of a constant, below which the constant
+is left as it is."""
 _MAX_ITERATIONS = 4
-"""Most fits with the noise taken anew."""
+"""Largest number of fits, each with the noise taken anew."""
 _SETTLED = 0.1
 """Change of the logarithm of the noise's size below which it has settled."""
 MAX_SHIFT_SIGMA = 3.5
-"""Prior standard deviations beyond which the shift of a constant is reported."""
+"""Number of prior standard deviations beyond which the shift of a constant is reported."""
 _MISFIT_PROBABILITY = 1e-4
 """Probability of a misfit below which it is reported."""
 _MAX_FREEDOM = 50
-"""Most degrees of freedom that the data leave where such a misfit is reported."""
+"""Largest number of degrees of freedom of the data with which such a misfit is reported."""
 _MIN_SHARE = 1e-3
 """Smallest share of a source that the budget names."""
 MISFITS = ("the data want ", "noise and constants ")
-"""Begin the warnings of constants that are far from their prior, and of what none explains."""
+"""Beginnings of the warnings of constants far from their prior, and of an unexplained residual."""
 NoiseModel = Callable[[Solution], Noise]
 
 
@@ -47,12 +48,14 @@ class UncertainRig:
     """The constants of a rig as unknowns of a fit.
 
     Attributes:
-        constants: with their prior; those without one are free and become parameters of the
-            result.
-        problem: of the data's residual in some parameters, the constants among them.
-        noise: of the data's residual, from a solution in all parameters.
-        least_noise: the same if the model were right: with it the constants are first let go,
-            since an error of theirs must not be taken for noise.
+        constants: constants with their prior; those without one are free and become parameters of
+            the result.
+        problem: function that states the problem of the data's residual in some parameters, the
+            constants among them.
+        noise: function that makes the noise of the data's residual from a solution in all
+            parameters.
+        least_noise: function that makes the noise as if the model were right; the first fit uses
+            it, since an error of the constants must not be taken for noise.
     """
 
     constants: Sequence[Parameter]
@@ -106,7 +109,7 @@ def fit_constants(
 
 
 def _with_moving_constants(rig: UncertainRig, given: list[Parameter]) -> tuple[Problem, Noise]:
-    """State the problem whose constants of no effect are fixed, and its least noise."""
+    """State the problem with constants without effect fixed; also return its least noise."""
     problem = rig.problem(Parameters.of([*given, *rig.constants]))
     x = problem.parameters.initial
     start = _unsolved(problem, x, problem.central_jacobian(x))
@@ -121,13 +124,13 @@ def _with_moving_constants(rig: UncertainRig, given: list[Parameter]) -> tuple[P
 
 @dataclass(frozen=True)
 class Whitening:
-    """Whitens the residual of the data: times `matrix`, or by element; `undo` is its inverse."""
+    """Whitening of the data's residual by a product with `matrix` (m x m), or by element (m)."""
 
     matrix: FloatArray
 
     @classmethod
     def from_covariance(cls, covariance: FloatArray) -> Whitening:
-        """Make the whitening of noise (m x m), or of its diagonal (m); of a singular one, too."""
+        """Make the whitening for a covariance (m x m), singular or not, or its diagonal (m)."""
         if covariance.ndim == 1:
             return cls(1.0 / np.sqrt(np.maximum(covariance, 1e-300)))
         size = np.sqrt(np.diag(covariance))
@@ -153,7 +156,7 @@ def _size(noise: Noise) -> float:
 
 
 def _unsolved(problem: Problem, x: FloatArray, jacobian: FloatArray) -> Solution:
-    """Hold residual and Jacobian at x, without solving."""
+    """Make a solution that holds residual and Jacobian at x, without solving."""
     residual = problem.finite_residual(x)
     return Solution(problem, x, residual, jacobian, best=None, attempts=())  # type: ignore[arg-type]
 
@@ -177,8 +180,9 @@ def _with_budget(result: FitResult, solution: Solution, rows: int) -> FitResult:
     """Give the result its budget, and the deviations that noise alone would give.
 
     Args:
-        solution: of the whitened problem.
-        rows: number of those of the data; the others are priors.
+        result: result of the fit.
+        solution: solution of the whitened problem.
+        rows: number of rows of the data; the others are priors.
     """
     parameters = solution.problem.parameters
     names = parameters.names
@@ -205,7 +209,7 @@ def _with_budget(result: FitResult, solution: Solution, rows: int) -> FitResult:
 
 
 def _misfit_warnings(result: FitResult, solution: Solution, rows: int) -> list[str]:
-    """Warn of constants far from their prior, and of a residual that nothing explains."""
+    """Warn of constants far from their prior, and of an unexplained residual."""
     warnings = []
     for name, constant in result.constants.items():
         shift = constant["shift"]

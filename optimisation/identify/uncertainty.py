@@ -1,11 +1,11 @@
-"""Confidence intervals of a fit: covariance, 95 % intervals, and what the data do not determine.
+"""Confidence intervals of a fit: covariance, 95 % intervals, and undetermined parameters.
 
-To first order the estimate is x = truth - J^+ e with e the error of the weighted residual, so Cov x
-= J^+ S J^+' with S the covariance of e. The pseudo-inverse leaves out the directions that are
+To first order the estimate is x = truth - J^+ e with e the error of the weighted residual, so
+Cov x = J^+ S J^+' with S the covariance of e. The pseudo-inverse leaves out the directions that are
 unidentifiable; a parameter with a part in one of them has an infinite interval, and so has one
-whose estimate follows another that is not determined through its bounds.
+whose estimate follows an undetermined one as that goes through its bounds.
 
-`active_bounds` has what a bound does to the intervals, `noise` the covariance S.
+`active_bounds` has the effect of a bound on the intervals, `noise` the covariance S.
 """
 
 import math
@@ -30,25 +30,25 @@ from aerodima.workbench.core.errors import FitError
 CONFIDENCE = 0.95
 """Probability of the intervals."""
 _WIDE = 0.25
-"""Share of the distance of its bounds beyond which an interval is checked for curvature."""
+"""Ratio of an interval to the distance of its bounds above which it is checked for curvature."""
 _CURVED = 1.5
-"""Factor by which a standard deviation changes that counts as curved."""
+"""Factor on a standard deviation from which its change counts as curvature."""
 _MIN_UNIFORM_SHARE = 0.6
-"""Share of a standard deviation that evenly spread errors have: below it the sum is as good as
+"""Share of uniformly distributed errors in a standard deviation below which the sum is as good as
 normal."""
 _MAX_UNIFORM_SHARE = 0.995
-"""Share beyond which evenly spread errors are taken to be alone."""
+"""Share beyond which uniformly distributed errors are taken to be alone."""
 _SHARE = 0.05
-"""A parameter whose squared share in an unidentifiable direction exceeds the square of this is not
+"""Share of a parameter in an unidentifiable direction above which the parameter is not
 determined."""
 _FOLLOWS = 0.2
-"""Part of half an interval by which an estimate may follow an unknown that is not determined."""
+"""Share of half an interval by which an estimate may follow an unknown that is not determined."""
 _SAME = 1e-6
-"""Change of an estimate, in scales, that rounding of the solver makes."""
+"""Change of an estimate, in scales, from rounding in the solver."""
 _FAR = 10.0
-"""Distance, in scales, to which an unknown without bounds is taken."""
+"""Distance, in scales, by which an unknown that is not determined is moved within its bounds."""
 _ROUNDS = 4
-"""Gauss-Newton steps with which the others follow it."""
+"""Number of Gauss-Newton steps in which the others follow it."""
 
 
 @dataclass(frozen=True)
@@ -56,17 +56,19 @@ class Uncertainty:
     """Covariance and intervals of the unknowns of one solution.
 
     Attributes:
-        covariance: (p x p), in the units of the unknowns, with what stopped at a bound kept there;
-            infinite on the diagonal where not determined.
-        standard_deviation: (p); infinite where not determined. At a bound: its one-sided interval
-            over the width that a two-sided one has to either side.
-        lower, upper: ends of the 95 % intervals (p); one-sided at a bound.
-        beyond: (p) by how many standard deviations the data ask for more than the bound allows at
-            which an unknown stopped; NaN for one that is not at a bound.
-        identifiable: (p) flags.
-        unidentifiable: the directions that the data do not determine, in words; empty when there
-            are none.
-        effective_samples: see `Noise`.
+        covariance: covariance of the unknowns (p x p), in their units, with those that stopped at a
+            bound kept there; infinite on the diagonal where not determined.
+        standard_deviation: standard deviations of the unknowns (p); infinite where not determined.
+            At a bound, width of the one-sided interval over the number of standard deviations in
+            half a two-sided one.
+        lower: lower ends of the 95 % intervals (p); one-sided at a bound.
+        upper: upper ends of the 95 % intervals (p); one-sided at a bound.
+        beyond: number of standard deviations beyond its bound to which the data ask an unknown to
+            move (p); NaN for one that is not at a bound.
+        identifiable: flags of the unknowns that the data determine (p).
+        unidentifiable: directions that the data do not determine, in words; empty when there are
+            none.
+        effective_samples: number of independent samples, see `Noise`.
     """
 
     covariance: FloatArray
@@ -85,11 +87,11 @@ def uncertainty(
     """Compute covariance and intervals at the solution.
 
     Every interval holds its estimate and is cut at the bounds. One of a parameter that stopped at a
-    bound is one-sided, and those of the others take that into account. Not identifiable is a
-    parameter with a part in an unidentifiable direction, one whose interval is wider than its
-    bounds, and one whose interval would be another half as wide, or narrower, elsewhere within the
-    intervals of the parameters: there the linear theory does not hold. Nor is one that another such
-    parameter moves within its bounds, and none where no residual is left to estimate the noise.
+    bound is one-sided, and those of the others take that into account. A parameter is not
+    identifiable if it has a part in an unidentifiable direction, if its interval is wider than its
+    bounds, if its interval would be half as wide again, or as much narrower, elsewhere within the
+    intervals (the linear theory does not hold there), or if another such parameter moves it within
+    its bounds. None is identifiable where no residual is left to estimate the noise.
 
     Args:
         max_deviation: standard deviation (p) beyond which the data do not determine an unknown that
@@ -102,7 +104,7 @@ def uncertainty(
     seen = np.all(np.abs(hidden) <= _SHARE, axis=0)
     alone = _deviation(_covariance(inverse, noise, scales))
     freedom = max(noise.degrees_of_freedom, 1.0)
-    # What is not identifiable stays where it started, which may be a bound.
+    # An unidentifiable unknown stays where it started, which may be a bound.
     sides = np.where(seen, parameters.sides(x), 0)
     active = condition_on_active_bounds(
         solution.jacobian * scales, solution.residual, noise.covariance, sides, freedom
@@ -148,8 +150,8 @@ def _deviation(covariance: FloatArray) -> FloatArray:
 def _factors(
     inverse: FloatArray, noise: Noise, deviation: FloatArray, freedom: float
 ) -> FloatArray:
-    """Compute half the widths of the intervals in standard deviations (p); `deviation` is
-    scaled.
+    """Compute half the widths of the intervals, in standard deviations (p); `deviation` is that of
+    the scaled unknowns.
     """
     factor = np.full(len(deviation), _factor(freedom))
     if noise.rounding is None:
@@ -182,10 +184,10 @@ def _factor(freedom: float) -> float:
 
 @lru_cache(maxsize=128)
 def _rounded_factor(share: float) -> float:
-    """Compute the same for a normal error and an evenly spread one, whose part of the standard
-    deviation is `share`.
+    """Compute the same for a normal error plus a uniformly distributed one, whose share of the
+    standard deviation is `share`.
 
-    An even error alone stays within 1.73 standard deviations, and in 95 % of the cases within 1.65.
+    A uniform error alone stays within 1.73 standard deviations, in 95 % of the cases within 1.65.
     """
     if share < _MIN_UNIFORM_SHARE:
         return _factor(np.inf)
@@ -208,7 +210,7 @@ def _rounded_factor(share: float) -> float:
 def _pseudo_inverse(jacobian: FloatArray, scales: FloatArray) -> ArrayPair:
     """Compute J^+ in scaled unknowns (p x m), the unidentifiable directions (k x p)."""
     rows, count = jacobian.shape
-    # Rows of zeros: with fewer residuals than unknowns all directions are needed, too.
+    # Rows of zeros keep all directions where there are fewer residuals than unknowns.
     padded = np.pad(jacobian * scales, ((0, max(count - rows, 0)), (0, 0)))
     U, s, Vt = np.linalg.svd(padded, full_matrices=False)
     seen = s > RANK_TOLERANCE * max(float(s[0]), 1e-300)
@@ -228,8 +230,8 @@ def _curved(
     """Flag unknowns whose standard deviation changes by more than half of it within the intervals,
     cut at the bounds (p).
 
-    Only asked where an interval covers a good part of its bounds: the Jacobian at the ends costs as
-    much as a solution.
+    This is checked only if an interval covers a good part of its bounds: the Jacobian at the ends
+    costs as much as a solution.
     """
     problem = solution.problem
     parameters = problem.parameters
@@ -260,8 +262,8 @@ def _following(solution: Solution, hidden: FloatArray, half_width: FloatArray) -
     """Flag unknowns whose estimate moves by a part of its interval when one that is not determined
     goes through its bounds (p).
 
-    The linear theory knows the direction at the solution only; what it leaves out is found by
-    solving for the others.
+    The linear theory knows the direction at the solution only; the rest is found by solving for the
+    others.
     """
     problem = solution.problem
     parameters = problem.parameters
@@ -287,7 +289,7 @@ def _following(solution: Solution, hidden: FloatArray, half_width: FloatArray) -
 
 
 def _leading(hidden: FloatArray) -> list[int]:
-    """List the unknowns that lead the directions (k)."""
+    """List the unknown with the largest share in each direction (k)."""
     return np.argmax(np.abs(hidden), axis=1).tolist() if len(hidden) else []
 
 

@@ -1,12 +1,12 @@
 """Search of a limit: the highest value of a factor that holds, and the first one that is lost.
 
-What holds is not monotone (design section 7): beyond the first loss there may be islands that hold
-again. A limit is therefore the end of an unbroken row from below. It is searched by a climb, for
-one candidate or many: a climb begins where the candidate is expected to hold, goes up in strides
-until a value is lost (down first, if the first one is), and halves the last stride
+The verdicts are not monotone (design section 7): beyond the first loss there may be islands that
+hold again. A limit is therefore the end of an unbroken row from below. It is searched by a climb,
+for one candidate or many: a climb begins where the candidate is expected to hold, goes up in
+strides until a value is lost (down first, if the first one is), and halves the last stride
 (`Bracket.next_value`).
 
-The values that are evaluated depend on their verdicts alone, so neither do the limits depend on the
+The values that are evaluated depend on their verdicts alone, so the limits do not depend on the
 number of workers; rows that are kept are not made again.
 """
 
@@ -27,8 +27,8 @@ class Bracket:
     """Highest value that holds below the first loss, and that loss; numbers, or arrays (n).
 
     Attributes:
-        held: -inf while no value holds.
-        lost: inf while no value is lost.
+        held: highest value that holds below the first loss; -inf while no value holds.
+        lost: lowest value that is lost; inf while no value is lost.
     """
 
     held: Any = -math.inf
@@ -65,10 +65,11 @@ def run_rounds(
     """Searches for several candidates at once, so that all workers are busy.
 
     Args:
-        candidates: whose limits are searched.
-        next_values: values that a candidate needs next; none at its end.
-        run: evaluates (candidate, value), in order.
-        results: of a candidate, by value; receives each result.
+        candidates: candidates whose limits are searched.
+        next_values: function that returns the values that a candidate needs next; none at its end.
+        run: function that evaluates pairs of candidate and value, in order.
+        results: function that returns the results of a candidate by value, to which each new result
+            is added.
     """
     while True:
         wanted = [
@@ -89,8 +90,8 @@ class LimitSearch:
         low: lowest value; the grid of a climb begins here.
         high: highest value.
         stride: first stride of a climb; at least the tolerance.
-        tolerance: largest distance between the highest value held and the first lost; grid of a
-            climb.
+        tolerance: largest distance between the highest value held and the first lost; spacing of
+            the grid of a climb.
     """
 
     factor: str
@@ -103,8 +104,8 @@ class LimitSearch:
         """Returns the value that is needed next; none at the end.
 
         Args:
-            start: of the climb.
-            verdicts: value -> whether it holds, of all that was evaluated so far.
+            start: value at which the climb begins.
+            verdicts: verdict on each value that was evaluated so far, whether it holds, by value.
         """
         stride = self.tolerance * max(1, round(self.stride / self.tolerance))
         wanted = Bracket.from_verdicts(verdicts).next_value(start, stride)

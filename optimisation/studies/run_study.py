@@ -1,9 +1,10 @@
-"""Runs a study on an engine: what is missing is run, rows reach the disk as they come, one table at
-the end.
+"""Execution of a study on an engine: missing runs are made, rows reach the disk as they come, and
+one table is written at the end.
 
-A study that was cut off at any time goes on with what its rows do not hold. The table has nothing
+A study that was cut off at any time goes on with the runs that its rows lack. The table has nothing
 in it that differs from time to time, so that it is the same however often the study was stopped and
-wherever it ran; how long the runs took is in a file beside it. One client at a time.
+wherever it ran; the time that the runs took is in a file beside it. Only one client at a time may
+use a folder.
 """
 
 import hashlib
@@ -58,11 +59,11 @@ def run_study(
     """Runs a study and returns its table; one that was stopped goes on where it was.
 
     Args:
-        study: what to run.
+        study: study that is run.
         out: folder of the results; see `aerodima.optimisation.studies.run_study`.
-        engine: where to run it.
-        force: drop results that are there.
-        progress: receives lines of progress.
+        engine: engine on which the study is run.
+        force: whether to drop results that are there.
+        progress: function that receives lines of progress.
 
     Returns:
         One row per run in the order of the plan: place in the study, outcome, metrics, provenance,
@@ -107,7 +108,7 @@ def run_study(
 
 
 def _identity(study: Study, runs: Sequence[PlannedRun]) -> Json:
-    """Returns what must be the same for results to belong together."""
+    """Returns the facts that must be the same for results to belong together."""
     tasks = json.dumps([[run.task.scenario, run.task.settings, run.task.signals] for run in runs])
     bases = {
         name: load_any_scenario(name).resolved()
@@ -150,7 +151,7 @@ def _how_it_went(frame: pd.DataFrame, number: int, seconds: float, engine: Engin
 
 
 def write_table(folder: Path, frame: pd.DataFrame, identity: Facts, timing: Facts) -> None:
-    """Writes the table of a study as Parquet and CSV, and beside it what was run and its time."""
+    """Writes the table of a study as Parquet and CSV, with files of its identity and its timing."""
     table = pa.Table.from_pandas(frame, preserve_index=False)
     table = table.replace_schema_metadata(
         {METADATA_KEY: json.dumps(identity, sort_keys=True).encode()}

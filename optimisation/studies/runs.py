@@ -1,8 +1,8 @@
 """Runs of the car and of the rigs as tasks with flat rows: many of them on an engine, each made
 once.
 
-A run that kills its worker is a row with an error. Rows are kept on the disk, so that work can be
-stopped and go on, or be widened.
+A run that kills its worker gives a row with an error. Rows are kept on the disk, so that work can
+be stopped and go on, or be extended.
 """
 
 import hashlib
@@ -43,7 +43,7 @@ WORKER_LOST = (
 )
 """Error of a run whose worker died under it."""
 RUN_ERRORS = (UserError, ArithmeticError, RuntimeError, ValueError)
-"""What a run may raise that cannot be made; a law of the user's may raise anything."""
+"""Errors of a run that cannot be made; a law of the user's may raise anything."""
 Item = TypeVar("Item")
 TEXT_COLUMNS = frozenset(
     [
@@ -65,7 +65,7 @@ TEXT_COLUMNS = frozenset(
         "touched",
     ]
 )
-"""Columns that are texts even where no row has one."""
+"""Columns that are text even where no row has one."""
 
 
 @dataclass(frozen=True)
@@ -73,11 +73,11 @@ class RunTask:
     """One run, small enough to send anywhere; files that it names must be there where it runs.
 
     Attributes:
-        name: of the run within its study.
-        scenario: name or path, as for `load_any_scenario`.
-        settings: overrides, such as `car.tyre_friction=0.7`.
-        signals: `all` also gives the impulses of the tail, at twice the price.
-        log: file in which the log of the run is kept; one that is there already is that of an
+        name: name of the run within its study.
+        scenario: name or path of the scenario, as for `load_any_scenario`.
+        settings: overrides of the scenario, such as `car.tyre_friction=0.7`.
+        signals: `outcome`, or `all`, which also gives the impulses of the tail, at twice the price.
+        log: file in which the log of the run is kept; a file that is there already is the log of an
             earlier try.
         law: `FILE:CLASS` of the law that drives the tail instead of the scenario's, as `load_law`
             takes it.
@@ -104,13 +104,13 @@ def load_any_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenar
 
 
 def step_settings(step: float) -> tuple[str, ...]:
-    """Returns the settings of a step of the plant, s."""
+    """Returns the settings for a step of the plant, s."""
     return (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")
 
 
 def evaluate(task: RunTask) -> Row:
-    """Runs a task; one row of outcome, metrics and provenance, without anything that differs from
-    time to time.
+    """Runs a task and returns one row of outcome, metrics and provenance, without anything that
+    differs from time to time.
 
     A run that cannot be made (impossible scenario, plant that does not load, solver that gives up,
     NaN, any error in a law of the task) gives a row without outcome, with one line in `error`.
@@ -132,7 +132,7 @@ def evaluate(task: RunTask) -> Row:
 
 
 def is_clean(row: Facts) -> bool:
-    """Tells whether a row of a run is that of clean survival."""
+    """Tells whether the row of a run shows clean survival."""
     return row["outcome"] == "survived" and bool(row["clean"])
 
 
@@ -146,7 +146,7 @@ def _measured(task: RunTask, scenario: Scenario | RigScenario) -> Row:
 
     path = Path(task.log) if task.log else None
     if path is not None and path.exists():
-        # It is whole: its process was killed between writing it and saying so.
+        # The log is complete: its process was killed between writing and reporting it.
         return measured_row(task, scenario, read_run_log(path))
     if isinstance(scenario, RigScenario):
         run = simulate(scenario, path, force=True)
@@ -219,16 +219,18 @@ def open_run_engine(
 
 
 class CachedRunner:
-    """Rows of tasks, each run once.
+    """Runner that makes each task once and keeps its row.
 
     Args:
-        engine: where they are run; this process by default.
-        store: open; keeps them on the disk, and holds those of before. Without one this object
-            remembers them.
-        progress: receives lines of progress.
+        engine: engine on which tasks are run; this process by default.
+        store: open store that keeps rows on the disk and holds those of before. Without one this
+            object remembers them.
+        progress: function that receives lines of progress.
 
     Attributes:
-        stage: what is being run, for these lines; set it on the way.
+        say: function that receives lines of progress.
+        stage: name of the work in progress, for these lines; set it on the way.
+        ran: number of runs made by this object.
     """
 
     def __init__(
@@ -255,14 +257,14 @@ class CachedRunner:
     def map(
         self, function: Callable[[Item], Any], items: Sequence[Item], keys: Sequence[str] = ()
     ) -> list[Any]:
-        """Returns `function` (of a module) of each item, JSON-able; raises what it raises, and
+        """Returns the result of a function for each item; raises what the function raises, and
         UserError for a lost worker.
 
         Args:
-            function: of an item.
-            items: each is done once.
-            keys: of the results; by default the function's name, `repr` of the item and the code of
-                its aim.
+            function: module-level function of an item, whose result is JSON-able.
+            items: items, each of which is worked on once.
+            keys: keys of the results; by default made of the function's name, `repr` of the item
+                and the code of its aim.
         """
         keys = keys or [
             content_key(function.__name__, repr(item), code_content(getattr(item, "aim", "")))
@@ -303,7 +305,7 @@ class CachedRunner:
 def cached_runs(
     out: Path, engine: Engine, *, force: bool = False, progress: ProgressLine = no_progress
 ) -> Iterator[CachedRunner]:
-    """Runs that are kept in `runs.jsonl` of a folder, with these parameters and versions.
+    """Opens the runs kept in `runs.jsonl` of a folder, with these parameters and versions.
 
     Raises:
         UserError: the folder is in use, or holds runs of other parameters or versions and `force`
@@ -326,17 +328,17 @@ def _result_of(function: Callable[[Any], Any], item: Any) -> Row:
 
 
 def run_key(task: RunTask) -> str:
-    """Hashes all that determines the row of a run, swing and law included, but not its name.
+    """Hashes everything that determines the row of a run, swing and law included, but not its name.
 
-    Of what a law's file imports nothing is looked at.
+    Modules that a law's file imports are not looked at.
     """
     content = scenario_content(task.scenario, task.settings) + code_content(task.law)
     return content_key(task.scenario, task.settings, task.signals, software_versions(), content)
 
 
 def code_content(*places: str) -> list[str]:
-    """Returns names and text of code of the user's, `mine.py:my_aim`, for keys of cached results;
-    other places have none.
+    """Returns names and text of the user's code, such as `mine.py:my_aim`, for keys of cached
+    results; other places have none.
     """
     content = []
     for place in places:
@@ -347,8 +349,8 @@ def code_content(*places: str) -> list[str]:
 
 
 def scenario_content(name: str, settings: Sequence[str] = ()) -> list[Any]:
-    """Returns what the files behind a scenario with overrides hold, its swing among them, for keys
-    of cached results.
+    """Returns the content of the files behind a scenario with overrides, its swing included, for
+    keys of cached results.
     """
     try:
         scenario = load_any_scenario(name, settings)
@@ -372,8 +374,8 @@ def make_frame(rows: Sequence[Row]) -> pd.DataFrame:
     """Makes one table of rows with different keys: numbers as float, truth values as boolean,
     everything else as text.
 
-    The order of the columns is that of their first appearance in a list of rows that is in order
-    itself; the kind of a column does not depend on the order of its rows.
+    Columns are in the order of their first appearance, longest rows first; the kind of a column
+    does not depend on the order of its rows.
     """
     names = list(dict.fromkeys(name for row in sorted(rows, key=len, reverse=True) for name in row))
     return pd.DataFrame({name: _column(name, [row.get(name) for row in rows]) for name in names})

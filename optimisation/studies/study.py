@@ -37,8 +37,8 @@ class Range(StrictModel):
     number: int = Field(description="of values", ge=1, le=10_000)
 
     def values(self) -> list[Value]:
-        """Returns the values as the plain decimals that a reader expects, without bits of a
-        division.
+        """Returns the values as the plain decimals that a reader expects, without rounding errors
+        of a division.
         """
         return [float(f"{value:.12g}") for value in np.linspace(self.first, self.last, self.number)]
 
@@ -56,7 +56,7 @@ class Uniform(StrictModel):
         return self
 
     def at(self, share: np.ndarray) -> np.ndarray:
-        """Returns the values of quantiles (n)."""
+        """Returns the values (n) at quantiles (n)."""
         return self.low + (self.high - self.low) * share
 
 
@@ -67,7 +67,7 @@ class Normal(StrictModel):
     deviation: float = Field(gt=0)
 
     def at(self, share: np.ndarray) -> np.ndarray:
-        """Returns the values of quantiles (n)."""
+        """Returns the values (n) at quantiles (n)."""
         return norm.ppf(np.clip(share, 1e-9, 1.0 - 1e-9), self.mean, self.deviation)
 
 
@@ -86,7 +86,7 @@ class Sample(StrictModel):
     )
 
     def rows(self, times: int = 1) -> list[dict[str, Value]]:
-        """Draws one dict of factor -> value per sample, so many times the number of samples."""
+        """Draws the values of the factors, by factor, for `times` times the number of samples."""
         dimensions = len(self.factors)
         number = times * self.number
         generator = np.random.default_rng(self.seed)
@@ -109,7 +109,7 @@ class Block(StrictModel):
     """One scenario of the car or a rig with factors: every combination of the grid, with every
     sample.
 
-    A factor of both has the sum.
+    The two values of a factor in both are added.
     """
 
     name: str = Field(default="", description="of the block within the study", max_length=40)
@@ -132,7 +132,7 @@ class Block(StrictModel):
         return grid
 
     def points(self) -> Iterator[dict[str, Value]]:
-        """Yields factor -> value of each run."""
+        """Yields the values of each run, by factor."""
         cells = list(product(*self._axes))
         samples: list[dict[str, Value]] = [{}] * len(cells)
         if self.sample is not None:
@@ -144,7 +144,7 @@ class Block(StrictModel):
             point = dict(zip(self.grid, cells[index // self._samples], strict=True))
             for name, value in sampled.items():
                 in_grid = point.get(name)
-                # A seed of the sample alone stays whole.
+                # A seed that only the sample has stays an integer.
                 point[name] = float(in_grid) + float(value) if in_grid else value
             yield point
 
@@ -195,7 +195,7 @@ class PlannedRun:
     """A task, and the columns of its row that say where it stands in the study.
 
     Attributes:
-        task: what is run.
+        task: task that is run.
         place: `block`, `member`, `weight`, one entry per factor, and the `log` within the folder of
             the study.
     """
@@ -205,7 +205,7 @@ class PlannedRun:
 
 
 def load_study(path: str | Path) -> Study:
-    """Reads a study file, or the one of a name in `models/studies`.
+    """Reads a study by path, or by name from `models/studies`.
 
     Raises:
         SweepError: no such file or name, wrong key, value or factor; names the place, the value and

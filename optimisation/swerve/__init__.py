@@ -1,1 +1,1 @@
-"""What a tail is worth: aims of a swerve, candidates, their steering, tables."""
+"""Worth of a tail in a swerve: aims, candidates, their steering, and tables."""

@@ -1,4 +1,4 @@
-"""What a swerve aims at, by name or as a function of the user's, and when it counts."""
+"""Aims of a swerve, by name or as a function of the user's, and its score."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,22 +22,22 @@ from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.core.key_errors import nearest
 
 USUAL_SIZE = 0.3
-"""Of the value of a user's aim, for the solver."""
+"""Usual value of a user's aim, for the solver."""
 FAILED = -1e3
-"""Score of a swerve that does not count; less the higher two wheels are lifted."""
+"""Highest score of a swerve that does not count; the score falls as two wheels lift higher."""
 LIFT_WEIGHT = 1e2
-"""Of that lift, 1/m."""
+"""Weight of that lift in the score, 1/m."""
 
 
 @dataclass(frozen=True)
 class Aim:
-    """A number of a swerve that is to be large.
+    """Number of a swerve that is maximised.
 
     Attributes:
-        name: that asks for it.
-        function: value of each car (n,) of a `Swerve`.
-        unit: of the value.
-        size: of a usual value, for the solver.
+        name: name by which the aim is asked for.
+        function: function of a `Swerve` that returns the value of each car (n,).
+        unit: unit of the value.
+        size: magnitude of a usual value, for the solver.
     """
 
     name: str
@@ -73,7 +73,7 @@ AIMS: Mapping[str, Aim] = {
         Aim("sustained", sustained, "m/s2", 4.0),
     )
 }
-"""Name that asks for one -> aim."""
+"""Aims by the name that asks for them."""
 
 
 def find_aim(name: str) -> Aim:
@@ -91,7 +91,7 @@ def find_aim(name: str) -> Aim:
 
 
 def as_aim(aim: Aim | Measure | str) -> Aim:
-    """Returns the aim of a name or a function."""
+    """Returns an aim as it is, or makes one from a name or a function."""
     if isinstance(aim, Aim):
         return aim
     if isinstance(aim, str):
@@ -100,7 +100,7 @@ def as_aim(aim: Aim | Measure | str) -> Aim:
 
 
 def score(swerve: Swerve, aim: Measure) -> FloatArray:
-    """Returns the aim of swerves that count (n,); what is below `FAILED` of the others."""
+    """Returns scores of swerves (n,): the aim where a swerve counts, `FAILED` or less elsewhere."""
     value = aim(swerve)
     lifted = FAILED - LIFT_WEIGHT * np.maximum(max_side_lift(swerve), 0.0)
     return np.where(swerve_counts(swerve) & np.isfinite(value), value, lifted)

@@ -1,8 +1,8 @@
 """Candidates: a controller of the tail with its numbers, from a list in a file, a swing file, or a
 class of the user's.
 
-A list (schema `aerodima/candidates/1`) names settings as `aerodima run --set` takes them, of tail
-and controller alone: a candidate may not bring another car, floor or driver.
+A list (schema `aerodima/candidates/1`) holds settings as `aerodima run --set` takes them. They are
+settings of tail and controller alone: a candidate may not bring another car, floor or driver.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -29,14 +29,14 @@ Settings = tuple[str, ...]
 TRIM = "manoeuvre.trim_angle="
 """Beginning of the setting of a trim."""
 ALLOWED_SECTIONS = ("tail.", "controller.", "feedback.", "rollover_control.")
-"""A setting of a candidate begins with one of these."""
+"""Sections of a candidate's settings; each setting begins with one of them."""
 SWINGING = ("tail.mode=swing", "controller.swing_file=none")
 SWERVE = "swerve"
-"""Scenario of a swerve."""
+"""Name of the scenario of a swerve."""
 LOW_MASS_HEIGHT = 0.07
-"""Height at which a mass is low in the car, m: about that of the axles."""
+"""Height of a mass that is low in the car, m: about that of the axles."""
 BALLAST_PLACES = (0.0, 0.01, 0.02, 0.03)
-"""How far low ballast moves the centre of mass of the car back, m."""
+"""Distances by which low ballast moves the centre of mass of the car back, m."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +44,12 @@ class Candidate:
     """A controller of the tail that is compared with others.
 
     Attributes:
-        name: in tables and pictures.
-        settings: overrides of any turn.
+        name: name in tables and pictures.
+        settings: overrides of the scenario in every turn.
         by_speed: further settings by speed of the turn, m/s; those of the nearest speed are taken.
-        ballasts: further settings of a car, from its scenario, of which the best are taken; none
-            changes nothing.
-        law: `FILE:CLASS` of the law that drives the tail instead of the scenario's; empty for that.
+        ballasts: functions of a car's scenario, each of which returns further settings; the best
+            of them are taken. Empty if the car carries no ballast.
+        law: `FILE:CLASS` of the law that drives the tail; empty for that of the scenario.
     """
 
     name: str
@@ -72,9 +72,10 @@ class Candidate:
 
 
 def low_ballast(scenario: Scenario, back: float = 0.0) -> Settings:
-    """Returns the settings of the car without tail, its gearbox with both motors `LOW_MASS_HEIGHT`
-    above the ground and the arm's mass with it, both so far back that the centre of mass of the car
-    moves back by `back`, m.
+    """Returns the settings of the car without tail that carries its mass as low ballast.
+
+    The gearbox with both motors and the mass of the arm are `LOW_MASS_HEIGHT` above the ground, so
+    far back that the centre of mass of the car moves back by `back`, m.
     """
     car = scenario.car
     tail = scenario.tail
@@ -102,7 +103,7 @@ LOW_BALLAST = Candidate(
 
 
 def _check_section(setting: str) -> str:
-    """Refuses a setting of car, floor or driver."""
+    """Returns a setting; refuses one of car, floor or driver."""
     if not setting.strip().startswith(ALLOWED_SECTIONS) or "=" not in setting:
         raise ValueError(
             f"{setting!r} is no setting of a candidate; must be KEY=... of tail, controller, "
@@ -112,18 +113,18 @@ def _check_section(setting: str) -> str:
 
 
 ListedSettings = tuple[Annotated[str, AfterValidator(_check_section)], ...]
-"""Settings in a file, of `ALLOWED_SECTIONS` alone."""
+"""Settings of a candidate in a file, all of them in `ALLOWED_SECTIONS`."""
 
 
 class ListedCandidate(StrictModel):
     """A candidate in a file.
 
     Attributes:
-        name: in tables.
-        settings: of a scenario, such as `controller.swing_speed=9.0`.
+        name: name in tables.
+        settings: overrides of a scenario, such as `controller.swing_speed=9.0`.
         by_speed: further settings by speed of the turn, m/s.
-        words: what it does.
-        chosen: how its numbers were found.
+        words: description of what the candidate does.
+        chosen: description of how its numbers were found.
     """
 
     name: str = Field(min_length=1, max_length=80)
@@ -133,7 +134,7 @@ class ListedCandidate(StrictModel):
     chosen: str = ""
 
     def candidate(self) -> Candidate:
-        """Returns the candidate."""
+        """Returns the candidate that the file describes."""
         return Candidate(self.name, self.settings, self.by_speed)
 
 
@@ -148,13 +149,13 @@ def read_candidates(names: Iterable[str], known: Mapping[str, Candidate]) -> lis
     """Reads candidates by name or file; the car without tail is always the first one.
 
     Args:
-        names: of `known`, of shipped swings, or paths of lists or swing files. A swing plays on
-            whatever car is driven.
-        known: by the name that asks for one.
+        names: names in `known`, names of shipped swings, or paths of lists or swing files. A swing
+            plays on whatever car is driven.
+        known: candidates by the name that asks for them.
 
     Raises:
-        UserError: no such file or name; malformed; a setting that a candidate may not bring, or
-            that `swerve` refuses.
+        UserError: no such file or name; a malformed file; a setting that a candidate may not bring,
+            or that the scenario `swerve` refuses.
     """
     candidates = [NO_TAIL]
     for name in names:
@@ -170,8 +171,8 @@ def read_candidates(names: Iterable[str], known: Mapping[str, Candidate]) -> lis
 
 
 def user_law(path_and_class: str) -> Candidate:
-    """Makes the candidate of a tail law of the reader's, `my_law.py:MyLaw`, named after its class;
-    the tail waits where that of the feedback law does.
+    """Makes the candidate of a user's tail law, `my_law.py:MyLaw`, named after its class; the tail
+    waits where that of the feedback law does.
 
     Raises:
         UserError: no such file or class, the file fails, or what it holds is no tail law.
@@ -185,7 +186,7 @@ def user_law(path_and_class: str) -> Candidate:
 def write_candidate(path: Path, candidate: Candidate, chosen: str, *, force: bool = False) -> Path:
     """Writes a list of one candidate; `chosen` says how its numbers were found.
 
-    SweepError when it cannot be written.
+    Raises SweepError if the file cannot be written, or exists and `force` is not set.
     """
     listed = ListedCandidate(
         name=candidate.name,
@@ -199,8 +200,8 @@ def write_candidate(path: Path, candidate: Candidate, chosen: str, *, force: boo
 
 
 def swing_player(path_or_name: str) -> Candidate:
-    """Makes the candidate that plays a swing file, with the trim of its driver; UserError where it
-    is missing or malformed.
+    """Makes the candidate that plays a swing file, with the trim of its driver; raises UserError if
+    the file is missing or malformed.
     """
     path = Path(path_or_name)
     place = str(path.resolve()) if path.exists() else path_or_name

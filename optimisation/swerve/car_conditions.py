@@ -1,4 +1,4 @@
-"""Conditions of a car that is not as modelled, in which rollover controls are trained."""
+"""Conditions in which rollover controls are trained: cars that differ from their model."""
 
 from typing import NamedTuple
 
@@ -8,12 +8,14 @@ from aerodima.workbench.scenario.scenario import load_scenario
 
 
 class Condition(NamedTuple):
-    """How a car differs from its model.
+    """Differences of a car from its model.
 
     Attributes:
-        delay: of the IMU, s.
-        mass, com_height, friction: over those of the car.
-        torque_error: of the motors, as a share.
+        delay: delay of the IMU, s.
+        mass: factor on the mass of the car.
+        com_height: factor on the height of its centre of mass.
+        friction: factor on the friction of its tyres.
+        torque_error: error of the motors' torque, as a share.
     """
 
     delay: float = 0.024
@@ -23,7 +25,7 @@ class Condition(NamedTuple):
     torque_error: float = 0.0
 
     def settings(self, case: Case) -> Settings:
-        """Returns the settings that make it on the car of a case."""
+        """Returns the settings that put the car of a case into this condition."""
         car = load_scenario(SWERVE, case.settings()).car
         return (
             f"imu.delay={self.delay}",
@@ -42,7 +44,7 @@ UNLIKE = (
     Condition(friction=0.8),
     Condition(torque_error=-0.3),
 )
-"""As modelled, then not. A centre of mass that is 10 % higher stands for a bank of 3 degrees or a
-gust: either takes a tenth of what holds the car down. With 15 %, and an IMU 64 ms late, the search
-found controls that went less far on test cars and kept no more of them upright; that choice was
-made on test cars."""
+"""The car as modelled, then cars that differ. A centre of mass 10 % higher stands for a bank of
+3 degrees or a gust: either takes away a tenth of what holds the car down. With 15 %, and an IMU
+64 ms late, the search found controls with which test cars went less far and no more of them stayed
+upright; this choice was made on test cars."""

@@ -17,14 +17,15 @@ def evolve(
     """Minimises a cost.
 
     Args:
-        cost: of members (members, numbers).
-        first: generation (members, numbers).
-        ranges: least and largest numbers (numbers,).
-        generations: beside the first one.
-        seed: of all draws.
+        cost: function of a generation (members, numbers) that returns the cost of each member
+            (members,).
+        first: first generation (members, numbers).
+        ranges: least and largest value of each number (numbers,).
+        generations: number of generations after the first one.
+        seed: seed of every random draw.
 
     Returns:
-        The least cost and its member (numbers,).
+        The least cost, and the member that has it (numbers,).
     """
     low, high = ranges
     span = high - low

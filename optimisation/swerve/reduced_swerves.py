@@ -34,17 +34,17 @@ from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 from aerodima.workbench.scenario.swing_file import SwingFile
 
 GENTLE = 0.01
-"""Steering with which an aim is tried, rad: the car stays upright."""
+"""Steering with which an aim is tried, rad; the car stays upright."""
 
 
 class ReducedSwerve:
     """The reduced car of a scenario of kind `levels`, driven with any steerings.
 
     Args:
-        scenario: car at its speed on its floor, with its tail and law.
+        scenario: scenario of the car at its speed on its floor, with its tail and law.
 
     Raises:
-        UserError: what the reduced car does not know.
+        UserError: the scenario holds something that the reduced car does not know.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -60,8 +60,8 @@ class ReducedSwerve:
     def drive(
         self, steering: FloatArray, numbers: Mapping[str, FloatArray] | None = None
     ) -> Swerve:
-        """Drives one car for each steering (`STEERING`, n), with other numbers (n) of the feedback
-        law and the rollover control by their keys, such as `feedback.kp`, if asked.
+        """Drives one car for each steering (`STEERING`, n). `numbers` (n) replace those of the
+        feedback law and the rollover control, by their keys, such as `feedback.kp`.
         """
         n = steering.shape[1]
         cars = take(self._car, np.zeros(n, int))
@@ -83,7 +83,7 @@ class ReducedSwerve:
 def _numbers(
     section: str, parameters: Any, others: Mapping[str, FloatArray], count: int
 ) -> SimpleNamespace:
-    """Returns the numbers of a section as arrays (count), those of others in their place."""
+    """Returns the numbers of a section as arrays (count); those in `others` take their place."""
     return SimpleNamespace(
         **{
             name: others.get(f"{section}.{name}", value) * np.ones(count)
@@ -93,7 +93,7 @@ def _numbers(
 
 
 def reduced_car_knows(scenario: Scenario) -> bool:
-    """Returns whether the tail of a scenario has a law that reduced cars can follow."""
+    """Returns whether a scenario has no tail, or one with a law that reduced cars can follow."""
     swing = swing_of_scenario(scenario)
     if swing is None:
         return scenario.tail.mode == "none" or scenario.follows_state
@@ -104,7 +104,7 @@ def reduced_car_knows(scenario: Scenario) -> bool:
 
 
 def knots_of(swing: SwingFile, count: int) -> RollTrajectory:
-    """Returns the roll of a swing file for so many cars, with the gains of its first phase."""
+    """Returns the roll of a swing file for `count` cars, with the gains of its first phase."""
     one = np.ones(count)
     phase = swing.gains.phases[0]
     knots = [np.outer(swing.knots.time_s, one)]
@@ -117,7 +117,7 @@ def check_aims(names: Sequence[str]) -> None:
     """Tries aims on two cars that swerve gently, their tails folded back.
 
     Raises:
-        UserError: no such aim; one that has no finite value for each of them.
+        UserError: no such aim; an aim without a finite value for each car.
     """
     car = ReducedSwerve(load_scenario(SWERVE, FOLDED.settings))
     swerve = car.drive(constant_steering(GENTLE, 2))
@@ -129,12 +129,12 @@ def check_aims(names: Sequence[str]) -> None:
 
 @dataclass(frozen=True)
 class SteeringItem:
-    """A search of a steering: small enough to send to a worker.
+    """A search of a steering, small enough to send to a worker.
 
     Attributes:
-        variants: settings of the car, of which the best is taken.
-        aim: name.
-        effort: of the search; None for a driver at full lock.
+        variants: alternative settings of the car; the best of them are taken.
+        aim: name of the aim, or function of a file, `mine.py:my_aim`.
+        effort: budget of the search; None for a driver at full lock.
     """
 
     variants: tuple[Settings, ...]
@@ -143,13 +143,13 @@ class SteeringItem:
 
     @property
     def key(self) -> str:
-        """Key of the cached result; files of the scenarios and of the aim count by content."""
+        """Key of the cached result, with the content of the files of scenarios and aim."""
         scenarios = [scenario_content(SWERVE, settings) for settings in self.variants]
         return content_key("steering", repr(self), scenarios, code_content(self.aim))
 
 
 def best_steering(item: SteeringItem) -> Row:
-    """Returns score and steering of a search, and the index of the best variant."""
+    """Returns the best score and steering of a search, and the index of their variant."""
     aim = find_aim(item.aim)
     results = []
     for settings in item.variants:

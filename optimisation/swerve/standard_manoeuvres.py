@@ -1,8 +1,9 @@
 """NHTSA's fishhook and J-turn at the standard's own angle, on the full car.
 
-The steering is 6.5 (fishhook) or 8 times (J-turn) that of 0.3 g at 50 mph (49 CFR 575), which for a
-car with the same cornering stiffness per load on both axles is wheelbase x 0.3 g / speed squared.
-Speeds are those of the standard over the root of 10, for a car of 1:10; so are times.
+The steering is 6.5 times (fishhook) or 8 times (J-turn) the angle at which the car has 0.3 g at
+50 mph (49 CFR 575). For a car with the same cornering stiffness per load on both axles that angle
+is wheelbase x 0.3 g / speed squared. Speeds and times are those of the standard over the root of
+10, for a car of scale 1:10.
 """
 
 import math
@@ -27,15 +28,15 @@ from aerodima.workbench.core.quantity import STANDARD_GRAVITY
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 
 MPH = 0.44704 / math.sqrt(10.0)
-"""One mile per hour of the full-size car, m/s."""
+"""Speed of the car that stands for one mile per hour of the full-size car, m/s."""
 SPEEDS = tuple(round(MPH * speed, 3) for speed in (35.0, 40.0, 45.0, 50.0))
-"""Speeds of the standard, m/s."""
+"""Speeds of the standard, scaled to the car, m/s."""
 REFERENCE_ACCELERATION = 0.3 * STANDARD_GRAVITY
-"""Lateral acceleration at which the steering is measured, m/s2."""
+"""Lateral acceleration at which the reference steering is measured, m/s2."""
 
 
 class StandardManoeuvre(NamedTuple):
-    """Manoeuvre of the standard: scenario, angle over the reference steering, more settings."""
+    """Manoeuvre of the standard: scenario, factor on the reference steering, further settings."""
 
     scenario: str
     factor: float
@@ -46,7 +47,7 @@ MANOEUVRES: Mapping[str, StandardManoeuvre] = {
     "fishhook": StandardManoeuvre("entry_fishhook", 6.5),
     "j-turn": StandardManoeuvre("entry_held_turn", 8.0, ("manoeuvre.turn_hold=1.26",)),
 }
-"""Name -> manoeuvre; the J-turn is held for 4 s at full size."""
+"""Manoeuvres of the standard by name; the J-turn is held for 4 s at full size."""
 
 
 def standard_angle(scenario: Scenario, factor: float) -> float:
@@ -70,11 +71,12 @@ def passed_from_below(results: Sequence[bool]) -> int:
 def compare_standard(
     candidates: Sequence[Candidate], cases: Sequence[Case], runs: CachedRunner
 ) -> pd.DataFrame:
-    """Drives the manoeuvres of the standard, ballast at each of its places.
+    """Drives the manoeuvres of the standard, with ballast at each of its places.
 
     Returns:
-        A row per manoeuvre, candidate and case, of the best place: `passed`, how many speeds from
-        below are passed, and `tips_at_m_per_s`, the first that is not.
+        A row per manoeuvre, candidate and case, for the best place of the ballast: `passed`, the
+        number of speeds that are passed, counted from the lowest, and `tips_at_m_per_s`, the first
+        speed that is not.
     """
     tasks = []
     rows: list[Row] = []

@@ -29,12 +29,12 @@ SECOND_ENDS = (0.04, 1.2)
 CONSTANT_ENDS = (0.2, 0.6)
 """Ends of the first two levels of a steering that is constant, s."""
 TICK = 0.01
-"""Ends of levels are whole ticks of the driver, s."""
+"""Tick of the driver, s; levels end at whole ticks."""
 STEERING_KEYS = ("level_1", "level_2", "level_3", "level_1_end", "level_2_end", "trim_angle")
-"""Keys of section `manoeuvre` that are a steering, in the order of its array, which ends before the
+"""Keys of section `manoeuvre` that make up a steering, in the order of its array; the array has no
 trim where the car needs none."""
 MIN_MEMBERS = 8
-"""Least number of members of a generation."""
+"""Least number of members in a generation."""
 
 
 @dataclass(frozen=True)
@@ -42,10 +42,10 @@ class SearchEffort:
     """Budget of a search of a steering.
 
     Attributes:
-        members: of a generation.
-        generations: beside the first one.
-        searches: so many, each with a seed of its own, of which the best is taken.
-        seed: of the first search; the others have those after it.
+        members: number of steerings in a generation.
+        generations: number of generations after the first one.
+        searches: number of searches, each with its own seed; the best result is taken.
+        seed: seed of the first search; the others use the seeds that follow it.
     """
 
     members: int = 60
@@ -64,16 +64,16 @@ def search_steering(
     limit: float,
     effort: SearchEffort,
 ) -> tuple[float, FloatArray]:
-    """Searches the steering of the best score.
+    """Searches the steering with the best score.
 
     Args:
-        drive: swerves of a batch of steerings (`STEERING`, members).
-        aim: to be largest (members,).
-        limit: of the angles, rad.
-        effort: how much is tried.
+        drive: function that drives a batch of steerings (`STEERING`, members).
+        aim: function of a `Swerve` that is maximised; returns one value per member (members,).
+        limit: largest angle to either side, rad.
+        effort: budget of the search.
 
     Returns:
-        The score, see `aims.score`, and the steering (`STEERING`,).
+        The best score, see `aims.score`, and its steering (`STEERING`,).
     """
 
     def cost(points: FloatArray) -> FloatArray:
@@ -98,7 +98,7 @@ def steering_ranges(limit: float) -> ArrayPair:
 
 
 def draw_steering(generator: np.random.Generator, members: int, limit: float) -> FloatArray:
-    """Draws steerings (members, `STEERING`): one half constant angles, one half any three."""
+    """Draws steerings (members, `STEERING`): half with one constant angle, half with any three."""
     constant = members // 2
     low, high = math.log(MIN_DRAWN_LEVEL), math.log(limit)
     angles = np.exp(generator.uniform(low, high, (members, LEVELS)))
@@ -108,7 +108,7 @@ def draw_steering(generator: np.random.Generator, members: int, limit: float) ->
 
 
 def possible_steering(points: FloatArray, limit: float) -> FloatArray:
-    """Returns the steerings (members, `STEERING` or more) that are nearest and possible."""
+    """Returns the nearest steerings that are possible (members, `STEERING` or more)."""
     result = points.copy()
     result[:, :LEVELS] = np.clip(points[:, :LEVELS], -limit, limit)
     result[:, 0] = np.maximum(result[:, 0], MIN_FIRST_LEVEL)
@@ -120,7 +120,9 @@ def possible_steering(points: FloatArray, limit: float) -> FloatArray:
 
 
 def scaled_steering(steering: FloatArray, share: float, limit: float = math.inf) -> FloatArray:
-    """Returns a steering (`STEERING`,), its angles times a share and up to a limit, rad."""
+    """Returns a steering (`STEERING`,), or one with a trim, whose three angles are multiplied by a
+    share and clipped to a limit, rad.
+    """
     angles = np.clip(share * steering[:LEVELS], -limit, limit)
     return np.concatenate([angles, steering[LEVELS:]])
 

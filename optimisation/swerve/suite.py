@@ -26,11 +26,11 @@ from aerodima.workbench.scenario.scenario import load_scenario
 
 SCHEMA = "aerodima/swerve-suite/1"
 FRICTION_SCALES = (0.2, 2.0)
-"""Lowest and highest friction of a surface over that of the car."""
+"""Lowest and highest friction of a floor, as a multiple of the car's."""
 
 
 class SuiteFile(StrictModel):
-    """The suite as its file has it; the file says what each entry means."""
+    """Content of the suite's file, which says what each entry means."""
 
     schema_: str = Field(alias="schema")
     comparison: Settings
@@ -46,9 +46,9 @@ class SuiteFile(StrictModel):
 _PATH = model_path("swerve/suite.yaml")
 SUITE = checked(SuiteFile, read_yaml(_PATH), str(_PATH), SweepError, schema=SCHEMA)
 BOUND = Candidate("bound", ("tail.mode=swing",))
-"""Stands for the best motion of the tail; it is searched for every car."""
+"""Candidate that stands for the best motion of the tail, which is searched for every car."""
 ANNOUNCED = Candidate("announced bound", BOUND.settings)
-"""The same of a tail that knows of the turn and may wait at a side; the car has a trim then."""
+"""The same for a tail that knows of the turn and may wait at a side; the car then has a trim."""
 BOUNDS = (BOUND, ANNOUNCED)
 """Candidates whose motion is searched."""
 NAMED_CANDIDATES = {
@@ -58,7 +58,7 @@ NAMED_CANDIDATES = {
     "bound-announced": ANNOUNCED,
     **{name: one.candidate() for name, one in SUITE.candidates.items()},
 }
-"""Name that asks for one -> candidate."""
+"""Candidates by the name that asks for them."""
 FOLDED = NAMED_CANDIDATES["folded"]
 FEEDBACK = NAMED_CANDIDATES["feedback"]
 
@@ -68,9 +68,9 @@ class Case:
     """A car with a tail on a floor.
 
     Attributes:
-        car: of an ensemble.
-        tail: of the suite.
-        floor: friction over that of the car.
+        car: member of an ensemble.
+        tail: name of a tail of the suite.
+        floor: friction of the floor, as a multiple of the car's.
         conditions: further settings of the drive, such as `imu.delay=0.024`.
     """
 
@@ -85,7 +85,7 @@ class Case:
         return {"tail": self.tail, "floor": f"x {self.floor:g}", "car": self.car.name}
 
     def settings(self, scenario: str = SWERVE) -> Settings:
-        """Returns the settings that make the car on a scenario, but for those of a candidate."""
+        """Returns the settings that turn a scenario into this case, without a candidate's."""
         own = self.car.settings_on(scenario)
         friction = self.floor * load_scenario(scenario, own).car.tyre_friction
         floor = f"car.tyre_friction={friction:.6g}"
@@ -95,8 +95,8 @@ class Case:
 def candidate_settings(
     candidate: Candidate, case: Case, speed: float, scenario: str = SWERVE
 ) -> tuple[Settings, ...]:
-    """Returns the settings of a candidate's drive on a scenario, one for each place of its
-    ballast.
+    """Returns the settings of a candidate's drive on a scenario: one tuple for each place of its
+    ballast, one alone if it has none.
     """
     base = case.settings(scenario)
     car = load_scenario(scenario, base)
@@ -106,7 +106,7 @@ def candidate_settings(
 
 
 def tail_settings(tail: str) -> Settings:
-    """Returns the settings of a tail of the suite; SweepError for another one."""
+    """Returns the settings of a tail of the suite; raises SweepError for any other name."""
     if tail not in SUITE.tails:
         raise SweepError(f"tail {tail!r}: {nearest(tail, list(SUITE.tails))}")
     settings = list(SUITE.comparison)
@@ -119,7 +119,7 @@ def tail_settings(tail: str) -> Settings:
 
 
 def select_candidates(names: Sequence[str], laws: Sequence[str] = ()) -> list[Candidate]:
-    """Returns candidates of `read_candidates` and `user_law`; the car without tail comes first."""
+    """Returns the candidates of names and of the user's laws; the car without tail comes first."""
     chosen = read_candidates(names, NAMED_CANDIDATES)
     chosen += [user_law(path) for path in laws]
     require_unique([one.name for one in chosen], "candidate", SweepError)
@@ -135,11 +135,11 @@ def ensemble_cases(
     seed: int = 1,
     conditions: Settings = (),
 ) -> list[Case]:
-    """Pairs the first cars of a part of an ensemble with floors.
+    """Pairs the first cars of one part of an ensemble with floors.
 
     Raises:
-        SweepError: more cars than there are; a friction scale out of range, or one that is named
-            twice; no such tail.
+        SweepError: more cars than the part has; a friction scale out of range, or named twice; no
+            such tail.
     """
     members = getattr(load_ensemble(ensemble).split(seed), part)
     unit = f"of the {part} cars of {ensemble}"

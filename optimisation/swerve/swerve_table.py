@@ -1,5 +1,5 @@
-"""Summary of a comparison over its cars: medians, gains over the car without tail, their intervals;
-as a table for the terminal and as a page.
+"""Summary of a comparison over its cars, as a table for the terminal and as a page: medians, gains
+over the car without tail, and their intervals.
 """
 
 import math
@@ -18,11 +18,11 @@ from aerodima.workbench.view.figure_style import BLUE, SKY, new_figure, styled
 from aerodima.workbench.view.report_page import Page, Plot, Section, Table, percent
 
 GROUP = ["plant", "tail", "floor", "aim", "speed_m_per_s"]
-"""Columns that name a comparison."""
+"""Columns that identify a comparison."""
 PLACE = [*GROUP, "car"]
-"""Columns that name a swerve; every candidate has one row in each."""
+"""Columns that identify a swerve; every candidate has one row in each."""
 RESAMPLES = 4000
-"""Draws of cars in a bootstrap."""
+"""Number of resamples of the cars in a bootstrap."""
 _HEADER = ("candidate", "median", "cars", "over no tail", "95 %", "worst", "above low ballast")
 
 
@@ -36,14 +36,14 @@ def gains_over(table: pd.DataFrame, candidate: str) -> pd.Series:
 
 
 def summarise_swerves(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
-    """Makes a row per comparison and candidate: median value over the cars, how many have one, the
-    median gain over the car without tail with its 95 % interval from a bootstrap over cars, the
-    worst gain, and on how many cars the value is above that of low ballast, NaN if that was not
-    compared.
+    """Makes a row per comparison and candidate: median value over the cars, how many cars have one,
+    the median gain over the car without tail with its 95 % interval from a bootstrap over cars, the
+    worst gain, and on how many cars the value is above that of low ballast (NaN if that was not
+    compared).
 
     Args:
-        table: of `compare_swerves`.
-        seed: of the bootstrap.
+        table: table of `compare_swerves`.
+        seed: seed of the bootstrap.
     """
     over_none = gains_over(table, NO_TAIL.name)
     over_ballast = gains_over(table, LOW_BALLAST.name)
@@ -71,19 +71,19 @@ def summarise_swerves(table: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
 
 
 def has_gain(summary: pd.DataFrame) -> bool:
-    """Returns whether a tail is above the car without one; True when none was compared."""
+    """Returns whether any tail has a median gain above 0; True if no tail was compared."""
     names = summary["candidate"]
     with_tail = summary[~names.str.startswith(NO_TAIL.name) & (names != LOW_BALLAST.name)]
     return with_tail.empty or bool((with_tail["gain"] > 0.0).any())
 
 
 def median_interval(values: FloatArray, seed: int) -> Pair:
-    """Computes the 95 % interval of the median over cars, which are drawn again with replacement;
-    NaN without a car.
+    """Computes the 95 % interval of the median over cars, which are resampled with replacement; NaN
+    without a car.
 
     Args:
-        values: of each car (n,).
-        seed: of the draws.
+        values: value of each car (n,).
+        seed: seed of the resampling.
     """
     if not values.size:
         return math.nan, math.nan
@@ -93,7 +93,7 @@ def median_interval(values: FloatArray, seed: int) -> Pair:
 
 
 def swerve_lines(summary: pd.DataFrame) -> list[str]:
-    """Makes a table for the terminal: each comparison is a heading, every candidate a line."""
+    """Makes a table for the terminal: a heading per comparison, a line per candidate."""
     rows: list[tuple[str, ...]] = []
     for names, own in summary.groupby(GROUP, sort=False):
         rows += [(_title(names),), *_cells(own)]
@@ -101,7 +101,7 @@ def swerve_lines(summary: pd.DataFrame) -> list[str]:
 
 
 def swerve_page(table: pd.DataFrame, summary: pd.DataFrame) -> Page:
-    """Makes a page: a table and a picture for every comparison."""
+    """Makes a page with a table and a picture for every comparison."""
     sections = []
     for names, own in summary.groupby(GROUP, sort=False):
         title = _title(names)

@@ -1,1 +1,1 @@
-"""Tail swings on the full car: swing files, one run, the verdict on a swing."""
+"""Tail swings: bounds, swing files and their verification; comparison and training of laws."""

@@ -1,9 +1,9 @@
 """The bound of a swerve: the best steering and motion of the tail, both known beforehand and chosen
 together, on reduced cars.
 
-Starts of the nonlinear program (`swerve_nlp`) are the best of a differential evolution over all its
-variables, the best of its first generation, and motions and steerings of candidates with the same
-tail, so that the bound is not below one whose motion its variables contain.
+The nonlinear program (`swerve_nlp`) starts from the best of a differential evolution over all its
+variables, from the best of its first generation, and from motions and steerings of candidates with
+the same tail, so that the bound does not fall below a candidate whose motion its variables contain.
 """
 
 import time
@@ -47,9 +47,9 @@ MAX_DRAWN_ROLL = 1.5
 DRAWN_PITCHES = (-1.1, -0.6, 0.0, 0.0)
 """Pitches of the tail in the first generation, rad."""
 WAITS = (-0.4, -0.8, -1.2)
-"""Rolls, rad, at which the tail waits in further starts where the turn is announced: inside."""
+"""Rolls at which the tail waits in the further starts of an announced turn, rad: to the inside."""
 STILL_SHARE = 4
-"""One in so many tails of the first generation does not roll."""
+"""One in every `STILL_SHARE` tails of the first generation does not roll."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +57,12 @@ class BoundEffort:
     """Budget of a bound.
 
     Attributes:
-        members: of a generation of the first search; `generations` of it beside the first one.
-        starts: of the program, beside those of candidates.
-        iterations: largest number of major iterations from a start.
-        solver: of the program.
-        seed: of all draws.
+        members: number of points in a generation of the first search.
+        generations: number of generations after the first one.
+        starts: number of starts of the program from the first search.
+        iterations: largest number of major iterations in each of the two solves from a start.
+        solver: solver of the program.
+        seed: seed of every random draw.
     """
 
     members: int = 150
@@ -77,11 +78,11 @@ class Bound:
     """The best steering and motion that were found.
 
     Attributes:
-        scenarios: of the cars, with the tail that was found where its numbers are free; steering
-            and swing are not theirs.
-        program: that was solved.
-        solution: the best of all starts.
-        wall_time: that the search took, s.
+        scenarios: scenarios of the cars, with the tail that was found where its numbers are free;
+            they do not hold the steering and swing that were found.
+        program: program that was solved.
+        solution: best solution of all starts.
+        wall_time: duration of the search, s.
     """
 
     scenarios: tuple[Scenario, ...]
@@ -102,8 +103,8 @@ class Bound:
 
     @property
     def table(self) -> pd.DataFrame:
-        """A row per car: aim, steering (rad and s), free numbers of the tail, and what the search
-        took.
+        """Table with a row per car: aim, steering (rad and s), free numbers of the tail, violation
+        of the limits, and cost of the search.
         """
         solution = self.solution
         steerings = [self.steering(member) for member in range(len(self.scenarios))]
@@ -133,26 +134,24 @@ def find_bound(
     announced: bool = False,
     free: FreeTail | None = None,
 ) -> Bound:
-    """Searches steering and motion of the tail that are best for one car, or one motion for many.
+    """Searches the best steering and motion of the tail for one car, or one motion for many cars.
 
     Args:
-        scenarios: of kind `levels`, cars with a tail; each has its own steering.
-        aim: to be large: a name, or a function of `Swerve` that returns a number per car (n,).
-        limits: beside those of every swerve.
-        effort: how much is tried; by default `BoundEffort()`.
-        candidates: motion of a tail, its pitch and its roll at the knots after the first
-            (`KNOTS`,), rad, and steering (`STEERING`,), from which the program starts, too.
-        extend: adds costs and constraints to the program before it is solved.
-        progress: receives a line after the first search and after each start.
-        announced: whether the tail knows of the turn and may wait at a side, while the driver keeps
-            the car straight; the program then also starts from the motion of the last candidate
-            with other rolls at which the tail waits.
-        free: numbers of the tail that the program chooses, too, from the middle of their ranges;
+        scenarios: scenarios of kind `levels` of cars with a tail; each has its own steering.
+        aim: aim that is maximised: its name, or a function of a `Swerve` (n,).
+        limits: limits beside those of every swerve.
+        effort: budget of the search; by default `BoundEffort()`.
+        candidates: further starts: pitch of the tail and its rolls at the knots after the first
+            (`KNOTS`,), rad, with a steering (`STEERING`,).
+        extend: function that adds costs and constraints to the program before it is solved.
+        progress: function that receives a line after the first search and after each start.
+        announced: whether the tail knows of the turn and may wait at a side while the driver keeps
+            the car straight; the last candidate is then also started from the rolls `WAITS`.
+        free: numbers of the tail that the program also chooses, from the middle of their ranges;
             `extend` finds them under `program.numbers`.
 
     Raises:
-        UserError: no swerve keeps all limits; what the reduced car does not know; a free number
-            without a range.
+        UserError: no swerve keeps all limits; as `SwerveShooting.from_scenarios`.
     """
     begin = time.monotonic()
     effort = effort or BoundEffort()
@@ -188,9 +187,10 @@ def find_bound(
 
 
 def _with_one_steering(variables: SwerveVariables, points: FloatArray) -> FloatArray:
-    """Returns the scaled variables (n, size) of points (n, `STEERING` + knots): a steering of all
-    cars, rad and s, without trim, and a motion of the tail from the middle, rad; free numbers are
-    in the middle of their ranges.
+    """Returns the scaled variables (n, size) of points (n, `STEERING` + knots).
+
+    A point is one steering for all cars, rad and s, without trim, and a motion of the tail from the
+    middle, rad. Free numbers are in the middle of their ranges.
     """
     steering, tail = np.split(points, [STEERING], axis=1)
     if variables.announced:
@@ -202,8 +202,8 @@ def _with_one_steering(variables: SwerveVariables, points: FloatArray) -> FloatA
 
 
 def _first_search(shooting: SwerveShooting, effort: BoundEffort) -> list[FloatArray]:
-    """Returns points of `_with_one_steering`: the best one of a search, and the best ones of its
-    first generation.
+    """Returns points for `_with_one_steering`: the best one of a differential evolution, then the
+    best ones of its first generation.
     """
     variables = shooting.variables
     generator = np.random.default_rng(effort.seed)
@@ -242,7 +242,7 @@ def _first_search(shooting: SwerveShooting, effort: BoundEffort) -> list[FloatAr
 
 
 def _draw_tails(generator: np.random.Generator, members: int) -> FloatArray:
-    """Draws pitches and rolls (members, knots) of tails that go from one roll to another."""
+    """Draws pitches and rolls (members, knots) of tails that move from one roll to another."""
     pitch = generator.choice(DRAWN_PITCHES, (members, 1))
     first, last = generator.uniform(-MAX_DRAWN_ROLL, MAX_DRAWN_ROLL, (2, members, 1))
     begin = generator.uniform(0.0, 1.0, (members, 1))

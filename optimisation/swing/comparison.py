@@ -1,5 +1,5 @@
-"""Comparison of candidates in swerves: each with its own best steering, found on reduced cars, then
-driven on the full car, its angles scaled to where the swerve just counts there.
+"""Comparison of candidates in swerves. Each has its own best steering, which is found on reduced
+cars and then driven on the full car, its angles scaled to where the swerve just counts there.
 """
 
 from collections.abc import Sequence
@@ -37,19 +37,19 @@ from aerodima.workbench.scenario.swing_file import swing_from_dict, write_swing
 
 @dataclass(frozen=True)
 class BoundItem:
-    """A search of a bound for one car.
+    """A search of a bound for one car, or of one motion for several.
 
     Attributes:
-        settings: of the car.
-        aim: name.
-        effort: of the search; None for a `BoundEffort()`.
-        others: settings of more cars that have the same motion.
-        limits: such as `roll=0.3`, of a motion that is to be verified: it keeps what a verification
-            asks, too, and the worker prints how far the search is. None for a bound.
-        starts: settings and steering of candidates with the same tail, whose motions it starts
-            from, too.
-        name: of the swing that is made.
-        announced: whether the tail may wait at a side.
+        settings: settings of the first car.
+        aim: name of the aim, or function of a file, `mine.py:my_aim`.
+        effort: budget of the search; None for a `BoundEffort()`.
+        others: settings of further cars that have the same motion.
+        limits: limits, such as `roll=0.3`, of a motion that is to be verified; it also keeps what a
+            verification asks for, and the worker prints its progress. None for a bound.
+        starts: settings and steering of candidates with the same tail, from whose motions the
+            search also starts.
+        name: name of the swing that is made.
+        announced: whether the turn is announced, so that the tail may wait at a side.
     """
 
     settings: Settings = ()
@@ -103,26 +103,26 @@ def compare_swerves(
     step: float | None = FINE_STEP,
     further: int = 0,
 ) -> pd.DataFrame:
-    """Compares candidates; the car without tail is always among them.
+    """Compares candidates; the car without tail and the folded tail are always among them.
 
     Args:
-        candidates: with their laws; `suite.BOUNDS` are the best motions of the tail, the announced
-            one with the other.
+        candidates: candidates with their laws; those of `suite.BOUNDS` stand for the best motions
+            of the tail, and the announced one brings the other along.
         cases: cars with their tail and floor.
-        speeds: m/s.
+        speeds: speeds of the swerves, m/s.
         aims: names of `AIMS`, or functions of a file, `mine.py:my_aim`.
-        runs: where searches and runs are made, each once.
-        folder: in which the swings of bounds are written.
-        steering_effort: of the searches.
-        bound: effort, limits and more cars of each bound; by default a `BoundItem()`.
-        step: of the plant of the full car, s; None compares reduced cars alone.
-        further: so many full runs for each candidate search on from there, see `search_full`.
+        runs: runner of the searches and full runs, which makes each once.
+        folder: folder of the swing files of bounds.
+        steering_effort: budget of each search of a steering; by default `SearchEffort()`.
+        bound: effort, limits and further cars of each bound; by default a `BoundItem()`.
+        step: step of the plant of the full car, s; None compares reduced cars alone.
+        further: number of full runs with which each candidate is searched on, see `search_full`.
 
     Returns:
-        A row per candidate, case, speed and aim: `plant`; `value`, on the full car NaN where it
-        counts at no share of the angles; `reduced_value`; number of full runs; the `share` and the
-        steering before that share; measures and all `settings` of the best full run. The share is
-        NaN where the search on the full car found better.
+        A row per candidate, case, speed and aim: `plant`; `value`, which is NaN on the full car
+        where no share of the angles counts; `reduced_value`; number of full `runs`; `share` of the
+        angles, and the steering before it is applied; measures and all `settings` of the best full
+        run. The share is NaN where the search on the full car found a better run.
     """
     effort = steering_effort or SearchEffort()
     chosen = [one for one in candidates if one not in BOUNDS]
@@ -134,7 +134,7 @@ def compare_swerves(
     runs.stage = "steerings"
     descents = _search_steerings(chosen, places, effort, runs)
     runs.stage = "bounds"
-    for one in BOUNDS:  # the second begins at the first
+    for one in BOUNDS:  # the second also starts from the first
         if one in candidates or ANNOUNCED in candidates:
             descents += _search_bounds(one, descents, bound or BoundItem(), runs, folder)
     for descent in descents:
@@ -153,8 +153,8 @@ def _search_steerings(
     effort: SearchEffort,
     runs: CachedRunner,
 ) -> list[Descent]:
-    """Searches the steering of each candidate in each case, but for a driver at full lock; a law
-    that reduced cars cannot follow has that of the folded tail, and no value on them.
+    """Searches the steering of each candidate in each case, except that of a driver at full lock. A
+    law that reduced cars cannot follow takes that of the folded tail, and has no value on them.
     """
     descents = []
     items = []
@@ -182,7 +182,7 @@ def _search_bounds(
     runs: CachedRunner,
     folder: Path,
 ) -> list[Descent]:
-    """Searches a bound in each case, from the motions of candidates with a tail, too."""
+    """Searches a bound in each case, starting also from the motions of candidates with a tail."""
     folder.mkdir(parents=True, exist_ok=True)
     items = []
     places: dict[str, list[Descent]] = {}

@@ -2,8 +2,9 @@
 feedback law.
 
 Numbers are scored by how far the last point of the outline has moved aside after 0.5 s and after
-1 s, both over their usual size, on training cars that are as modelled and not: half the mean over
-all runs, half the mean of the worst fifth. A run that does not count is worth nothing.
+1 s, both over their usual size, on training cars as modelled and on cars that differ from their
+model: half the mean over all runs, half the mean of the worst fifth. A run that does not count is
+worth nothing.
 """
 
 from collections.abc import Sequence
@@ -38,7 +39,7 @@ CONTROL_RANGES = {
     "rollover_control.lead": (0.0, 0.3),
     "rollover_control.acceleration": (2.0, 80.0),
 }
-"""Numbers of the control that are free, in the units of `RolloverControlParameters`."""
+"""Ranges of the free numbers of the control, in the units of `RolloverControlParameters`."""
 CONTROL_START = {
     "rollover_control.gain": 30.0,
     "rollover_control.start": 0.05,
@@ -47,11 +48,11 @@ CONTROL_START = {
 }
 """Control that the search starts from, chosen by hand."""
 SCORED = ("aside-0.5", "aside-1.0")
-"""Aims of a run."""
+"""Aims by which a run is scored."""
 
 
 class ControlBatch(NamedTuple):
-    """Numbers on a car at its speed in several conditions: small enough to send to a worker."""
+    """Numbers to try on a car at its speed in several conditions, small enough for a worker."""
 
     settings: tuple[Settings, ...]
     numbers: tuple[Law, ...]
@@ -67,12 +68,12 @@ def train_rollover_control(
     """Searches the rollover control with the best score on training cars.
 
     Args:
-        has_tail: whether the numbers of the feedback law are searched with it; else the cars have
-            no tail.
+        has_tail: whether the numbers of the feedback law are searched with the control; if not, the
+            cars have no tail.
         cases: training cars with their tail and floor.
-        speeds: at which they swerve, m/s.
-        search: how much; rounds follow each other, each from the best of the one before.
-        runs: where the runs are made.
+        speeds: speeds of the swerves, m/s.
+        search: budget of the search; each round starts from the best of the one before.
+        runs: runner of the swerves.
 
     Raises:
         UserError: no control keeps a car upright.
@@ -104,7 +105,7 @@ def train_rollover_control(
 def control_places(
     base: Candidate, cases: Sequence[Case], speeds: Sequence[float]
 ) -> list[tuple[Settings, ...]]:
-    """Returns the settings of cars at their speeds, each in all of `UNLIKE`."""
+    """Returns the settings of cars at their speeds, each in all the conditions of `UNLIKE`."""
     places = []
     for case in cases:
         conditions = [condition.settings(case) for condition in UNLIKE]
@@ -115,7 +116,7 @@ def control_places(
 
 
 def score_control_batch(batch: ControlBatch) -> list[list[float]]:
-    """Returns what numbers are worth to a driver at full lock (conditions, numbers)."""
+    """Returns the worth of numbers to a driver at full lock (conditions, numbers)."""
     worth = []
     for settings in batch.settings:
         car = ReducedSwerve(load_scenario(SWERVE, settings))

@@ -3,11 +3,12 @@
 A law is scored by how far the last point of the outline has moved aside after 0.5 s, with the best
 of some steerings, over that of the same car without tail and with its own best steering: half the
 mean over cars, floors and speeds, half the mean of the worst fifth. NHTSA's fishhook and J-turn
-count as places, too, at which a law is worth `PASSED` where the car stays upright. Each place has a
-condition of its own: how late the IMU is, what the car carries, how strong its motors are.
+also count, as one place per car and speed of the standard, where a law is worth `PASSED` if it
+keeps the car upright in both. Each place has a condition: how late the IMU is, what the car
+carries, how strong its motors are.
 
-Law and steerings are searched in turns, since a law that kicks the car wants another steering than
-a car without tail.
+Law and steerings are searched in turn, since a law that kicks the car needs another steering than a
+car without tail.
 """
 
 import math
@@ -44,37 +45,37 @@ from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.scenario.scenario import load_scenario
 
 Ranges = Mapping[str, Pair]
-"""Key of a number -> its lowest and highest value."""
+"""Lowest and highest value of each free number, by its key."""
 RANGES: Ranges = {name: (low, high) for name, (low, high, _) in SUITE.trained.items()}
-"""Numbers that are free, in the units of `FeedbackParameters`."""
+"""Ranges of the free numbers of the law, in the units of `FeedbackParameters`."""
 START = {name: start for name, (_, _, start) in SUITE.trained.items()}
 """Law that the search starts from."""
 ANGLE_SHARES = np.geomspace(0.4, 2.5, 10)
-"""Shares of a steering's angles with which a law is tried."""
+"""Factors on a steering's angles with which a law is tried."""
 AIM = "aside-0.5"
-"""What a law is scored by."""
+"""Aim by which a law is scored."""
 WORST_SHARE = 0.2
-"""Share of cases that the second half of the score is made of."""
+"""Share of the places, the worst ones, that make up the second half of the score."""
 PASSED = 1.25
-"""What a law is worth that keeps a car upright in both manoeuvres of the standard: about what it is
-worth in a swerve."""
+"""Worth of a law that keeps a car upright in both manoeuvres of the standard: about its worth in a
+swerve. Half of it in one of the two."""
 FISHHOOK = load_scenario(MANOEUVRES["fishhook"].scenario)
-"""Scenario of the fishhook, with what its driver waits for."""
+"""Scenario of the fishhook, with the roll rate that its driver waits for."""
 Law = Mapping[str, float]
 """Numbers of a law by their keys."""
 
 
 @dataclass(frozen=True)
 class LawSearch:
-    """Effort of a search.
+    """Budget of a search of a law.
 
     Attributes:
-        laws: of a generation.
-        generations: of a round.
-        seed: of all draws.
+        laws: number of laws in a generation.
+        generations: number of generations in a round.
+        seed: seed of the first round; later rounds use the seeds that follow it.
         around: standard deviation of the first generation around the law that it starts from, as a
             share of the ranges.
-        rounds: so often the law is searched, each time with the best steerings of the law before.
+        rounds: number of searches, each with the best steerings of the law before.
 
     Raises:
         UserError: fewer than 4 laws, no round, or a share out of range.
@@ -96,8 +97,8 @@ class Place(NamedTuple):
     """A car at its speed on its floor with the feedback law.
 
     Attributes:
-        settings: that make it.
-        steerings: with which laws are tried.
+        settings: settings of the car, its floor, speed and law.
+        steerings: steerings with which laws are tried.
         reference: largest aim of the same car without tail, m; None in the manoeuvres of the
             standard, where the steerings are those of a fishhook before the counter-steer and of a
             J-turn.
@@ -109,7 +110,7 @@ class Place(NamedTuple):
 
 
 class LawBatch(NamedTuple):
-    """Laws on a car: small enough to send to a worker."""
+    """Laws to try on a car, small enough to send to a worker."""
 
     place: Place
     laws: tuple[Law, ...]
@@ -126,10 +127,10 @@ def train_feedback(
 
     Args:
         cases: training cars with their tail and floor.
-        speeds: at which they swerve, m/s.
-        search: how much.
-        runs: where the runs are made.
-        effort: of the steerings with which laws are tried; by default `SearchEffort()`.
+        speeds: speeds of the swerves, m/s.
+        search: budget of the search of the law.
+        runs: runner of the searches and swerves.
+        effort: budget of each search of a steering; by default `SearchEffort()`.
 
     Raises:
         UserError: no law keeps a car upright.
@@ -158,8 +159,10 @@ def law_settings(law: Law) -> tuple[str, ...]:
 def find_places(
     cases: Sequence[Case], speeds: Sequence[float], runs: CachedRunner, effort: SearchEffort
 ) -> list[Place]:
-    """Returns the places of cases and speeds, each in one of the suite's conditions; laws are tried
-    there with the best steering of the car without tail, by `ANGLE_SHARES`.
+    """Returns the places of cases and speeds, each in one of the suite's conditions.
+
+    Laws are tried there with the best steering of the car without tail, its angles times
+    `ANGLE_SHARES`. Places where that car has no swerve that counts are left out.
     """
     runs.stage = "steerings"
     driven: list[Settings] = []
@@ -196,7 +199,7 @@ def standard_places(cases: Sequence[Case]) -> list[Place]:
 
 
 def condition_settings(case: Case, index: int) -> Settings:
-    """Returns the settings of a condition for a car."""
+    """Returns the settings of the suite's condition at an index, in turn, for the car of a case."""
     delay, load, torque_error = SUITE.conditions[index % len(SUITE.conditions)]
     mass = load * load_scenario(SWERVE, case.settings()).car.mass
     return (
@@ -207,7 +210,7 @@ def condition_settings(case: Case, index: int) -> Settings:
 
 
 def shared(steering: Sequence[float]) -> tuple[tuple[float, ...], ...]:
-    """Returns a steering with each of the `ANGLE_SHARES` of its angles."""
+    """Returns a steering with its angles times each of `ANGLE_SHARES`."""
     angles = np.outer(ANGLE_SHARES, steering[:LEVELS])
     return tuple((*row, *steering[LEVELS:]) for row in angles.tolist())
 
@@ -215,7 +218,7 @@ def shared(steering: Sequence[float]) -> tuple[tuple[float, ...], ...]:
 def add_steerings(
     places: Sequence[Place], law: Law, runs: CachedRunner, effort: SearchEffort
 ) -> list[Place]:
-    """Returns places at which laws are tried with the best steerings of a law, too."""
+    """Returns places with the best steering of a law added to those with which laws are tried."""
     runs.stage = "steerings of the law"
     items = [
         SteeringItem(((*place.settings, *law_settings(law)),), AIM, effort) for place in places
@@ -234,14 +237,14 @@ def search_laws(
     progress: ProgressLine,
     ranges: Ranges = RANGES,
 ) -> Law:
-    """Searches the law of the largest score.
+    """Searches the law with the largest score.
 
     Args:
-        search: how much.
-        start: a law that the first generation has, beside those that are drawn.
-        score_laws: returns the scores (n,) of laws.
-        progress: receives a line for each generation.
-        ranges: of the numbers that are free.
+        search: budget of the search; one round is made.
+        start: law around which the first generation is drawn; it is scored before that.
+        score_laws: function that returns the scores (n,) of laws.
+        progress: function that receives a line for each generation.
+        ranges: ranges of the free numbers.
 
     Raises:
         UserError: no score is above 0.
@@ -280,7 +283,7 @@ def search_laws(
 
 
 def laws_at(shares: FloatArray, ranges: Ranges = RANGES) -> list[Law]:
-    """Returns the laws at shares (n, numbers) of ranges, to four digits."""
+    """Returns the laws at shares (n, numbers) of ranges, rounded to four digits."""
     low, high = np.array(list(ranges.values())).T
     laws: list[Law] = []
     for row in low + shares * (high - low):
@@ -296,17 +299,17 @@ def shares_of(law: Law, ranges: Ranges = RANGES) -> FloatArray:
 
 
 def score(ratios: FloatArray) -> FloatArray:
-    """Returns the scores of laws (laws,) from their aims over those of no tail (laws, places)."""
+    """Returns the scores of laws (laws,) from their worth at each place (laws, places)."""
     worst = np.sort(ratios, axis=1)[:, : max(1, round(WORST_SHARE * ratios.shape[1]))]
     return np.asarray(0.5 * (ratios.mean(axis=1) + worst.mean(axis=1)))
 
 
 def score_law_batch(batch: LawBatch) -> list[float]:
-    """Returns the aim that each law reaches over that without tail (laws,); 0 where the car is
-    never upright.
+    """Returns the worth of each law at its place (laws,): the aim that it reaches over that without
+    tail, 0 where no swerve counts; in the manoeuvres of the standard see `PASSED`.
 
     Raises:
-        UserError: what the reduced car does not know.
+        UserError: the place holds something that the reduced car does not know.
     """
     place, laws = batch
     car = ReducedSwerve(load_scenario(SWERVE, place.settings))
@@ -325,18 +328,18 @@ def score_law_batch(batch: LawBatch) -> list[float]:
 
 
 def repeated(laws: Sequence[Law], count: int) -> NamedArrays:
-    """Returns the numbers of laws by their keys, each law so many times in a row."""
+    """Returns the numbers of laws by their keys, each law `count` times in a row."""
     return {name: np.repeat([law[name] for law in laws], count) for name in laws[0]}
 
 
 def counter_steer(steerings: FloatArray, driven: Swerve, car: ReducedSwerve) -> FloatArray:
-    """Returns steerings (n, `STEERING`) that go to the other side as the driver of a fishhook does,
-    see `FishhookDriver`.
+    """Returns steerings (n, `STEERING`) that counter-steer as the driver of a fishhook does, see
+    `FishhookDriver`.
 
     Args:
-        steerings: to one side.
-        driven: what the car does with them.
-        car: car.
+        steerings: steerings to one side.
+        driven: swerves of the car with these steerings.
+        car: reduced car that made the swerves.
     """
     angles = steerings[:, 0]
     reached = angles / car.scenario.servo.rate

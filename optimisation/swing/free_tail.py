@@ -1,4 +1,4 @@
-"""Numbers of a tail that a bound searches together with its motion: which tail for this swerve?"""
+"""Numbers of a tail that a bound searches together with its motion: the best tail for a swerve."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -15,18 +15,18 @@ class FreeTail:
 
     Attributes:
         ranges: least and largest value of each number, by its name.
-        build: is called with the scenario of a car and the numbers, in the order of `ranges`;
-            returns the scenario of the car with this tail.
+        build: function of a car's scenario and the numbers, in the order of `ranges`, that returns
+            the scenario of the car with this tail.
     """
 
     ranges: Mapping[str, Pair]
     build: Callable[..., Scenario]
 
     def check(self, scenarios: Sequence[Scenario]) -> None:
-        """Builds the tail of cars at both ends of the ranges.
+        """Builds the tail of each car at the lower and at the upper ends of all ranges.
 
         Raises:
-            UserError: a range without extent; a tail that there cannot be.
+            UserError: a range without extent; a tail that cannot exist.
         """
         for name, (least, largest) in self.ranges.items():
             if not -math.inf < least < largest < math.inf:

@@ -35,25 +35,25 @@ from aerodima.workbench.control.user_law import in_words, load_law
 from aerodima.workbench.scenario.scenario import load_scenario
 
 SHARE_SEARCH = LimitSearch("share of the angles", 0.4, 1.6, 0.1, 0.025)
-"""Climb of the share of the angles with which the full car is driven: strides of a tenth from 1 on,
-to either side, until the swerve counts no more, or first counts."""
+"""Search of the share of the angles with which the full car is driven: strides of a tenth from 1,
+up until the swerve no longer counts, or down until it first counts, then the last stride halved."""
 
 CLIMB_STEP = 0.002
-"""Step of the plant, s, at which steerings are scaled and searched; at a finer one the best run of
-each candidate is driven alone, its angles smaller until it counts there, too."""
+"""Step of the plant, s, at which steerings are scaled and searched. At a finer one only the best
+run of each candidate is driven, with smaller angles until it also counts there."""
 CONFIRM_SEARCH = LimitSearch("share of the best angles", 0.4, 1.0, 0.1, 0.025)
-"""Shares of the angles of the best run with which it is driven at the finer step: all of them, and
-smaller ones where the swerve does not count so."""
+"""Search of the share of the best run's angles at the finer step: all of them, and smaller ones
+where the swerve does not count with these."""
 
 
 class FullRun(NamedTuple):
-    """A run of the full car: small enough to send to a worker.
+    """A run of the full car, small enough to send to a worker.
 
     Attributes:
-        settings: of the scenario `swerve`.
-        aim: name, or function of a file.
-        law: `FILE:CLASS` of the law that drives the tail instead of the scenario's; empty for that.
-        limits: that the run must keep, such as `roll=0.3`, see `LIMITS`.
+        settings: overrides of the scenario `swerve`.
+        aim: name of the aim, or function of a file, `mine.py:my_aim`.
+        law: `FILE:CLASS` of the law that drives the tail; empty for that of the scenario.
+        limits: limits that the run must keep, such as `roll=0.3`, see `LIMITS`.
     """
 
     settings: Settings
@@ -63,8 +63,8 @@ class FullRun(NamedTuple):
 
 
 def drive_full(run: FullRun) -> Row:
-    """Returns aim and measures of a full run; one whose aim is not finite, or that breaks a limit,
-    does not count, nor does one that cannot be made, which has an error.
+    """Returns aim and measures of a full run. It does not count if its aim is not finite or it
+    breaks a limit, nor if it cannot be made; `error` then says why it cannot.
     """
     try:
         swerve = full_swerve(run)
@@ -86,7 +86,7 @@ def full_swerve(run: FullRun) -> Swerve:
 
 
 def run_key(run: FullRun) -> str:
-    """Returns the key of a cached full run; files of a law and an aim count by their content."""
+    """Returns the key of a cached full run, with the content of the files of its law and aim."""
     files = code_content(run.law, run.aim)
     content = scenario_content(SWERVE, run.settings)
     return content_key("full run", run.aim, run.limits, *files, *content)
@@ -94,22 +94,26 @@ def run_key(run: FullRun) -> str:
 
 @dataclass
 class Descent:
-    """One candidate in one case, at one speed, for one aim, on its way down to the full car.
+    """One candidate in one case, at one speed, for one aim, on its way from the reduced car to the
+    full car.
 
     Attributes:
-        candidate, case: who, and where.
-        speed: m/s.
-        aim: name.
-        settings: of the car, but for the steering.
+        candidate: candidate that is driven.
+        case: car, tail and floor.
+        speed: speed of the swerve, m/s.
+        aim: name of the aim, or function of a file, `mine.py:my_aim`.
+        settings: settings of the car, without the steering.
         result: score, steering and variant of the search on the reduced car.
         borrows: whether that is the result of another candidate, which the reduced car can follow.
-        step: of the plant of the full car in the table, s; None for the reduced car alone.
+        step: step of the plant of the full car in the table, s; None for the reduced car alone.
         motion: file of the candidate's motion, which a search on the full car may vary.
-        limits: of the full runs, beside those of every swerve.
-        rows: full runs by share of the angles.
-        further: full runs of such a search, and the best of them that counts, if it is above the
-            best of `rows`.
-        confirmed: runs at a step finer than `CLIMB_STEP`, by share of the angles of the best run.
+        limits: limits of the full runs, beside those of every swerve.
+        rows: results of full runs, by share of the angles.
+        further: number of full runs of a search on the full car, and of dropped confirmations.
+        found: best run of that search, in the form of `best_run`; None if none that counts is
+            above the best of `rows`.
+        confirmed: results of runs at a step finer than `CLIMB_STEP`, by share of the best run's
+            angles.
     """
 
     candidate: Candidate
@@ -129,7 +133,7 @@ class Descent:
 
     @property
     def stem(self) -> str:
-        """Name of files of its own."""
+        """Case, speed and aim in the name of a file, the same for all candidates."""
         words = (*self.case.names.values(), f"{self.speed:g}", Path(self.aim).name)
         return "_".join(words).replace(" ", "").replace(":", "_")
 
@@ -155,15 +159,16 @@ class Descent:
 
     @property
     def best(self) -> tuple[float, Row] | None:
-        """Share and run of the largest value among those that count, if any does. A driver at full
-        lock has one run, which counts or not at the step of the table.
+        """Share and row of the run with the largest value among those that count; None if none
+        does. The one run of a driver at full lock is taken in any case where the table has a finer
+        step, at which it then counts or not.
         """
         if self.candidate.is_at_full_lock and self.has_finer_step:
             return next(iter(self.rows.items()), None)
         return best_counting(self.rows)
 
     def run(self, share: float) -> FullRun:
-        """Returns the full run at a share of the angles, which keep the limit of the wheels."""
+        """Returns the full run at a share of the angles, clipped to the limit of the wheels."""
         steering = scaled_steering(np.array(self.result["steering"]), share, self.max_angle)
         return self.run_with((*self.settings, *steering_settings(steering)))
 
@@ -174,7 +179,9 @@ class Descent:
 
     @property
     def best_run(self) -> tuple[FullRun, Row, float | None] | None:
-        """The best run of all, its row, and its share of the angles; None for one of a search."""
+        """Best run of all, its row, and its share of the angles (None for a run of a search on the
+        full car); None if there is no such run.
+        """
         if self.found is not None or self.best is None:
             return self.found
         share, row = self.best
@@ -207,7 +214,7 @@ class Descent:
         return run._replace(settings=(*kept, *angles, *step_settings(self.step or FINE_STEP)))
 
     def final_run(self) -> tuple[FullRun, Row, float | None] | None:
-        """Returns what the table has, as `best_run` does; None where nothing counts."""
+        """Returns the run of the table, in the form of `best_run`; None where nothing counts."""
         if self.best_run is None or not self.has_finer_step:
             return self.best_run
         confirmed = best_counting(self.confirmed)
@@ -219,18 +226,18 @@ class Descent:
 
     @property
     def value(self) -> float:
-        """Aim of the best run; minus infinity where none counts."""
+        """Aim of the best run; minus infinity where there is none."""
         return self.best_run[1]["value"] if self.best_run else -np.inf
 
     @property
     def final_value(self) -> float:
-        """Aim of what the table has; minus infinity where nothing counts."""
+        """Aim of the run of the table; minus infinity where nothing counts."""
         final = self.final_run()
         return final[1]["value"] if final else -np.inf
 
     def improve(self, runs: Sequence[FullRun], rows: Sequence[Row]) -> int | None:
         """Takes the best of further runs that counts, if its value is the largest so far; returns
-        its index.
+        its index, else None.
         """
         self.further += len(runs)
         values = [row["value"] if row["counts"] else -np.inf for row in rows]
@@ -266,7 +273,7 @@ class Descent:
 
 
 def best_counting(rows: Mapping[float, Row]) -> tuple[float, Row] | None:
-    """Returns share and run of the largest value among those that count, if any does."""
+    """Returns share and row of the largest value among runs that count; None if none does."""
     counting = [(share, row) for share, row in rows.items() if row["counts"]]
     return max(counting, key=lambda run: run[1]["value"], default=None)
 
@@ -283,9 +290,9 @@ def drive_shares(descents: Sequence[Descent], runs: CachedRunner) -> None:
 
 
 def confirm_best(descents: Sequence[Descent], runs: CachedRunner) -> None:
-    """Drives the best run of each at the step that the table has. Where that of a search does not
-    count there with all its angles, the best one before it is driven, too, and the better of both
-    is kept.
+    """Drives the best run of each descent at the step of the table. Where a run that a search on
+    the full car found does not count there with all its angles, the best one before that search is
+    also driven, and the better of the two is kept.
     """
     runs.stage = "full cars at the finer step"
     finer = [one for one in descents if one.has_finer_step]
@@ -301,7 +308,7 @@ def confirm_best(descents: Sequence[Descent], runs: CachedRunner) -> None:
 
 
 def _confirm(descents: Sequence[Descent], runs: CachedRunner) -> None:
-    """Drives the best run of each at the finer step, see `CONFIRM_SEARCH`."""
+    """Drives the best run of each descent at the finer step, see `CONFIRM_SEARCH`."""
     run_rounds(
         descents,
         Descent.next_confirmations,

@@ -1,9 +1,9 @@
-"""Search of steering and motion on the full car itself, from where the reduced car's best holds.
+"""Search of steering and motion on the full car itself, from where the reduced car's best counts.
 
-An evolution strategy with the same number of runs for every candidate: each round drives mutations
-of the best point, and the spread shrinks while nothing better is found. Points are the steering,
-and for a motion of the tail three numbers more: the share of its roll, the stretch of its times,
-and how far its pitch is moved, rad.
+It is an evolution strategy with the same number of runs for every candidate: each round drives
+mutations of the best point, and the spread shrinks while nothing better is found. A point is the
+steering and, for a motion of the tail, three more numbers: the share of its roll, the stretch of
+its times, and how far its pitch is moved, rad.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ from aerodima.workbench.scenario.swing_file import (
 )
 
 ROUND = 8
-"""Mutations of a round."""
+"""Number of mutations in a round."""
 MUTATED_SHARE = 0.5
-"""Chance of a number to be mutated."""
+"""Probability that a number is mutated."""
 SHRINK = 0.85
-"""Factor of the spread after a round without anything better."""
+"""Factor on the spread after a round without anything better."""
 TRIM_SPREAD = 1e-3
 """First spread of a trim, rad."""
 LEVEL_SPREAD = 0.2
@@ -57,11 +57,11 @@ END_SPREAD = 0.05
 TAIL_SPREADS = (0.15, 0.15, 0.1)
 """First spreads of roll and times, as shares, and of the pitch, rad."""
 TAIL_RANGES = ((0.0, 0.5, -0.5), (1.5, 2.0, 0.5))
-"""Least and largest of these."""
+"""Least and largest changes of roll and times, as shares, and of the pitch, rad."""
 CURVE_SAMPLES = 1000
-"""Instants at which the range of a motion is looked at."""
+"""Number of instants at which the range of a motion is checked."""
 NO_CHANGE = (1.0, 1.0, 0.0)
-"""Of the motion: all of its roll, its own times, its own pitch."""
+"""Change that leaves a motion as it is: all of its roll, its own times, its own pitch."""
 
 
 @dataclass
@@ -69,10 +69,10 @@ class FullSearch:
     """Search of one candidate on its full car.
 
     Attributes:
-        descent: that it starts from; its best run is replaced by better ones.
+        descent: descent that the search starts from; better runs replace its best one.
         swing: motion that is varied; None for steering alone.
-        point: the best one so far: steering, then the numbers of the motion if there is one.
-        spread: of mutations of each number.
+        point: best point so far: steering, then the numbers of the motion if there is one.
+        spread: standard deviation of the mutations of each number.
     """
 
     descent: Descent
@@ -82,7 +82,7 @@ class FullSearch:
 
     @classmethod
     def from_descent(cls, descent: Descent, share: float) -> FullSearch:
-        """Makes the search that starts at the steering of a descent, its angles times a share."""
+        """Makes the search that starts at a descent's steering, its angles times a share."""
         found = np.array(descent.result["steering"])
         steering = scaled_steering(found, share, descent.max_angle)
         largest = np.max(np.abs(steering[:LEVELS]))
@@ -95,11 +95,11 @@ class FullSearch:
 
     @property
     def steering_size(self) -> int:
-        """How many numbers of a point are the steering, the trim among them if there is one."""
+        """Number of a point's entries that are the steering, with the trim if there is one."""
         return len(self.descent.result["steering"])
 
     def mutations(self, generator: np.random.Generator, limit: float) -> FloatArray:
-        """Draws possible points (`ROUND`, numbers); `limit` of the angles, rad."""
+        """Draws possible points (`ROUND`, numbers) with angles up to a limit, rad."""
         shape = (ROUND, self.point.size)
         drawn = generator.standard_normal(shape) * (generator.random(shape) < MUTATED_SHARE)
         points = possible_steering(self.point + self.spread * drawn, limit)
@@ -110,8 +110,8 @@ class FullSearch:
         return points
 
     def run(self, point: FloatArray, path: Path) -> FullRun:
-        """Returns the full run of a point; a varied motion is written to a path. A trim goes with
-        the share of the roll, since it is against the roll at which the tail waits.
+        """Returns the full run of a point; a varied motion is written to `path`. A trim is scaled
+        with the share of the roll, since it counters the roll at which the tail waits.
         """
         settings = self.descent.settings
         steering, change = np.split(point, [self.steering_size])
@@ -125,9 +125,9 @@ class FullSearch:
 
 
 def follow_leaders(searches: Sequence[FullSearch], runs: CachedRunner) -> None:
-    """Lets motions whose case has a better full run with a tail begin there: with its steering, and
-    with what its tail did, so that the search of a bound goes on where the best law ends. One whose
-    turn is announced neither leads nor follows.
+    """Moves the start of a motion to the best full run with a tail in its case, if that is another:
+    to its steering and to what its tail did. The search of a bound thus goes on where the best law
+    ends. A search whose turn is announced neither leads nor follows.
     """
     runs.stage = "motions of full runs"
     tailed = [one for one in searches if one.descent.has_tail and one.steering_size == STEERING]
@@ -148,9 +148,9 @@ def driven_tail(run: FullRun) -> list[float]:
 
 
 def varied_swing(swing: SwingFile, change: FloatArray, steering: Sequence[str]) -> SwingFile:
-    """Returns a solution with a share of its roll, as far as its range allows, its times stretched
-    and its pitch moved (3,). Its settings, which end with those of its steering, end with those of
-    another one, and of what was found it keeps the aim alone.
+    """Returns a solution with a change (3,): its roll times a share, as far as its range allows,
+    its times stretched, and its pitch moved. Another steering replaces that at the end of its
+    settings, and of what was found only the aim is kept.
     """
     share, stretch, pitch = map(float, change)
     times = np.linspace(0.0, swing.knots.time_s[-1], CURVE_SAMPLES)
@@ -176,15 +176,16 @@ def varied_swing(swing: SwingFile, change: FloatArray, steering: Sequence[str]) 
 def search_full(
     descents: Sequence[Descent], number: int, runs: CachedRunner, folder: Path, seed: int
 ) -> None:
-    """Searches on, with so many full runs for each candidate; the best run is that of its descent
-    from then on.
+    """Searches on the full cars of descents; a better run becomes the best run of its descent.
 
     Args:
-        descents: with their full runs; one whose reduced car completes no swerve is left.
-        number: of runs for each.
-        runs: where they are made.
-        folder: of the varied motions.
-        seed: of the mutations, which are drawn anew for each case, alike for its candidates.
+        descents: descents with their full runs; one whose reduced car has no swerve that counts is
+            left out.
+        number: number of full runs for each descent, rounded down to whole rounds of `ROUND`.
+        runs: runner of the full runs.
+        folder: folder of the varied motions.
+        seed: seed of the mutations; each case, speed and aim has its own random stream, which its
+            candidates share.
     """
     folder.mkdir(parents=True, exist_ok=True)
     searches = []

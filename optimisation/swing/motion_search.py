@@ -1,5 +1,5 @@
-"""Search of a motion: the bound of training cars as a swing file, with the steering that the full
-car holds, compared with the other candidates there.
+"""Search of a motion: the bound of training cars as a swing file, with the steering with which the
+full car's swerve still counts, compared with the other candidates on the full car.
 """
 
 import json
@@ -48,25 +48,25 @@ def search_motion(
 ) -> tuple[pd.DataFrame, list[str]]:
     """Searches one motion for the first training cars of an ensemble, and writes it.
 
-    Its file claims what `verify_swing` accepts on the first car; what is not accepted claims
-    nothing, and names the complaints. A motion that no full car can be steered with has no file.
+    The file claims what `verify_swing` accepts on the first car; that of a motion that is refused
+    claims nothing, and names the complaints. No file is written if no full run counts.
 
     Args:
-        path: of the swing file.
-        aim: name, or a function of a file, `mine.py:my_aim`.
-        limits: such as `roll=0.3`, see `LIMITS`.
-        cars: how many.
-        runs: where all is searched and the full car is driven.
-        effort: of the search.
-        ensemble, tail, floors, speeds: as of `judge`; the cars on all of them have one motion.
-        step: of the plant of the full car, s.
+        path: path of the swing file.
+        aim: name of the aim, or function of a file, `mine.py:my_aim`.
+        limits: limits of the motion, such as `roll=0.3`, see `LIMITS`.
+        cars: number of training cars.
+        runs: runner of the searches and of the full car's runs.
+        effort: budget of the search.
+        ensemble, tail, floors, speeds: as in `judge`; one motion serves all cars on all of them.
+        step: step of the plant of the full car, s.
 
     Returns:
         A row per candidate, see `compare_swerves`; what is wrong with the motion: complaints of its
         verification, or that it is not above every other candidate on the first car.
 
     Raises:
-        UserError: no motion that keeps all limits.
+        UserError: no motion keeps all limits.
     """
     cases = ensemble_cases(ensemble, "training", cars, tail, floors, effort.seed)
     (case, speed), *more = [(case, speed) for case in cases for speed in speeds]
@@ -97,11 +97,11 @@ def write_verified(path: Path, settings: Sequence[str]) -> list[str]:
     """Verifies the motion of a full run and writes it, with the value of its aim if it is accepted.
 
     Args:
-        path: of the swing file.
-        settings: of the run on `swerve`, its swing file and step among them.
+        path: path of the swing file that is written.
+        settings: settings of the run on `swerve`, with its swing file and step.
 
     Returns:
-        Complaints; they stand in the file, too, which then claims nothing.
+        Complaints; the file also holds them, and then claims nothing.
     """
     (tried,) = (one.partition("=")[2] for one in settings if one.startswith(SWING_KEY))
     own = [one for one in settings if not one.startswith((SWING_KEY, "simulation."))]

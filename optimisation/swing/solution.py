@@ -24,12 +24,12 @@ RELEASE_STEERING = 0.01
 AIM = "aim"
 """Name of the aim under `found` of a solution."""
 AIM_VALUE = "aim_value"
-"""Name of its value on the full car there."""
+"""Name of the aim's value on the full car under `found` of a solution."""
 LIMITS_OPTION = "limits"
 """Name of the limits of the search under `options` of a solution."""
 KNOT_ROUNDING = 1e-2
-"""How far the curve between two knots on a stop may bulge beyond it, rad: the tail then lies on
-the stop."""
+"""Angle by which the curve between two knots on a stop may bulge beyond it, rad; the tail then
+lies on the stop."""
 CAR_KEYS = (
     "car.mass",
     "car.com_height",
@@ -47,7 +47,7 @@ CAR_KEYS = (
     "tail.roll_limit",
     "tail.pitch_limit",
 )
-"""Parameters that make it another car for a swing."""
+"""Parameters by which a swing identifies its car; a difference in any makes it another car."""
 
 
 def solution_swing(
@@ -56,14 +56,16 @@ def solution_swing(
     bound: Bound,
     aim: str,
 ) -> SwingFile:
-    """Returns a solution as a swing file to the left that the steering releases: steering of the
-    first car among its settings, what it claims under `found`, no torques fed forward.
+    """Returns a solution as the file of a swing to the left that the steering releases.
+
+    Its settings hold the steering of the first car, `found` holds its claims, and no torques are
+    fed forward.
 
     Args:
-        name: of the swing.
-        settings: of the first car on `swerve`, on its floor, at its speed, without its steering.
-        bound: the solution.
-        aim: its name.
+        name: name of the swing.
+        settings: settings of the first car on `swerve`, its floor and speed, without its steering.
+        bound: bound whose solution is written.
+        aim: name of the aim.
     """
     solution = bound.solution
     variables = bound.program.shooting.variables
@@ -107,8 +109,8 @@ def solution_swing(
 
 
 def with_tail(swing: SwingFile, tail: FloatArray) -> SwingFile:
-    """Returns a solution with another pitch of its tail, and other rolls at the knots after the
-    first (`KNOTS`,), rad, all of them smaller where the curve goes beyond a stop.
+    """Returns a solution with another pitch of its tail and other rolls at the knots after the
+    first (`KNOTS`,), rad; all rolls are scaled down where the curve goes beyond a stop.
     """
     stop = swing.limits.roll_position_rad - KNOT_ROUNDING
     far = swing.limits.pitch_position_rad - KNOT_ROUNDING
@@ -140,7 +142,7 @@ def _rounded(values: FloatArray) -> tuple[float, ...]:
 
 
 def _limits(scenario: Scenario, rate: FloatArray) -> Json:
-    """Returns the limits of a swing of a car, whose rates at the knots are given, rad/s."""
+    """Returns the limits of a car's swing from its rates at the knots, rad/s."""
     stall, no_load = torque_speed_limits(scenario.tail_motor)
     torque = scenario.tail_motor.torque_limit
     return {

@@ -6,9 +6,9 @@ add to before it is solved.
                 the tail's range between its knots, levels in their order (linear)
 
 Aims, limits and all slopes at a point come from one batch of swerves (`SwerveShooting.at`), which
-cost and constraints share. SNOPT or IPOPT solves; of the points that it visits the best one that
-keeps all constraints is taken. Levels end at whole ticks of the driver: their ends are rounded and
-fixed once, and the rest is solved again.
+cost and constraints share. SNOPT or IPOPT solves the program; the best visited point that keeps all
+constraints is taken. Levels end at whole ticks of the driver: their ends are rounded and fixed
+once, and the rest is solved again.
 """
 
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ OPTIMALITY_TOL = 1e-2
 """Tolerance of the solver for scaled slopes; lifting wheels and saturated joints are kinks, where
 it creeps."""
 LINE_SEARCH_TOL = 0.99
-"""Line search of SNOPT: an inexact one, since each of its points costs a batch of swerves."""
+"""Tolerance of SNOPT's line search: a loose one, since each point costs a batch of swerves."""
 ROWS_DESCRIPTION = "limits of the swerves"
 """Description of the constraint on the limits of all cars."""
 Solver = Literal["snopt", "ipopt"]
@@ -46,10 +46,11 @@ class SwerveSolution:
 
     Attributes:
         x: scaled variables.
-        aims: of every car (members,).
-        cost: of the program, all costs that were added included.
-        violation: largest of any constraint of the program, scaled, and `worst` whose it is.
-        evaluations: batches of swerves.
+        aims: aim of each car (members,).
+        cost: cost of the program, including all costs that were added.
+        violation: largest scaled violation of any constraint of the program.
+        worst: name of the constraint with that violation, and its amount.
+        evaluations: number of batches of swerves.
     """
 
     x: FloatArray
@@ -64,15 +65,15 @@ class SwerveNlp:
     """The nonlinear program over some cars.
 
     Attributes:
-        prog: Drake's program; costs and constraints that are added to it are kept by `solve`.
-        x: its scaled variables (size,), in the order of `SwerveVariables`.
-        numbers: free numbers of the tail, by name, as expressions of these.
-        shooting: of the cars.
-        evaluations: batches of swerves so far.
+        prog: Drake's program; `solve` respects costs and constraints that are added to it.
+        x: scaled variables of the program (size,), in the order of `SwerveVariables`.
+        numbers: free numbers of the tail, by name, as expressions of `x`.
+        shooting: shooting of the cars.
+        evaluations: number of batches of swerves so far.
 
     Args:
-        shooting: of the cars.
-        size: of a usual aim.
+        shooting: shooting of the cars.
+        size: magnitude of a usual aim, which scales the cost.
     """
 
     def __init__(self, shooting: SwerveShooting, size: float) -> None:
@@ -111,9 +112,9 @@ class SwerveNlp:
 
         Args:
             start: scaled variables (size,).
-            iterations: largest number of major iterations of the solver, before and after the ends
-                of levels are on ticks.
-            solver: SNOPT or IPOPT.
+            iterations: largest number of major iterations of the solver, both before and after the
+                ends of levels are rounded to ticks.
+            solver: solver of the program.
         """
         before = self.evaluations
         low, high = self.shooting.variables.bounds
@@ -142,12 +143,12 @@ class SwerveNlp:
         return self._last[1]
 
     def _first_ends(self) -> range:
-        """Returns the index of the end of the first level of each car."""
+        """Returns the index of the variable of each car's end of the first level."""
         variables = self.shooting.variables
         return range(variables.tail + LEVELS, variables.size, variables.driver)
 
     def _solve(self, start: FloatArray, iterations: int, solver: Solver) -> FloatArray:
-        """Returns the best point that was visited and keeps all constraints, else where the solver
+        """Returns the best visited point that keeps all constraints, else the one where the solver
         ended.
         """
         engine: SnoptSolver | IpoptSolver
@@ -177,8 +178,8 @@ class SwerveNlp:
         return x if self._best is None else self._best[1]
 
     def _keep(self, x: FloatArray) -> None:
-        """Remembers a point if it keeps all constraints and costs less than those before; called by
-        the solver.
+        """Remembers a point if it keeps all constraints and costs less than those before; the
+        solver calls it, too.
         """
         if not self.prog.CheckSatisfied(self.prog.GetAllConstraints(), x, FEASIBILITY_TOL):
             return
@@ -202,8 +203,8 @@ class SwerveNlp:
         return _joined(x, evaluation.rows.ravel(), evaluation.row_slopes.reshape(-1, len(x)))
 
     def _violation(self, x: FloatArray) -> tuple[float, str]:
-        """Returns the largest violation of any constraint at scaled variables, those that were
-        added included, and whose it is.
+        """Returns the largest violation of any constraint at scaled variables, including those that
+        were added, and the name of the constraint with its amount.
         """
         largest = 0.0
         name = "nothing"
@@ -227,8 +228,8 @@ class SwerveNlp:
 
 
 def _joined(x: np.ndarray, values: FloatArray, slopes: FloatArray) -> FloatArray:
-    """Returns values (n,) as AutoDiff scalars by the chain rule; plain where the solver asks for no
-    slopes with the variables (size,).
+    """Returns values (n,) as AutoDiff scalars by the chain rule, or as they are where the variables
+    (size,) carry no gradients.
     """
     if x.dtype != object or not ExtractGradient(x).size:
         return values

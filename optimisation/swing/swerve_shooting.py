@@ -7,16 +7,16 @@ Variables, all scaled, are one tail for all cars and the steering of each car:
     each car:   three angles (rad), the ends of the first two (s)
 
 Where the turn is announced the tail may wait at a side: its roll at the first knot comes before the
-others, and each car has a trim (rad) besides, which keeps it straight until the steering starts.
+others, and each car also has a trim (rad), which keeps it straight until the steering starts.
 Numbers of the tail that are free (`FreeTail`) come after its motion; cars with such a tail are read
 anew at each point.
 Between knots the roll is the cubic that a swing file plays, at rest at the first and the last; the
 rate at a knot is that of the line between its neighbours. The knots begin one tick after the
 steering, when the controller sees it.
 
-Aim and limits are functions of `Swerve`. A peak is taken by windows of `WINDOW`, each a row of its
-own: a peak of one window is smooth in the variables where it stands alone, and two peaks that
-compete stand in two rows. A wheel that lifts and a joint at its torque limit remain kinks.
+Aim and limits are functions of `Swerve`. Peaks are taken window by window (`WINDOW`), each in a row
+of its own: the peak of one window is smooth in the variables where it stands alone, and two peaks
+that compete stand in two rows. A wheel that lifts and a joint at its torque limit remain kinks.
 """
 
 from __future__ import annotations
@@ -48,11 +48,12 @@ KNOTS = (0.0, 0.07, 0.14, 0.22, 0.31, 0.42, 0.56, 0.75, 1.0, 1.35)
 PITCHES = (-1.15, 0.3)
 """Range of the pitch of the tail, rad; further back it meets the car."""
 WINDOW = 0.2
-"""Windows in which peaks are limited one by one, s."""
+"""Length of the windows in which peaks are limited one by one, s."""
 LIFT_MARGIN = 2e-5
-"""Below the height of two wheels that counts, m: the tolerance of the solver."""
+"""Margin to the height of two wheels that counts as a lift, m: the tolerance of the solver."""
 YAW_RATE_MARGIN = 0.02
-"""Below the yaw rate at the end that counts, for the reduced car's error, rad/s."""
+"""Margin to the largest yaw rate at the end of a swerve that counts, for the reduced car's error,
+rad/s."""
 CLEARANCE = 0.02
 """Least height of the tail over the ground, m."""
 BOARD_CLEARANCE = 5e-4
@@ -63,17 +64,17 @@ PLACES = np.arange(1, 16) / 16.0
 """Places between two knots, as shares, at which the roll of the tail keeps its range: those at
 which a swing file is checked."""
 ROLL_MARGIN = 0.01
-"""Distance of these rolls from the limit of the tail, rad: the curve goes further between them."""
+"""Margin of these rolls to the limit of the tail, rad: the curve goes further between them."""
 FOLLOW_GAINS = {"kp": 60.0, "kd": 3.0}
 """Gains of both joints of the tail, N m/rad and N m s/rad."""
 DIFFERENCE_STEP = 1e-7
 """Step of the scaled variables to either side for slopes."""
 ANGLE_SCALE = 0.1
-"""One unit of a steering angle, rad."""
+"""Steering angle of one scaled unit, rad."""
 TIME_SCALE = 0.2
-"""One unit of the end of a level, s."""
+"""End of a level of one scaled unit, s."""
 TRIM_SCALE = 0.01
-"""One unit of a trim, rad."""
+"""Trim of one scaled unit, rad."""
 
 
 @dataclass(frozen=True)
@@ -81,10 +82,12 @@ class Limit:
     """Numbers of each car that must lie within limits.
 
     Attributes:
-        name: in messages.
-        function: values (rows, n) of a `Swerve`.
-        unit: of the values; `size` of one unit for the solver.
-        lower, upper: of the values.
+        name: name in messages.
+        function: function of a `Swerve` that returns the values (rows, n).
+        unit: unit of the values.
+        size: value of one scaled unit for the solver.
+        lower: least value that is allowed.
+        upper: largest value that is allowed.
     """
 
     name: str
@@ -95,7 +98,7 @@ class Limit:
     upper: float = np.inf
 
     def is_kept(self, swerve: Swerve) -> bool:
-        """Returns whether the cars of a swerve keep it."""
+        """Returns whether all cars of a swerve keep the limit."""
         values = self.function(swerve)
         return bool(np.all((self.lower <= values) & (values <= self.upper)))
 
@@ -136,9 +139,9 @@ STANDARD_LIMITS = (
         EXIT_YAW_RATE - YAW_RATE_MARGIN,
     ),
 )
-"""Limits of every swerve: it counts, and its tail can be played."""
+"""Limits of every swerve, so that it counts and the motion of its tail can be played."""
 STRAIGHT = Limit("straight start", start_deviation, "of what counts", 10.0, -0.5, 0.5)
-"""Limit of a swerve whose tail may wait at a side, with room for the reduced car's error."""
+"""Limit of a swerve whose tail may wait at a side, with a margin for the reduced car's error."""
 LIMITS: Mapping[str, Callable[[float], Limit]] = {
     "roll": lambda most: Limit("roll", lambda s: peaks(s, np.abs(s.roll)), "rad", 0.1, upper=most),
     "energy": lambda most: Limit("energy", lambda s: energy(s)[None], "J", 1.0, upper=most),
@@ -147,12 +150,12 @@ LIMITS: Mapping[str, Callable[[float], Limit]] = {
     ),
     "speed": lambda least: Limit("speed", lambda s: s.speed[-1:], "m/s", 1.0, lower=least),
 }
-"""Name of a further limit -> its maker, of the largest (roll of the body, rad; energy of the
-motors, J; torque, N m) or least (speed at the end, m/s) value."""
+"""Makers of further limits by name, functions of the largest (roll of the body, rad; energy of the
+motors, J; torque, N m) or the least value (speed at the end, m/s)."""
 
 
 def read_limits(texts: Sequence[str]) -> list[Limit]:
-    """Reads limits such as `roll=0.3`; SwingError for one that there is not."""
+    """Reads limits such as `roll=0.3`; raises SwingError for an unknown or malformed one."""
     limits = []
     for text in texts:
         name, _, number = text.partition("=")
@@ -173,11 +176,11 @@ class SwerveVariables(NamedTuple):
 
     Attributes:
         members: number of cars.
-        max_roll: of the tail, to either side, rad.
+        max_roll: largest roll of the tail to either side, rad.
         pitches: least and largest pitch of the tail, rad.
-        max_angle: of the steering, rad.
-        announced: whether the tail may wait at a side.
-        free: least and largest values of the free numbers of the tail.
+        max_angle: largest steering angle, rad.
+        announced: whether the turn is announced, so that the tail may wait at a side.
+        free: least and largest value of each free number of the tail.
     """
 
     members: int
@@ -189,7 +192,7 @@ class SwerveVariables(NamedTuple):
 
     @property
     def motion(self) -> int:
-        """Number of the variables of the tail's motion, which come first."""
+        """Number of variables of the tail's motion, which come first."""
         return len(KNOTS) + self.announced
 
     @property
@@ -199,12 +202,12 @@ class SwerveVariables(NamedTuple):
 
     @property
     def driver(self) -> int:
-        """Number of variables of the steering of each car, its trim among them."""
+        """Number of variables of the steering of each car, including its trim."""
         return STEERING + self.announced
 
     @property
     def size(self) -> int:
-        """Number of all."""
+        """Number of all variables."""
         return self.tail + self.driver * self.members
 
     def own(self, member: int) -> IntArray:
@@ -214,7 +217,7 @@ class SwerveVariables(NamedTuple):
 
     @property
     def units(self) -> FloatArray:
-        """One unit of every variable (size,)."""
+        """Value of one scaled unit of every variable (size,)."""
         steering = [ANGLE_SCALE] * LEVELS + [TIME_SCALE] * (LEVELS - 1)
         steering += [TRIM_SCALE] * self.announced
         free = [0.5 * (largest - least) for least, largest in self.free]
@@ -222,7 +225,7 @@ class SwerveVariables(NamedTuple):
 
     @property
     def ranges(self) -> ArrayPair:
-        """Least and largest values (size,), rad and s."""
+        """Least and largest value of every variable (size,), rad and s."""
         rolls = np.full(self.motion - 1, self.max_roll)
         smallest, greatest = np.reshape(self.free, (-1, 2)).T
         ends = np.column_stack([np.array(steering_ranges(self.max_angle)), TRIMS])
@@ -233,13 +236,13 @@ class SwerveVariables(NamedTuple):
 
     @property
     def bounds(self) -> ArrayPair:
-        """Least and largest scaled values (size,)."""
+        """Least and largest scaled value of every variable (size,)."""
         low, high = self.ranges
         return low / self.units, high / self.units
 
 
 def knot_rates() -> FloatArray:
-    """Returns the matrix (knots, knots) of the rates at knots from the rolls there."""
+    """Returns the matrix (knots, knots) that maps the rolls at the knots to the rates there."""
     times = np.array(KNOTS)
     unit = np.eye(len(times))
     rates = np.zeros_like(unit)
@@ -248,8 +251,8 @@ def knot_rates() -> FloatArray:
 
 
 def between_knots() -> FloatArray:
-    """Returns the matrix (places, knots) of the rolls at `PLACES` of all intervals from those at
-    the knots, by the cubic of a swing file.
+    """Returns the matrix (places, knots) that maps the rolls at the knots to those at `PLACES` of
+    all intervals, by the cubic of a swing file.
     """
     unit = np.eye(len(KNOTS))
     rates = knot_rates()
@@ -260,8 +263,8 @@ def between_knots() -> FloatArray:
 
 
 def within_reach(rolls: FloatArray, max_roll: float) -> FloatArray:
-    """Returns rolls at the knots after the first (members, knots - 1), those of a member smaller in
-    proportion where its curve goes beyond `max_roll`, rad.
+    """Returns rolls at the knots after the first (members, knots - 1); those of a member are scaled
+    down where its curve goes beyond `max_roll`, rad.
     """
     curves = np.concatenate([rolls, rolls @ between_knots()[:, 1:].T], axis=1)
     reach = np.max(np.abs(curves), axis=1, keepdims=True)
@@ -270,7 +273,7 @@ def within_reach(rolls: FloatArray, max_roll: float) -> FloatArray:
 
 def tail_at_knots(swerve: Swerve) -> FloatArray:
     """Returns the pitch of a tail when the steering starts, and its roll at the knots after the
-    first (`KNOTS`,), rad, of a swerve of one car whose tail waits in the middle.
+    first (`KNOTS`,), rad, in a swerve of one car whose tail waits in the middle.
     """
     pitch, roll = swerve.tail[:, 0, 0], swerve.tail[:, 1, 0]
     rolls = [swerve.at(roll, TICK + knot) for knot in KNOTS[1:]]
@@ -278,11 +281,13 @@ def tail_at_knots(swerve: Swerve) -> FloatArray:
 
 
 class Evaluation(NamedTuple):
-    """Evaluation at some variables.
+    """Aims and limits with their slopes at one point.
 
     Attributes:
-        aims: of every car (members,), and `aim_slopes` with the scaled variables (members, size).
-        rows: scaled limits (members, rows), and `row_slopes` (members, rows, size).
+        aims: aim of each car (members,).
+        aim_slopes: derivatives of the aims with the scaled variables (members, size).
+        rows: scaled values of the limits (members, rows).
+        row_slopes: derivatives of these values (members, rows, size).
     """
 
     aims: FloatArray
@@ -296,12 +301,13 @@ class SwerveShooting:
     """Cars with a tail at their speeds on their floors.
 
     Attributes:
-        scenarios: of the cars; servo, controller, IMU and manoeuvre of the first are those of all.
-        cars: one of each member.
-        variables: of the search.
-        aim: to be large: a function of `Swerve`, (n,).
-        limits: of every car.
-        free: numbers of the tail that are searched, too.
+        scenarios: scenarios of the cars; servo, controller, IMU and manoeuvre of the first apply to
+            all cars.
+        cars: parameters of the cars, one set per scenario.
+        variables: variables of the search.
+        aim: function of a `Swerve` that is maximised; returns one value per car (n,).
+        limits: limits that every car must keep.
+        free: numbers of the tail that are also searched; None for none.
     """
 
     scenarios: tuple[Scenario, ...]
@@ -320,11 +326,11 @@ class SwerveShooting:
         announced: bool = False,
         free: FreeTail | None = None,
     ) -> SwerveShooting:
-        """Makes the shooting of scenarios of kind `levels`, whose turn is announced if asked; their
+        """Makes the shooting of scenarios of kind `levels`, with an announced turn if asked; their
         steering and law do not matter.
 
         Raises:
-            UserError: a car without tail; what the reduced car does not know; as
+            UserError: a car without tail, or one that the reduced car does not know; as
                 `FreeTail.check`.
         """
         if any(one.tail.mode == "none" for one in scenarios):
@@ -410,7 +416,7 @@ class SwerveShooting:
         return Evaluation(here[:, 0], slopes[:, 0], here[:, 1:], slopes[:, 1:])
 
     def rows(self, swerve: Swerve) -> FloatArray:
-        """Returns the scaled limits of swerves (rows, n)."""
+        """Returns the scaled values of the limits of swerves (rows, n)."""
         return np.concatenate([one.function(swerve) / one.size for one in self.limits])
 
     @cached_property

@@ -1,4 +1,4 @@
-"""`judge` and `train_law`: comparisons and searches of laws by names; results are data frames."""
+"""Comparisons (`judge`) and training (`train_law`) of laws by name; results are data frames."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -25,11 +25,11 @@ from aerodima.workbench.core.key_errors import nearest
 DEFAULT_AIMS = ("aside-0.5",)
 """Aims of a comparison unless others are asked for."""
 DEFAULT_FOLDER = Path("out/judge")
-"""Folder of a comparison."""
+"""Folder of a comparison unless another is asked for."""
 TRAINED = "candidates.yaml"
-"""File of a trained law."""
+"""Name of the file of a trained law."""
 TRAINABLE = ("feedback", "rollover-control", "feedback-rollover-control")
-"""Candidates whose numbers can be searched."""
+"""Names of the candidates whose numbers can be searched."""
 
 
 def judge(
@@ -55,18 +55,22 @@ def judge(
 
     Args:
         candidates: names of the suite, swings, or files of candidates.
-        laws: of the user, `mine.py:MyLaw`.
-        ensemble: name or path; `cars` so many of its test cars, split by `seed`.
-        tail: of the suite.
-        floors: friction over that of the car.
-        speeds: m/s.
-        aims: names, see `compare_swerves`.
-        folder: of runs and swings; the same call goes on in it.
-        runs: where searches and runs are made; by default two workers that keep them in the folder.
-        steering_effort, bound_effort: of the searches.
-        step: of the plant of the full car, s; a claim needs the fine one. None compares reduced
-            cars alone.
-        further: so many full runs with which each candidate is searched on.
+        laws: laws of the user, `mine.py:MyLaw`.
+        ensemble: name or path of the ensemble.
+        cars: number of its test cars that are driven.
+        tail: name of a tail of the suite.
+        floors: friction of each floor, as a multiple of the car's.
+        speeds: speeds of the swerves, m/s.
+        aims: names of the aims, see `compare_swerves`.
+        seed: seed of the split of the ensemble, which makes its test cars.
+        folder: folder of runs and swings; the same call continues there.
+        runs: runner of the searches and full runs; by default two workers that keep them in the
+            folder.
+        steering_effort: budget of each search of a steering.
+        bound_effort: budget of each search of a bound.
+        step: step of the plant of the full car, s; a claim needs the fine one. None compares
+            reduced cars alone.
+        further: number of full runs with which each candidate is searched on.
         conditions: settings of the drive, the same for all candidates, such as `imu.delay=0.024`.
 
     Returns:
@@ -102,20 +106,20 @@ def train_law(
     runs: CachedRunner | None = None,
     force: bool = False,
 ) -> pd.DataFrame:
-    """Trains the numbers of a candidate on training cars; they are written as a file of
-    candidates.
+    """Trains the numbers of a candidate on training cars and writes them as a file of candidates.
 
     Args:
-        folder: of that file and of the runs.
-        search: how much.
-        candidate: of `TRAINABLE`: the feedback law, or the rollover control of a driver at full
-            lock, without tail or together with the law.
-        ensemble: name or path; `cars` so many of its training cars, split by the search's seed.
-        tail, floors, speeds, runs: as of `judge`.
-        force: replaces the file.
+        folder: folder of that file and of the runs.
+        search: budget of the search; by default `LawSearch()`.
+        candidate: name in `TRAINABLE`: the feedback law, or the rollover control of a driver at
+            full lock, without tail or together with the law.
+        ensemble: name or path of the ensemble, which is split by the seed of the search.
+        cars: number of its training cars.
+        tail, floors, speeds, runs: as in `judge`.
+        force: whether an existing file is replaced.
 
     Returns:
-        A row per number: key and value.
+        A row per setting of the trained candidate: key and value, as texts.
     """
     if candidate not in TRAINABLE:
         raise SweepError(f"candidate {candidate!r}: {nearest(candidate, TRAINABLE)}")
@@ -137,7 +141,7 @@ def train_law(
 
 @contextmanager
 def _runs_in(folder: Path, runs: CachedRunner | None) -> Iterator[CachedRunner]:
-    """Runs in a folder, unless some are given."""
+    """Yields a given runner, else one that keeps its runs in a folder."""
     if runs is not None:
         yield runs
         return

@@ -1,7 +1,7 @@
-"""Verification of a swing on its full car: forward simulation at the fine step.
+"""Verification of a swing on its full car by forward simulation at the fine step.
 
 It measures how far the motion is from the knots, whether anything leaves its limits or touches the
-car, whether the car survives clean, and whether its aim reaches the claim of the file.
+car, whether the car survives and touches nothing, and whether its aim reaches the file's claim.
 """
 
 import math
@@ -52,13 +52,14 @@ from aerodima.workbench.view.report_page import (
 from aerodima.workbench.view.run_figures import plot_overlay
 
 CAR_CLEARANCE = 1e-3
-"""Least distance of the tail of a reduced car from the car, m, for what the full car differs."""
+"""Least distance of a reduced car's tail from the car, m: a margin for its difference from the
+full car."""
 CLEARANCE_NODES = 25
-"""Angles of each joint at which the distance of the tail from the car is computed."""
+"""Number of angles of each joint at which the distance of the tail from the car is computed."""
 MAX_TILT = 0.8
 """Largest tilt at which the height of the tail over the ground is checked, rad."""
 _MARGIN = 1e-3
-"""rad and N m; an encoder and a stop give this much."""
+"""Tolerance of angles (rad) and torques (N m); an encoder and a stop give this much."""
 AIM_MARGIN = 0.01
 """Share of its claim by which an aim may be missed."""
 SCHEMA = "aerodima/verification/3"
@@ -68,7 +69,7 @@ PAGE = "report.html"
 
 @dataclass(frozen=True)
 class Check:
-    """A number of the car that the swing was made for, in `unit`, and what it may be."""
+    """A number of the run, in `unit`, with its allowed range."""
 
     name: str
     value: float
@@ -78,12 +79,12 @@ class Check:
 
     @property
     def is_kept(self) -> bool:
-        """Whether it lies within its limits; a number that there is not does not."""
+        """Whether the number lies in its range, which NaN does not; True where it has no limits."""
         return not self.allowed or self.low <= self.value <= self.high
 
     @property
     def allowed(self) -> str:
-        """Its limits in words; empty without."""
+        """Limits of the number in words; empty if it has none."""
         ends = (("at least", self.low), ("at most", self.high))
         return ", ".join(f"{words} {end:.4g}" for words, end in ends if math.isfinite(end))
 
@@ -93,10 +94,10 @@ class Verification:
     """Result of a verification.
 
     Attributes:
-        swing: what was driven.
-        where: speed and friction, beside those that the file claims.
-        checks: on the car that it was made for.
-        log: of the run of the swing on that car.
+        swing: swing that was driven.
+        where: speed and friction of the run, beside those that the file claims, in words.
+        checks: checks of the run.
+        log: log of the run.
     """
 
     swing: SwingFile
@@ -106,7 +107,7 @@ class Verification:
 
     @property
     def complaints(self) -> list[str]:
-        """Checks that fail; empty when the swing is verified."""
+        """Checks that fail, in words; empty if the swing is verified."""
         return [
             f"{one.name}: {one.value:.4g} {one.unit}".rstrip() + f"; must be {one.allowed}"
             for one in self.checks
@@ -125,15 +126,15 @@ def verify_swing(
     """Checks on the full car that a swing keeps what it promises.
 
     Args:
-        swing: path or name.
-        scenario: turn to make; by default that of the file.
-        settings: override it.
-        step: of the plant, s.
-        other_car: also on another car than it was made for.
+        swing: path or name of the swing.
+        scenario: scenario of the turn; by default that of the file.
+        settings: settings that override the scenario.
+        step: step of the plant, s.
+        other_car: whether the car may differ from the one that the swing was made for.
 
     Raises:
         SwingError: the swing is never released in this turn.
-        UserError: what the scenario or the file lacks; another car.
+        UserError: a scenario or file that is missing or invalid; another car, unless `other_car`.
     """
     played = find_swing(swing)
     player = swing_player(swing)
@@ -230,7 +231,7 @@ def car_clearance(scenario: Scenario) -> Callable[[FloatArray, FloatArray], Floa
 
 
 def car_limit(scenario: Scenario) -> Limit:
-    """Returns the limit of a swerve that a verification asks beside `STANDARD_LIMITS`: the tail
+    """Returns the limit of a swerve that a verification requires beside `STANDARD_LIMITS`: the tail
     keeps clear of the car.
     """
     distance = car_clearance(scenario)
@@ -244,7 +245,7 @@ def car_limit(scenario: Scenario) -> Limit:
 
 
 def write_verification(folder: Path, result: Verification) -> list[Path]:
-    """Writes verdict (YAML) and page over those that exist; SwingError when that fails."""
+    """Writes verdict (YAML) and page over existing ones; raises SwingError if that fails."""
     scenario = result.log.scenario
     name = result.swing.name
     keys = ("name", "seed", "manoeuvre", "controller", "simulation")

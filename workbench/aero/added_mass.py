@@ -3,8 +3,8 @@ part in contact.
 
 Each of n equal parts of the tail feels -m_added times its acceleration normal to the tail axis. A
 straight row of such parts is one body without weight: mass M = n m_added at the middle of the row,
-moment of inertia m_added sum (s_i - s)^2 about the normals and none about the axis. What is left is
-to free it along the axis:
+moment of inertia m_added sum (s_i - s)^2 about the normals and none about the axis. It must only be
+freed along the axis:
 
 - m_added > 0: the body slides on a frictionless prismatic joint along the axis, so that its inertia
   acts on the tail only across the axis: eliminating the slide leaves exactly M_added = sum J_i^T m
@@ -60,9 +60,9 @@ _CONTINUOUS_RATE = 250.0
 _RATE_TIMES_STEP = 0.5
 """Rate of the hold times the time step of a discrete plant; it is stable up to 0.82."""
 _POSITION_SAMPLES = 64
-"""Positions at which the inertia is checked."""
+"""Number of positions at which the inertia is checked."""
 Slides = tuple[tuple[Any, float], ...]
-"""Per slide its `PrismaticJoint` and the mass that it frees, kg."""
+"""For each slide its `PrismaticJoint` and the mass that it frees, kg."""
 
 
 @dataclass(frozen=True)
@@ -70,13 +70,13 @@ class AddedMass:
     """Added mass on one body of a plant; made by `add_added_mass` before Finalize.
 
     Attributes:
-        plant: that holds the body.
-        body: that carries the added mass.
-        layout: the parts, over the whole tail.
-        mass_per_part: m_added, kg.
+        plant: plant that holds the body.
+        body: body that carries the added mass.
+        layout: parts with added mass, over the whole tail.
+        mass_per_part: added mass m_added of each part, kg.
         instance: model instance of the weightless bodies.
         middle: frame at the middle of the parts, z along the tail axis.
-        slides: of the weightless bodies.
+        slides: slides of the weightless bodies.
     """
 
     plant: MultibodyPlant
@@ -99,9 +99,10 @@ class AddedMass:
         push of air that accelerates.
 
         Args:
-            builder: that owns the finalised plant.
-            wind_acceleration: of the air in W (3), m/s2; steady wind without it.
-            rate: of the hold, rad/s; default 0.5 / time step, or 250 in a continuous plant.
+            builder: builder that owns the finalised plant.
+            wind_acceleration: port of the acceleration of the air in W (3), m/s2; None for steady
+                wind.
+            rate: rate of the hold, rad/s; default 0.5 / time step, or 250 in a continuous plant.
             min_inertia_fraction: share of every inertia that a negative mass must leave, see
                 `require_positive_definite`.
 
@@ -129,7 +130,7 @@ class AddedMass:
             connect_spatial_forces(builder, plant, push.GetOutputPort("spatial_forces"))
 
     def _hold_slides(self, builder: DiagramBuilder, rate: float) -> None:
-        """Adds the hold: per slide with coordinate x, mass m and direction e the force
+        """Adds the hold: for each slide with coordinate x, mass m and direction e the force
         -m (2 rate xdot + rate^2 x) e on the body at the end of the slides.
 
         Drake's `Propeller` makes forces along axes of a body from numbers, without Python.
@@ -200,8 +201,8 @@ def added_mass_matrix(
     layout: SectionLayout,
     mass_per_part: float,
 ) -> FloatArray:
-    """M_added = sum_i m J_i^T (1 - a a^T) J_i with the translational Jacobians of the part centres
-    (nv x nv).
+    """Returns M_added = sum_i m J_i^T (1 - a a^T) J_i with the translational Jacobians of the part
+    centres (nv x nv).
     """
     world = plant.world_frame()
     a_W = plant.EvalBodyPoseInWorld(context, body).rotation().matrix() @ np.asarray(layout.axis_B)
@@ -226,11 +227,12 @@ def add_added_mass(
     """Puts the added mass of a tail into a plant, before Finalize.
 
     Args:
-        layout: the parts of the whole tail (not only of its exposed part), five by default.
-        mass_per_part: m_added, kg; may be negative.
-        spanwise_free: False welds the added mass to the tail and adds no degree of freedom: exact
-            where the tail cannot accelerate along its axis except by turning about a point on it,
-            as on the rig.
+        layout: parts of the whole tail (not only of its exposed part); a `SectionLayout.strip` has
+            five by default.
+        mass_per_part: added mass m_added of each part, kg; may be negative.
+        spanwise_free: whether the added mass is free along the tail's axis. False welds it to the
+            tail and adds no degree of freedom: exact where the tail cannot accelerate along its
+            axis except by turning about a point on it, as on the rig.
 
     Raises:
         ModelError: the mass is not finite, or the plant is already finalised.
@@ -272,7 +274,7 @@ def add_added_mass(
 def _free_across(
     plant: MultibodyPlant, instance: ModelInstanceIndex, middle: Any, mass: float, name: str
 ) -> Slides:
-    """A point of positive mass that slides across the axis: it adds inertia along the axis only."""
+    """Adds a point of positive mass that slides across the axis; its inertia acts along it only."""
     x, y, _ = np.eye(3)
     at_point = SpatialInertia(mass, np.zeros(3), UnitInertia(0.0, 0.0, 0.0))
     carrier = plant.AddRigidBody(f"{name}_carrier", instance, SpatialInertia.Zero())
@@ -284,7 +286,7 @@ def _free_across(
 
 
 def _middle_pose(layout: SectionLayout) -> RigidTransform:
-    """Frame at the middle of the parts, z along the axis, x along the sail normal."""
+    """Returns the frame at the middle of the parts, z along the axis, x along the sail normal."""
     z = np.asarray(layout.axis_B)
     x = np.asarray(layout.normal_B)
     middle = np.asarray(layout.p_BoRo_B) + float(np.mean(layout.distances)) * z

@@ -91,10 +91,10 @@ class CoefficientSet(StrictModel, ABC):
     """A set of coefficients with its origin.
 
     Attributes:
-        name, source: for people; the source names a table, data sheet or run.
-        law_kind: `normal_force`, `two_sided` or `polar`.
-        kind: `constant`, `speed_line`, `speed_table` or `table`.
-        range: what was measured.
+        name, source: texts for people; the source names a table, data sheet or run.
+        law_kind: kind of law, `normal_force`, `two_sided` or `polar`.
+        kind: form of the coefficients, `constant`, `speed_line`, `speed_table` or `table`.
+        range: measured range of speeds, and of angles where the law has them.
         quasi_steady_limit: relative speed up to which the quasi-steady model was shown to hold,
             m/s.
     """
@@ -130,12 +130,12 @@ class CoefficientSet(StrictModel, ABC):
 
     @cached_property
     def nodes(self) -> pd.DataFrame:
-        """Nodes, one a row (columns of the file, SI); empty for constants and lines."""
+        """Nodes, one per row (columns of the file, SI); empty for constants and lines."""
         return pd.DataFrame([node.model_dump() for node in getattr(self, "node_list", ())])
 
     @abstractmethod
     def law(self) -> SectionLaw:
-        """The section law of this set."""
+        """Returns the section law of this set."""
 
 
 class _NormalConstant(CoefficientSet):
@@ -206,7 +206,7 @@ class PolarTable(CoefficientSet):
 
     @model_validator(mode="after")
     def _fills_its_grid(self) -> "PolarTable":
-        """Nodes ascend by angle and then by speed, and there is one at every speed and angle."""
+        """Checks that nodes ascend by angle, then by speed, with one at every speed and angle."""
         keys = [(node.angle_rad, node.speed_m_per_s) for node in self.node_list]
         for i, (left, right) in enumerate(pairwise(keys)):
             if right <= left:
@@ -224,12 +224,12 @@ class PolarTable(CoefficientSet):
         return self
 
     def law(self) -> SectionLaw:
-        """The polar law with bilinear tables over speed and angle."""
+        """Returns the polar law with bilinear tables over speed and angle."""
         return PolarLaw(self.table("cd"), self.table("cl"))
 
     def table(self, coefficient: str) -> RegularTable:
-        """Bilinear table of `cd` or `cl` over the grid of the measured nodes; the seeds of fits
-        take no part.
+        """Returns the bilinear table of `cd` or `cl` over the grid of the measured nodes; the seeds
+        of fits take no part.
 
         A node of that grid that was not measured takes the value of the nearest measured speed at
         its angle and is not covered.
@@ -260,7 +260,7 @@ _KINDS: dict[tuple[str, str], type[CoefficientSet]] = {
 
 
 def embedded_sets() -> list[str]:
-    """Names of the sets in `models/coefficients/`."""
+    """Returns the names of the sets in `models/coefficients/`."""
     return shipped_names(_FOLDER)
 
 
@@ -310,7 +310,7 @@ def _csv_content(path: Path) -> Json:
 
 
 def coefficients_from_dict(content: Any, where: str) -> CoefficientSet:
-    """A set from the content of a file; `where` names it in messages.
+    """Makes a set from the content of a file; `where` names it in messages.
 
     Raises ModelError, see `load_coefficients`.
     """
@@ -320,7 +320,7 @@ def coefficients_from_dict(content: Any, where: str) -> CoefficientSet:
     if (law, kind) not in _KINDS and content.get("schema") == SCHEMA:
         allowed = ", ".join(map("/".join, _KINDS))
         raise ModelError(f"{where}: law/kind is {law}/{kind} (allowed: {allowed})")
-    model = _KINDS.get((law, kind), _TwoSided)  # of another schema no model is asked
+    model = _KINDS.get((law, kind), _TwoSided)  # another schema is refused before any model
     result = checked(model, content, where, ModelError, schema=SCHEMA)
     result._where = where
     largest = max([*(result.angle_range or ()), *result.nodes.get("angle_rad", ())], default=0.0)

@@ -18,14 +18,14 @@ class GustForceParts(SystemParts):
 
     Input ports:
         plant_state: multibody state [q; v].
-        wind_acceleration (3): A_air in W, m/s2.
+        wind_acceleration (3): acceleration A_air of the air in W, m/s2.
     Output ports:
         spatial_forces: list[ExternallyAppliedSpatialForce], on the tail.
 
     Args:
         plant: finalised plant.
         middle: frame at the middle of the parts, z along the tail axis.
-        mass: M = n m_added, kg.
+        mass: added mass of the whole tail, M = n m_added, kg.
     """
 
     def declare(self, T: Any, plant: Any, middle: Any, mass: float) -> None:
@@ -43,7 +43,7 @@ class GustForceParts(SystemParts):
         declare_spatial_forces(self, self._calc, T)
 
     def arguments(self, T: Any) -> tuple[Any, ...]:
-        """Arguments of the same system of scalar type T."""
+        """Returns the arguments of the same system of scalar type T."""
         plant = self._plant.ToScalarType[T]()
         return plant, plant.get_frame(self._middle), self._mass
 

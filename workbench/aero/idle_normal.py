@@ -10,7 +10,7 @@ from aerodima.workbench.aero.sections import SectionLayout, joints_of, sampled_p
 from aerodima.workbench.core.array_types import FloatArray
 
 _POSES = 9
-"""Positions at which a plant is looked at: its default, and random ones in its limits."""
+"""Number of positions at which a plant is examined: its default, and random ones in its limits."""
 _ALONG = 1e-6
 """Share of its motion that a section must make along its normal."""
 
@@ -22,8 +22,8 @@ def idle_normal(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -
     The six degrees of freedom of floating bases are left out: they move any plate in any direction.
 
     Args:
-        plant: finalised.
-        body: that carries the sections.
+        plant: finalised plant.
+        body: body that carries the sections.
         layout: sections in the body frame.
     """
     motion = _section_motion(plant, body, layout)
@@ -47,7 +47,7 @@ def idle_normal(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -
 
 
 def _section_motion(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -> FloatArray:
-    """Velocities of section centres in B per unit rate of each joint, in several poses (3, n)."""
+    """Returns section velocities in B per unit rate of each joint, in several poses (3, n)."""
     moving: list[int] = []
     for joint in joints_of(plant):
         start = joint.velocity_start()

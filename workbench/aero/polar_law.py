@@ -50,10 +50,11 @@ class RegularTable:
     """A coefficient on a grid of speed and angle, bilinear between the nodes.
 
     Attributes:
-        speeds: strictly increasing (n), m/s.
-        angles: strictly increasing |gamma| (m), rad.
-        values: n rows of m.
-        measured: n rows of m flags; a cell is covered when all its corners are measured.
+        speeds: speeds of the grid, strictly increasing (n), m/s.
+        angles: angles |gamma| of the grid, strictly increasing (m), rad.
+        values: coefficients at the nodes, n rows of m.
+        measured: whether a node is measured, n rows of m; a cell is covered when all its corners
+            are measured.
         where: name of the file or table, for messages.
     """
 
@@ -68,15 +69,15 @@ class RegularTable:
         require_increasing("angles", self.angles, self.where)
 
     def __call__(self, speed: Scalar, angle: Scalar) -> Scalar:
-        """The coefficient at a speed and an angle of attack."""
+        """Returns the coefficient at a speed and an angle of attack."""
         return self.at(self.cell(speed, angle))
 
     def cell(self, speed: Scalar, angle: Scalar) -> tuple[int, Scalar, int, Scalar]:
-        """Row and fraction, column and fraction of a point; tables on one grid share it."""
+        """Returns row and fraction, column and fraction of a point; tables on one grid share it."""
         return *_cell(self.speeds, speed), *_cell(self.angles, angle)
 
     def at(self, cell: tuple[int, Scalar, int, Scalar]) -> Scalar:
-        """The coefficient at a point given by its cell."""
+        """Returns the coefficient at a point given by its cell."""
         i, x, j, y = cell
         low = self.values[i]
         high = self.values[i + 1]
@@ -98,7 +99,7 @@ class RegularTable:
 
 
 def _cell(grid: Grid, value: Scalar) -> tuple[int, Scalar]:
-    """Index of the left neighbour and the fraction of the way to the right one, 0 to 1."""
+    """Returns the index of the left neighbour and the share of the way to the right one, 0 to 1."""
     if value <= grid[0]:
         return 0, 0.0
     last = len(grid) - 2
@@ -109,7 +110,7 @@ def _cell(grid: Grid, value: Scalar) -> tuple[int, Scalar]:
 
 
 def _corners(left: int, fraction: Scalar) -> slice:
-    """Neighbours of a point on a grid; one on a node has only that node."""
+    """Returns the neighbours of a point on a grid; a point on a node has only that node."""
     return slice(left + (fraction >= 1.0), left + 1 + (fraction > 0.0))
 
 
@@ -119,14 +120,14 @@ class PolarLaw(SectionLaw):
     on the root side.
 
     C_D and C_L are even in gamma; for gamma < 0 the lift turns to the tip side. Lift acts towards
-    the root and the area carries no cosine, because the published currents of tail 1 are met only
-    so (ERRATA E39, E40).
+    the root and the area carries no cosine, because only this gives the published currents of
+    tail 1 (ERRATA E39, E40).
 
     Attributes:
-        drag: C_D, a number or a table over |v_rel| (m/s) and |gamma| (rad).
-        lift: C_L, likewise; of two tables on the same nodes.
-        lift_blend: rad; within it of gamma = 0 the lift passes smoothly from one side to the other.
-            With 0 it jumps.
+        drag: drag coefficient C_D, a number or a table over |v_rel| (m/s) and |gamma| (rad).
+        lift: lift coefficient C_L, likewise; two tables have the same nodes.
+        lift_blend: angle from gamma = 0 within which the lift passes smoothly from one side to the
+            other, rad. With 0 it jumps.
     """
 
     knows_normal: ClassVar[bool] = False
@@ -135,7 +136,7 @@ class PolarLaw(SectionLaw):
     lift_blend: float = _ONE_DEGREE
 
     def _fade(self, spanwise: Scalar, across: Scalar, speed: Scalar) -> Scalar:
-        """Factor on C_L: sign of gamma, smooth at 0, and zero at 90 degrees."""
+        """Returns a factor on C_L: sign of gamma, smooth at 0, and zero at 90 degrees."""
         x = across / (speed * math.sin(_LIFT_END))
         if x >= 1.0:
             end = 1.0
@@ -153,7 +154,7 @@ class PolarLaw(SectionLaw):
     def _parts(
         self, spanwise: Scalar, across_squared: Scalar, scale: Scalar
     ) -> tuple[Scalar, Scalar]:
-        """F = alpha v + beta a for one section; scale = 1/2 rho A."""
+        """Returns alpha and beta of F = alpha v + beta a for one section; scale = 1/2 rho A."""
         squared = across_squared + spanwise * spanwise
         if squared <= STILL:
             return 0.0, 0.0

@@ -53,14 +53,15 @@ class FreeSail:
     """A half cylinder with a backing board on a bearing about the tail axis.
 
     Attributes:
-        length, width: of the opening along the tail and across it, m.
-        centre_of_pressure: e, of the shell's side force behind the bearing, m; a quarter of the
-            width with the bearing in the plane of the opening, negative with the bearing behind it.
-        board_width: of the backing board along the wind, m.
+        length, width: size of the opening along the tail and across it, m.
+        centre_of_pressure: distance e of the shell's side force behind the bearing, m; a quarter of
+            the width with the bearing in the plane of the opening, negative with the bearing behind
+            that force.
+        board_width: width of the backing board along the wind, m.
         start: distance of the sail's near end from the origin of its mount along the axis, m.
-        law: of the opening; the normal of a `TwoSidedLaw` leaves its round side, -y.
+        law: law of the opening; the normal of a `TwoSidedLaw` leaves its round side, -y.
         side_coefficient: C_N of shell and board across the wind.
-        number: of sections.
+        number: number of sections.
         shell_share: depth of the shell over its width; 0 for a flat sail.
     """
 
@@ -76,7 +77,7 @@ class FreeSail:
 
     @property
     def shell_law(self) -> CrossedPlatesLaw:
-        """The opening along its normal, and the outline across it."""
+        """Law of the shell: its opening along the normal, and its outline across that."""
         return CrossedPlatesLaw(self.law, NormalForceLaw(self.shell_share * self.side_coefficient))
 
     @property
@@ -110,10 +111,10 @@ class SailMotion(NamedTuple):
 
     Attributes:
         R_WS: rows of its orientation.
-        w_WS: its angular velocity in W, rad/s.
+        w_WS: angular velocity in W, rad/s.
         v_WSo: velocity of its origin, where the joint axes cross, in W, m/s.
-        p_BoSo_W: that origin from the chassis' own, m.
-        axes_W: of pitch, roll and sail joint.
+        p_BoSo_W: position of that origin from the chassis' own, in W, m.
+        axes_W: axes of pitch, roll and sail joint in W.
     """
 
     R_WS: tuple[Vector3, Vector3, Vector3]
@@ -130,13 +131,14 @@ def sail_motion(
     rates: Sequence[float],
     p_BoSo_B: Sequence[float],
 ) -> SailMotion:
-    """Computes where the sail is turned to and how it moves.
+    """Computes orientation and motion of the sail.
 
     Args:
-        quaternion: w, x, y, z of the chassis in W, of any length.
-        velocity: angular (3), rad/s, and of the origin (3), m/s, of the chassis in W.
-        angles, rates: of pitch, roll and sail joint, rad and rad/s.
-        p_BoSo_B: where the joint axes cross, in the chassis frame, m.
+        quaternion: orientation w, x, y, z of the chassis in W, of any length.
+        velocity: angular velocity (3), rad/s, and velocity of the origin (3), m/s, of the chassis
+            in W.
+        angles, rates: angles and rates of pitch, roll and sail joint, rad and rad/s.
+        p_BoSo_B: crossing point of the joint axes in the chassis frame, m.
     """
     rows = rotation_rows(quaternion)
     x_B, y_B, z_B = zip(*rows, strict=True)
@@ -170,12 +172,12 @@ def _turned(one: Vector3, other: Vector3, angle: float) -> tuple[Vector3, Vector
 def generalised_force(
     motion: SailMotion, force: Sequence[float], moment: Sequence[float]
 ) -> tuple[float, ...]:
-    """A wrench on the sail as forces on the coordinates of chassis and joints.
+    """Turns a wrench on the sail into forces on the coordinates of chassis and joints.
 
     Args:
-        motion: of the sail.
-        force: in W, N.
-        moment: about the sail's origin in W, N m.
+        motion: motion of the sail.
+        force: force on the sail in W, N.
+        moment: moment about the sail's origin in W, N m.
 
     Returns:
         Moment on the chassis about its origin (3) in W, N m; force on it (3) in W, N; torque about

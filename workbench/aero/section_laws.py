@@ -24,12 +24,12 @@ from aerodima.workbench.core.ranges import check_range
 
 check_from_zero = partial(check_range, low=0.0, high=math.inf, error=ModelError)
 check_above_zero = partial(check_from_zero, above_low=True)
-"""Refuse a number that is not finite or too small, by `check_range`."""
+"""Both refuse a number that is not finite or too small, by `check_range`."""
 
 Scalar = Any  # float or AutoDiffXd
 Vector = Any  # three scalars in a row
 LineForce = tuple[Scalar, ...]  # force and moment, three scalars each
-Scalars = Sequence[Scalar]  # one a section
+Scalars = Sequence[Scalar]  # one per section
 Triple = tuple[Scalar, Scalar, Scalar]
 
 # Below this squared speed (m2/s2) a section feels nothing: both laws are quadratic, so value and
@@ -49,7 +49,7 @@ class LineMotion(NamedTuple):
 
     Attributes:
         u: relative velocity of the air at the root, m/s.
-        k: its change along the line, 1/s: u + s k at distance s.
+        k: change of that velocity along the line, 1/s: it is u + s k at distance s.
         a: axis of the line, from root to tip.
         n: normal of the sections.
     """
@@ -60,25 +60,25 @@ class LineMotion(NamedTuple):
     n: Vector
 
     def velocity(self, distance: Scalar) -> Triple:
-        """Relative velocity (3) of the air at a distance (m) from the root, m/s."""
+        """Returns the relative velocity (3) of the air at a distance (m) from the root, m/s."""
         u, k, _, _ = self
         return u[0] + distance * k[0], u[1] + distance * k[1], u[2] + distance * k[2]
 
 
 def dot(a: Vector, b: Vector) -> Scalar:
-    """Dot product of two vectors of three scalars."""
+    """Returns the dot product of two vectors of three scalars."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a: Vector, b: Vector) -> Triple:
-    """Cross product of two vectors of three scalars."""
+    """Returns the cross product of two vectors of three scalars."""
     a_x, a_y, a_z = a
     b_x, b_y, b_z = b
     return a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x
 
 
 def add_cross(v: Scalars, a: Scalars, b: Scalars) -> Triple:
-    """v + a x b: a velocity w x p further on, or a moment about another point."""
+    """Returns v + a x b, such as a velocity plus w x p, or a moment about another point."""
     v_x, v_y, v_z = v
     a_x, a_y, a_z = a
     b_x, b_y, b_z = b
@@ -90,7 +90,7 @@ def add_cross(v: Scalars, a: Scalars, b: Scalars) -> Triple:
 
 
 def rotated(rows: Sequence[Vector], vector: Vector) -> Triple:
-    """Rotates a vector by a matrix, three rows of which the first three numbers count."""
+    """Rotates a vector by a matrix of three rows, of which the first three numbers count."""
     x, y, z = vector
     first, second, third = rows
     return (
@@ -104,8 +104,8 @@ class SectionLaw(ABC):
     """Force law of a section, as `TailForce` asks for it.
 
     Attributes:
-        knows_normal: the force depends on the normal n, so that the air can turn a sail about its
-            axis.
+        knows_normal: whether the force depends on the normal n, so that the air can turn a sail
+            about its axis.
     """
 
     knows_normal: ClassVar[bool] = True
@@ -114,14 +114,14 @@ class SectionLaw(ABC):
     def line_force(
         self, line: LineMotion, distances: Scalars, areas: Scalars, density: float
     ) -> LineForce:
-        """Force on the line and its moment about the root: (F_x, F_y, F_z, M_x, M_y, M_z), W frame,
-        N and N m.
+        """Returns the force on the line and its moment about the root: (F_x, F_y, F_z, M_x, M_y,
+        M_z), W frame, N and N m.
         """
 
     def section_force(
         self, v: Vector, a: Vector, n: Vector, area: Scalar, density: float
     ) -> LineForce:
-        """Force on one section that sees the relative velocity v: (F_x, F_y, F_z), W frame, N."""
+        """Returns the force on one section at relative velocity v: (F_x, F_y, F_z), W frame, N."""
         return self.line_force(LineMotion(v, (0.0, 0.0, 0.0), a, n), (0.0,), (area,), density)[:3]
 
     @abstractmethod
@@ -132,7 +132,7 @@ class SectionLaw(ABC):
 
 
 def length(v: Vector) -> Scalar:
-    """|v|, with a zero gradient at v = 0."""
+    """Returns |v|, with a zero gradient at v = 0."""
     squared = dot(v, v)
     if squared > STILL:
         return squared**0.5
@@ -140,16 +140,16 @@ def length(v: Vector) -> Scalar:
 
 
 def angle_of_attack(v: Vector, a: Vector) -> Scalar:
-    """gamma = asin(v . a / |v|), rad: 0 is broadside, positive when the air flows towards the tip;
-    0 in still air.
+    """Returns gamma = asin(v . a / |v|), rad: 0 is broadside, positive when the air flows towards
+    the tip; 0 in still air.
 
-    Computed with atan2 (ERRATA E27 shows where the thesis form fails).
+    It is computed with atan2 (ERRATA E27 shows where the thesis form fails).
     """
     return polar_angle(dot(v, a), length(cross(v, a)))
 
 
 def polar_angle(y: Scalar, x: Scalar) -> Scalar:
-    """Angle of the vector (x, y), rad; 0 of the zero vector."""
+    """Returns the angle of the vector (x, y), rad; 0 for the zero vector."""
     if isinstance(y, float):
         return math.atan2(y, x)
     if float_of(y) == 0.0 and float_of(x) == 0.0:
@@ -158,11 +158,11 @@ def polar_angle(y: Scalar, x: Scalar) -> Scalar:
 
 
 def wind_direction(line: LineMotion, distances: Scalars, areas: Scalars) -> Scalar:
-    """Angle (rad) about the axis a from the normal n to where the air moves across the axis; 0 in
-    still air.
+    """Returns the angle (rad) about the axis a from the normal n to where the air moves across the
+    axis; 0 in still air.
 
-    The direction of the sum of area |v_p| v_p over the sections, with v_p their relative velocity
-    across the axis.
+    The air moves in the direction of the sum of area |v_p| v_p over the sections, with v_p their
+    relative velocity across the axis.
     """
     u, k, a, n = line
     b = cross(a, n)
@@ -170,7 +170,7 @@ def wind_direction(line: LineMotion, distances: Scalars, areas: Scalars) -> Scal
     k_n = dot(k, n)
     u_b = dot(u, b)
     k_b = dot(k, b)
-    along_normal = across = 0.0 * u_n + 0.0  # never -0.0, of which atan2 would make half a turn
+    along_normal = across = 0.0 * u_n + 0.0  # never -0.0, for which atan2 gives half a turn
     for s, area in zip(distances, areas, strict=True):
         v_n = u_n + s * k_n
         v_b = u_b + s * k_b
@@ -183,7 +183,7 @@ def wind_direction(line: LineMotion, distances: Scalars, areas: Scalars) -> Scal
 
 
 def float_of(value: Scalar) -> float:
-    """The number behind a float or an AutoDiffXd."""
+    """Returns the number behind a float or an AutoDiffXd."""
     if isinstance(value, float):
         return value
     return float(value.value())
@@ -197,12 +197,12 @@ def plate_force(
     along: float,
     against: float,
 ) -> LineForce:
-    """F = 1/2 rho A C_N |v_p| v_n n for every section; see `SectionLaw.line_force`.
+    """Applies F = 1/2 rho A C_N |v_p| v_n n to every section; see `SectionLaw.line_force`.
 
     With one C_N for both sides all numbers may be arrays of one shape, for many cars at once.
 
     Args:
-        line, distances, areas, density: as there.
+        line, distances, areas, density: as for `SectionLaw.line_force`.
         along, against: C_N when the air blows along +n, and along -n.
     """
     u, k, a, n = line
@@ -257,8 +257,8 @@ class SpeedTable:
     6.15).
 
     Attributes:
-        speeds: strictly increasing (n), m/s.
-        values: (n).
+        speeds: speeds of the points, strictly increasing (n), m/s.
+        values: coefficients at these speeds (n).
         where: name of the file or table, for messages.
     """
 
@@ -270,7 +270,7 @@ class SpeedTable:
         require_increasing("speeds", self.speeds, self.where)
 
     def __call__(self, speed: Scalar) -> Scalar:
-        """The coefficient at a speed."""
+        """Returns the coefficient at a speed."""
         speeds = self.speeds
         values = self.values
         if speed <= speeds[0]:
@@ -290,8 +290,8 @@ def speed_line(slope: float, intercept: float, speed_range: Pair) -> SpeedTable:
     """Makes a coefficient that is a line over |v_rel| inside a range (ERRATA E26).
 
     Args:
-        slope: per m/s.
-        intercept: at 0 m/s.
+        slope: slope of the line, per m/s.
+        intercept: value of the line at 0 m/s.
         speed_range: lowest and highest speed, m/s.
     """
     low, high = speed_range
@@ -361,7 +361,7 @@ class TwoSidedLaw(SectionLaw):
         return plate_force(line, distances, areas, density, self.along_normal, self.against_normal)
 
     def covers(self, speed: float, angle: float) -> bool:
-        """Two numbers cover everything."""
+        """See `SectionLaw.covers`; two numbers cover everything."""
         return True
 
 
@@ -374,8 +374,8 @@ class CrossedPlatesLaw(SectionLaw):
     then.
 
     Attributes:
-        normal: of the plate whose normal is n.
-        side: of the plate whose normal is the chord.
+        normal: law of the plate whose normal is n.
+        side: law of the plate whose normal is the chord.
     """
 
     normal: SectionLaw
@@ -392,13 +392,13 @@ class CrossedPlatesLaw(SectionLaw):
         return tuple(one + other for one, other in zip(normal, side, strict=True))
 
     def covers(self, speed: float, angle: float) -> bool:
-        """See `SectionLaw.covers`; both plates must."""
+        """See `SectionLaw.covers`; the laws of both plates must cover the point."""
         return self.normal.covers(speed, angle) and self.side.covers(speed, angle)
 
 
 def facing_law(law: SectionLaw) -> CrossedPlatesLaw:
-    """Law of a sail that shows the same side to the wind whatever its direction: of two sides the
-    hollow one.
+    """Returns the law of a sail that shows the same side to the wind whatever its direction; of two
+    sides that is the hollow one.
     """
     if isinstance(law, TwoSidedLaw):
         law = NormalForceLaw(law.along_normal)

@@ -9,7 +9,7 @@ from aerodima.workbench.core.event_order import EventPriority, period_of
 from aerodima.workbench.core.port_wiring import add_and_connect, vector_of
 
 SECTION_COLUMNS = ("relative_speed_m_per_s", "angle_of_attack_rad", "reynolds_number", "force_n")
-"""Of each section in the port `sections` of a `TailForce`."""
+"""Columns of each section in the port `sections` of a `TailForce`."""
 NOT_EXPOSED = 0.0
 """Validity of a section that is not exposed to the air."""
 MEASURED = 1.0
@@ -34,14 +34,14 @@ class SectionWatch(LeafSystem):
     The counts are those of one run: initialisation starts them anew.
 
     Input ports:
-        sections (4 n), validity (n): of a `TailForce`.
+        sections (4 n), validity (n): as the ports of these names of a `TailForce`.
 
     Attributes:
         fastest: largest relative speed of a section so far, m/s.
 
     Args:
-        number: of sections.
-        rate: looks per second, Hz.
+        number: number of sections, n.
+        rate: rate of the looks, Hz.
     """
 
     def __init__(self, number: int, rate: float) -> None:
@@ -72,9 +72,9 @@ class SectionWatch(LeafSystem):
         Returns:
             sections_outside_measured_range: share of the looks (0 to 1) at which at least one
                 section held the edge value of its coefficients.
-            sections_above_quasi_steady_limit: share at which at least one section, inside that
-                range, was faster than the quasi-steady model was shown to hold.
-            largest_reynolds_number: of any section, with the sail's width.
+            sections_above_quasi_steady_limit: share of the looks at which at least one section,
+                inside that range, was faster than the quasi-steady model was shown to hold.
+            largest_reynolds_number: largest Reynolds number of any section, with the sail's width.
         """
         looks = max(self._looks, 1)
         return {
@@ -85,9 +85,7 @@ class SectionWatch(LeafSystem):
 
     @property
     def felt_no_air(self) -> bool:
-        """Tells whether air passed the sections and none of them ever felt more than rounding
-        leaves of a force.
-        """
+        """Tells whether air passed the sections and none of them felt a force above rounding."""
         return self.fastest > _STILL_AIR and self._share <= _ROUNDING
 
     def _clear(self) -> None:

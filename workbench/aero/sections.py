@@ -20,7 +20,7 @@ _STILL_AIR = (0.0, 0.0, 0.0)
 _UNIT_ERROR = 1e-9
 """How far a unit vector may be from a length of 1, and normal vectors from a right angle."""
 _SAMPLES = 1000
-"""Positions at which a layout is looked for in the jet."""
+"""Number of positions at which a layout is looked for in the jet."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Air:
     ERRATA E13).
 
     Attributes:
-        density: kg/m3.
+        density: density, kg/m3.
         viscosity: dynamic viscosity, kg/(m s).
     """
 
@@ -48,13 +48,13 @@ class SectionLayout:
 
     Attributes:
         p_BoRo_B: root of the section axis in the body frame (3), m.
-        axis_B: a_B, unit vector from root to tip (3).
-        normal_B: n_B, unit vector normal to the flat sail (3), perpendicular to a_B. The polar law
+        axis_B: unit vector a_B from root to tip (3).
+        normal_B: unit vector n_B normal to the flat sail (3), perpendicular to a_B. The polar law
             does not use it.
-        distances: of the section centres from the root (n), m.
+        distances: distances of the section centres from the root (n), m.
         areas: planform area of each section (n), m2; no cosine (design section 5, ERRATA E40).
-        chord: width that the Reynolds number is made with, m.
-        start, end: of the sectioned length, distances from the root, m.
+        chord: width on which the Reynolds number is based, m.
+        start, end: ends of the sectioned length, as distances from the root, m.
 
     Raises:
         ModelError: no sections, a length, width or area that is not above zero, or axes that are
@@ -108,7 +108,7 @@ class SectionLayout:
         return np.asarray(self.p_BoRo_B) + self.end * np.asarray(self.axis_B)
 
     def motion(self, X_WB: Any, w_WB: Any, v_WBo: Any, v_WA: Any) -> LineMotion:
-        """Computes what a `SectionLaw` asks of the motion of a line of sections on a body, for
+        """Computes the motion of the line of sections on a body, as a `SectionLaw` needs it, for
         floats and for AutoDiffXd alike.
 
         Args:
@@ -141,16 +141,16 @@ class SectionLayout:
         axis_B: Vector3 = (0.0, 0.0, 1.0),
         normal_B: Vector3 = (1.0, 0.0, 0.0),
     ) -> SectionLayout:
-        """A flat strip of equal sections: a cheetah tail, a bar, the robot's sail.
+        """Makes a flat strip of equal sections: a cheetah tail, a bar, the robot's sail.
 
         By default it points up, facing x.
 
         Args:
             start: distance of the strip's near end from the root along the axis, m.
-            length: of the strip, m.
-            width: of the strip, m; the major width for a cheetah tail, the sail width for the robot
-                tail.
-            number: of equal sections.
+            length: length of the strip, m.
+            width: width of the strip, m; the major width for a cheetah tail, the sail width for the
+                robot tail.
+            number: number of equal sections.
         """
         if int(number) != number or number < 1:
             raise ModelError(
@@ -173,8 +173,8 @@ class SectionLayout:
 
 
 def sampled_poses(plant: Any, count: int) -> Iterator[Any]:
-    """Contexts of a plant at its default position, then at random ones between the limits of its
-    joints.
+    """Yields contexts of a plant at its default position, then at random ones between the limits of
+    its joints.
 
     A joint without limits makes a full turn; floating bases stay where they are.
     """
@@ -196,7 +196,7 @@ def sampled_poses(plant: Any, count: int) -> Iterator[Any]:
 
 
 def joints_of(plant: Any) -> list[Any]:
-    """Joints that move and are no floating base."""
+    """Returns the joints that move and are no floating base."""
     joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
     return [joint for joint in joints if 0 < joint.num_velocities() < 6]
 
@@ -209,8 +209,8 @@ class Jet:
     The edge passes through p_WE and rises `slope` metres per metre downstream.
 
     Attributes:
-        p_WE: a point of the upper edge (3), m; on the rig `edge_depth` below the pivot.
-        downstream_W: horizontal unit vector in which the wind blows (3).
+        p_WE: point of the upper edge (3), m; on the rig `edge_depth` below the pivot.
+        downstream_W: horizontal unit vector along the wind (3).
         slope: rise of the edge per metre downstream.
     """
 
@@ -222,8 +222,8 @@ class Jet:
     def below_pivot(
         cls, p_WP: Any, edge_depth: float, psi: float = 0.0, slope: float = 100.0 / 1800.0
     ) -> Jet:
-        """The rig's jet: edge `edge_depth` (m) below the pivot P, wind towards -y turned by psi
-        (rad) about z.
+        """Makes the rig's jet: edge `edge_depth` (m) below the pivot P, wind towards -y turned by
+        psi (rad) about z.
 
         Exposure along a hanging tail then starts at edge_depth / (cos(angle) + slope sin(angle))
         for psi = 0.
@@ -238,7 +238,8 @@ class Jet:
         return self.p_WE[2] + self.slope * downstream - p_WQ[2]
 
     def exposed_interval(self, layout: SectionLayout, p_WRo: Any, a: Any) -> tuple[Any, Any] | None:
-        """Start and end of the exposed part, distances from the root (m), or None without exposure.
+        """Returns start and end of the exposed part, distances from the root (m); None if there is
+        none.
 
         Args:
             p_WRo: root of the section axis in W (3), m.
@@ -262,8 +263,8 @@ class Jet:
     def exposed_sections(
         self, layout: SectionLayout, p_WRo: Any, a: Any
     ) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-        """Centres (m from the root) and areas (m2) of equal parts of the exposed length; areas 0
-        without exposure.
+        """Returns centres (m from the root) and areas (m2) of equal parts of the exposed length;
+        areas 0 without exposure.
         """
         number = layout.number
         interval = self.exposed_interval(layout, p_WRo, a)

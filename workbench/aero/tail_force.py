@@ -1,4 +1,4 @@
-"""The aerodynamic wrench on a tail as a Drake system, and what wires it to a plant."""
+"""The aerodynamic wrench on a tail as a Drake system, and functions that wire it to a plant."""
 
 import warnings
 from typing import Any
@@ -42,7 +42,7 @@ from aerodima.workbench.core.port_wiring import (
 from aerodima.workbench.core.system_lifetime import SystemParts, scalar_template
 
 ADDED_MASS_PREFIX = "added_mass_"
-"""How the names of model instances and bodies of added mass begin."""
+"""Beginning of the names of model instances and bodies of added mass."""
 
 
 class TailForceParts(SystemParts):
@@ -65,23 +65,23 @@ class TailForceParts(SystemParts):
         spatial_forces: list[ExternallyAppliedSpatialForce], one wrench on the body.
         wrench (9): force on the body in W, N; moment about the body origin in W, N m; body
             origin in W, m.
-        sections (4 n): per section |v_rel| m/s, gamma rad, Reynolds number, magnitude of the
+        sections (4 n): for each section |v_rel| m/s, gamma rad, Reynolds number, magnitude of the
             force N.
-        validity (n): per section 0 outside the jet, 1 inside the measured range, 2 outside it
+        validity (n): for each section 0 outside the jet, 1 inside the measured range, 2 outside it
             (edge value held), 3 inside it but above the quasi-steady limit.
-        wind_direction (1): see the function of that name, rad; a sail that faces the wind has
-            turned so far.
+        wind_direction (1): direction of the wind, rad, see the function of that name; the angle
+            by which a sail that faces the wind has turned.
 
     Attributes:
         plant, layout, law: see below.
 
     Args:
         plant: finalised plant, of double scalar; read for its kinematics only.
-        body: the body that carries the sections, or its name.
+        body: body that carries the sections, or its name.
         layout: sections in the body frame.
         law: a `SectionLaw`, or a number for a constant C_N.
-        air: density and viscosity.
-        jet: the part of space where the wind blows and forces act (`Jet`); everywhere when
+        air: density and viscosity of the air.
+        jet: part of space where the wind blows and forces act (`Jet`); everywhere when
             None.
         quasi_steady_limit: relative speed up to which the model was shown to hold, m/s; no
             limit when None.
@@ -126,7 +126,7 @@ class TailForceParts(SystemParts):
             declare_output(self, name, size, calc)
 
     def arguments(self, T: Any) -> tuple[Any, ...]:
-        """Arguments of the same system of scalar type T."""
+        """Returns the arguments of the same system of scalar type T."""
         plant = self.plant.ToScalarType[T]()
         return plant, plant.get_body(self._body), *self._settings
 
@@ -135,7 +135,7 @@ class TailForceParts(SystemParts):
         return self.layout, self.law, self._air, self._jet, self._quasi_steady_limit
 
     def reporter(self) -> Any:
-        """The same system again, to be watched beside a diagram that hides its ports."""
+        """Makes the same system again, to be read beside a diagram that hides its ports."""
         make: Any = type(self)
         return make(self.plant, self.body, *self._settings)
 
@@ -145,7 +145,7 @@ class TailForceParts(SystemParts):
         return self.plant.get_body(self._body)
 
     def _motion(self, context: Any) -> tuple[Any, LineMotion]:
-        """Pose of the body (three rows of [R | p]), motion of its sections against the air."""
+        """Returns the body's pose (three rows of [R | p]) and the sections' motion in the air."""
         kinematics = self._kinematics
         plant = self.plant
         body = self.body
@@ -159,8 +159,8 @@ class TailForceParts(SystemParts):
         return X_WB, self.layout.motion(X_WB, velocity[:3], velocity[3:], wind)
 
     def _exposed(self, X_WB: Any, a: Any) -> tuple[Any, Any]:
-        """Distances and areas of the sections; with a jet those of the exposed part, areas 0
-        without exposure.
+        """Returns distances and areas of the sections; with a jet those of the exposed part, areas
+        0 without exposure.
         """
         if self._jet is None:
             return self.layout.distances, self.layout.areas
@@ -184,7 +184,7 @@ class TailForceParts(SystemParts):
         output.SetFromVector([*force[:3], *moment, *(row[3] for row in X_WB)])
 
     def _section_rows(self, context: Any) -> list[tuple[Any, ...]]:
-        """Lists per section: relative velocity (3), area, |v_rel|, gamma, axis, normal."""
+        """Lists for each section relative velocity (3), area, |v_rel|, gamma, axis, normal."""
         X_WB, line = self._motion(context)
         a = line.a
         rows = []
@@ -229,16 +229,16 @@ TailForce = TailForce_[float]
 
 
 def bodies_of(plant: MultibodyPlant) -> list[RigidBody]:
-    """All bodies of a plant, the world first."""
+    """Returns all bodies of a plant, the world first."""
     return [plant.get_body(BodyIndex(index)) for index in range(plant.num_bodies())]
 
 
 def resolve_body(plant: Any, body: Any, place: str = "tail force") -> Any:
-    """The body that a body or a name means; ModelError when the plant has no such body, or is not
-    finalised.
+    """Returns the body that a body or a name stands for; ModelError when the plant has no such
+    body, or is not finalised.
 
     Args:
-        place: what asks, for messages.
+        place: name of the caller, for messages.
     """
     if not plant.is_finalized():
         raise ModelError(f"{place}: the plant is not finalised; call plant.Finalize() first")
@@ -278,14 +278,14 @@ def add_tail_force(
     `connect_spatial_forces`.
 
     Args:
-        builder: that owns the plant.
+        builder: builder that owns the plant.
         law: a `SectionLaw`, or a number for a constant C_N.
-        wind: a port of v_WA (3), m/s; still air without it.
-        name: of the system; `tail_force_<body>` by default.
-        applied: False leaves the plant alone: the system only reports.
+        wind: port of the wind's velocity v_WA (3), m/s; None for still air.
+        name: name of the system; `tail_force_<body>` by default.
+        applied: whether the force acts on the plant; if not, the system only reports.
 
-    A normal along which no joint moves the sections is a `UserWarning`, in still air: a swing feels
-    nothing then.
+    In still air a normal along which no joint moves the sections gives a `UserWarning`: a swing
+    then feels nothing.
 
     Raises:
         ModelError: the plant is not finalised or not in the builder, the body is not in the plant,

@@ -57,7 +57,7 @@ from aerodima.workbench.core.sdf_model import Inertial
 SCHEMA = "aerodima/tail/1"
 
 SAME_PLANE = 1e-3
-"""m; plates nearer than this, measured along their normal, count as lying in one plane."""
+"""Distance along their normal below which plates count as lying in one plane, m."""
 _ALONG = 1e-3
 """Sine of an angle below which a normal counts as running along its axis."""
 UP: Vector3 = (0.0, 0.0, 1.0)
@@ -87,7 +87,7 @@ class TailPart(QuantityModel):
 
 
 class TailArm(TailPart):
-    """The rod that carries the plates: straight pieces from the origin of T, thin, of even mass."""
+    """The rod that carries the plates: thin straight pieces of even mass from the origin of T."""
 
     lengths: _Sizes = quantity("m", "of its straight pieces from the joints on")
     density: float = quantity("kg/m", "mass over length", gt=0)
@@ -193,7 +193,7 @@ class Plate(TailPart):
 
     @property
     def area(self) -> float:
-        """Planform, m2: of a half shell that of its opening."""
+        """Planform area, m2; that of the opening for a half shell."""
         return sum(piece.area for piece in self.pieces)
 
     @property
@@ -219,8 +219,8 @@ class Plate(TailPart):
         return total_inertia(parts)
 
     def section_layouts(self) -> list[SectionLayout]:
-        """Sections for `TailForce` in T: one layout per straight run, since those of a layout lie
-        on one line.
+        """Returns sections for `TailForce` in T: one layout for each straight run, since those of a
+        layout lie on one line.
         """
         runs: list[list[Piece]] = []
         for piece in self.pieces:
@@ -232,7 +232,7 @@ class Plate(TailPart):
 
 
 def _layout(run: list[Piece], sections: int) -> SectionLayout:
-    """Sections on a straight run; distances count from T's origin if the run's line meets it."""
+    """Makes sections on a straight run; distances are from T's origin if its line meets that."""
     first = run[0]
     start = float(first.start @ first.axis)
     through_origin = start >= 0.0 and np.linalg.norm(first.start - start * first.axis) < 1e-12
@@ -316,7 +316,7 @@ class TailGeometry(TailPart):
         return self
 
     def from_densities(self) -> TailGeometry:
-        """The same tail with mass and inertia from its densities alone."""
+        """Returns the same tail with mass and inertia from its densities alone."""
         return self.model_copy(update={"arm_inertial": None, "sail_inertial": None})
 
     @property
@@ -348,12 +348,12 @@ class TailGeometry(TailPart):
 
     @property
     def area(self) -> float:
-        """Planform of all plates, m2."""
+        """Planform area of all plates, m2."""
         return sum(plate.area for plate in self.plates)
 
     def centre_of_pressure(self, direction: Sequence[float] | None = None) -> FloatArray:
-        """Centroid in T (3), m, of the planform seen along a direction, by default the first
-        plate's normal; each piece counts with the cosine of its own.
+        """Returns the centroid in T (3), m, of the planform seen along a direction, by default the
+        first plate's normal; each piece counts with the cosine of its own normal.
 
         Raises:
             ModelError: no plate faces that direction.
@@ -382,15 +382,15 @@ class TailGeometry(TailPart):
         return np.vstack(points)
 
     def section_layouts(self) -> list[SectionLayout]:
-        """Sections of all plates in T, for one `TailForce` each."""
+        """Returns the sections of all plates in T, for one `TailForce` each."""
         return [layout for plate in self.plates for layout in plate.section_layouts()]
 
     def added_mass_layout(self, parts: int = 5) -> SectionLayout:
-        """Equal parts of the whole arm, for `add_added_mass`, in T; their normal and width mean
-        nothing.
+        """Returns equal parts of the whole arm, for `add_added_mass`, in T; their normal and width
+        mean nothing.
 
         Raises:
-            ModelError: a bent arm: added mass is modelled on a straight line.
+            ModelError: the arm is bent; added mass is modelled on a straight line.
         """
         axes = {as_tuple(unit_vector(axis)) for axis in self.arm.axes}
         if len(axes) > 1:

@@ -1,8 +1,8 @@
-"""Mass and inertia of what a tail is made of: rods, plates and half shells of even material.
+"""Mass and inertia of the parts of a tail: rods, plates and half shells of even material.
 
-A part lies along z from its near end on, its width goes linearly from end to end. Plates and half
-shells are summed from slices across z at the two points of Gauss and Legendre, which is exact: no
-integrand is of more than third order.
+A part lies along z from its near end on, and its width goes linearly from end to end. Plates and
+half shells are summed from slices across z at the two points of Gauss and Legendre, which is exact:
+no integrand is of more than third order.
 """
 
 import math
@@ -25,11 +25,11 @@ _ROUNDING = 1e-14
 
 
 class Slice(NamedTuple):
-    """A thin slice across z, even to both sides of x = 0.
+    """A thin slice across z, symmetric to both sides of x = 0.
 
     Attributes:
-        place: z, m.
-        mass: kg.
+        place: z of the slice, m.
+        mass: mass, kg.
         depth: first moment, sum of mass times y, kg m.
         across, through: second moments, sums of mass times x^2 and times y^2, kg m2.
     """
@@ -42,19 +42,19 @@ class Slice(NamedTuple):
 
 
 def rod_inertia(density: float, length: float, radius: float) -> SpatialInertia:
-    """A thin rod of `density` kg/m about its near end, with the moment m r^2 / 2 of a solid
-    cylinder about its own axis.
+    """Returns the inertia of a thin rod of `density` kg/m about its near end, with the moment
+    m r^2 / 2 of a solid cylinder about its own axis.
     """
     mass = density * length
-    # m r^2 / 2 about z is x^2 + y^2; as a thin rod's, its transverse moments leave that out.
+    # m r^2 / 2 about z is x^2 + y^2; the transverse moments, those of a thin rod, leave that out.
     square = 0.25 * mass * radius**2
     second = np.diag([square, square, mass * length**2 / 3 - square])
     return _inertia_of_moments(mass, np.array([0.0, 0.0, mass * length / 2]), second)
 
 
 def plate_inertia(density: float, length: float, chords: Chords, depth: float) -> SpatialInertia:
-    """A flat trapezoid of `density` kg/m2 about the middle of its near end, its mass spread evenly
-    over `depth` along y.
+    """Returns the inertia of a flat trapezoid of `density` kg/m2 about the middle of its near end,
+    its mass spread evenly over `depth` along y.
     """
     slices = []
     for place, chord in _gauss_points(length, chords):
@@ -70,8 +70,8 @@ def shell_inertia(
     cap_density: float,
     closed: tuple[bool, bool],
 ) -> SpatialInertia:
-    """Half a cone of `density` kg/m2 about the middle of its near end, round towards +y, with half
-    discs of `cap_density` at the closed ends.
+    """Returns the inertia of half a cone of `density` kg/m2 about the middle of its near end, round
+    towards +y, with half discs of `cap_density` at the closed ends.
     """
     slant = math.hypot(1.0, (chords[1] - chords[0]) / 2 / length)
     slices = []
@@ -90,14 +90,14 @@ def shell_inertia(
 
 
 def placed(inertia: SpatialInertia, frame: RotationMatrix, origin: FloatArray) -> SpatialInertia:
-    """The inertia of a part about the origin of T, in its axes; `frame` and `origin` (3, m) place
-    the part there.
+    """Returns the inertia of a part about the origin of T, in the axes of T; `frame` and `origin`
+    (3, m) place the part there.
     """
     return inertia.ReExpress(frame).Shift(-origin)
 
 
 def total_inertia(parts: Iterable[SpatialInertia]) -> SpatialInertia:
-    """The inertia of parts together, about the same point and in the same axes."""
+    """Returns the inertia of parts together, about the same point and in the same axes."""
     total = SpatialInertia.Zero()
     for part in parts:
         total += part
@@ -105,7 +105,7 @@ def total_inertia(parts: Iterable[SpatialInertia]) -> SpatialInertia:
 
 
 def inertial_of_inertia(inertia: SpatialInertia) -> Inertial:
-    """Mass, centre of mass, and inertia about it."""
+    """Returns mass, centre of mass, and inertia about that centre."""
     com = inertia.get_com()
     central = inertia.Shift(com).CalcRotationalInertia().CopyToFullMatrix3()
     central[np.abs(central) < _ROUNDING * np.trace(central)] = 0.0
@@ -115,7 +115,7 @@ def inertial_of_inertia(inertia: SpatialInertia) -> Inertial:
 
 
 def _gauss_points(length: float, chords: Chords) -> Iterator[Pair]:
-    """Place (m) and width (m) of the two slices, each of half the length."""
+    """Yields place (m) and width (m) of the two slices, each of half the length."""
     near, far = chords
     for share in _GAUSS:
         yield share * length, near + share * (far - near)
@@ -135,7 +135,9 @@ def _inertia_of_slices(slices: Iterable[Slice]) -> SpatialInertia:
 
 
 def _inertia_of_moments(mass: float, first: FloatArray, second: FloatArray) -> SpatialInertia:
-    """The inertia about the origin from mass (kg), first (3, kg m) and second moments (3 x 3)."""
+    """Makes the inertia about the origin from mass (kg), first moments (3, kg m) and second moments
+    (3 x 3).
+    """
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = (second / mass).tolist()
     unit = UnitInertia(yy + zz, xx + zz, xx + yy, -xy, -xz, -yz)
     return SpatialInertia(mass, first / mass, unit)

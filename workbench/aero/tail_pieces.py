@@ -21,7 +21,7 @@ class Piece:
     Attributes:
         start: middle of its near edge in T, m.
         axis, normal, across: unit vectors; the outline lies in the plane of axis and across.
-        length: m.
+        length: length along the axis, m.
         chords: widths at the near and at the far end, m.
     """
 
@@ -34,7 +34,7 @@ class Piece:
 
     @property
     def area(self) -> float:
-        """Planform, m2."""
+        """Planform area, m2."""
         return self.length * (self.chords[0] + self.chords[1]) / 2
 
     @property
@@ -55,18 +55,18 @@ class Piece:
 
     @property
     def crown(self) -> FloatArray:
-        """Ends in T (2, 3), m, of the line along which a half shell is the deepest."""
+        """Ends in T (2, 3), m, of the line along which a half shell is deepest."""
         return np.array([self.start, self.end]) + np.outer(self.chords, self.normal) / 2
 
 
 def trapezoid_centre(length: float, near: float, far: float) -> float:
-    """Distance of a trapezoid's centroid from its near edge, m, by its length and widths, m."""
+    """Returns the distance of a trapezoid's centroid from its near edge; all lengths in m."""
     return length * (near + 2 * far) / (3 * (near + far))
 
 
 def gap(one: Piece, other: Piece) -> float:
-    """Distance of the other piece's middle ahead of the first one's plane, m; infinite where their
-    normals differ.
+    """Returns the distance of the other piece's middle ahead of the first one's plane, m; infinite
+    where their normals differ.
     """
     if abs(float(one.normal @ other.normal)) < 0.99:
         return math.inf
@@ -91,12 +91,12 @@ def overlap(one: Piece, other: Piece) -> bool:
 
 
 def unit_vector(vector: Sequence[float] | FloatArray) -> FloatArray:
-    """The vector (3) over its length."""
+    """Returns the vector (3) divided by its length."""
     values = np.asarray(vector, float)
     return np.asarray(values / np.linalg.norm(values))
 
 
 def as_tuple(values: FloatArray) -> Vector3:
-    """Three floats."""
+    """Returns three values as a tuple of floats."""
     x, y, z = values.tolist()
     return x, y, z

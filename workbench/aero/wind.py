@@ -25,17 +25,18 @@ _CALM: Vector3 = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class WindModel:
-    """v_WA(t) = mean + gust sin(2 pi f t) + turbulence, everywhere the same; all in world
+    """A wind v_WA(t) = mean + gust sin(2 pi f t) + turbulence, the same everywhere; all in world
     axes.
 
     Attributes:
-        mean: m/s (3).
+        mean: constant part of the wind, m/s (3).
         gust: amplitude of the sinusoidal gust, m/s (3).
-        gust_frequency: f, Hz.
+        gust_frequency: frequency f of the gust, Hz.
         turbulence: standard deviation of the filtered noise per axis, m/s (3).
-        time_constant: of its first-order filter, s; white noise through it has correlation exp(-t /
-            time_constant).
-        seed: equal seeds give equal turbulence, on every machine and for every context.
+        time_constant: time constant of the noise's first-order filter, s; white noise through it
+            has correlation exp(-t / time_constant).
+        seed: seed of the turbulence; equal seeds give equal turbulence, on every machine and for
+            every context.
     """
 
     mean: Vector3 = _CALM
@@ -59,12 +60,14 @@ class WindModel:
 
     @classmethod
     def in_jet(cls, jet: Jet, speed: float) -> WindModel:
-        """The tunnel's wind: `speed` (m/s) in the downstream direction of the jet."""
+        """Makes the tunnel's wind: `speed` (m/s) in the downstream direction of the jet."""
         x, y, z = (speed * part for part in jet.downstream_W)
         return cls(mean=(x, y, z))
 
     def turbulence_step(self, step: int, previous: Any) -> Any:
-        """Filtered noise after one more update; `step` 0 draws from the stationary distribution."""
+        """Returns the filtered noise after one more update; `step` 0 draws from the stationary
+        distribution.
+        """
         generator = np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, step]))
         noise = generator.standard_normal(3)
         deviation = np.array(self.turbulence)
@@ -79,9 +82,9 @@ class WindParts(SystemParts):
     """The wind of a `WindModel`.
 
     Output ports:
-        wind_velocity (3): v_WA of the air in W, m/s.
-        wind_acceleration (3): of mean and gust, m/s2; turbulence is held between updates and has
-            none.
+        wind_velocity (3): velocity v_WA of the air in W, m/s.
+        wind_acceleration (3): acceleration of mean and gust, m/s2; turbulence is held between
+            updates and has none.
     """
 
     def declare(self, T: Any, model: WindModel) -> None:
@@ -98,7 +101,7 @@ class WindParts(SystemParts):
         self.DeclareVectorOutputPort("wind_acceleration", 3, weak_callback(self._calc_acceleration))
 
     def arguments(self, T: Any) -> tuple[WindModel]:
-        """Arguments of the same system of scalar type T."""
+        """Returns the arguments of the same system of scalar type T."""
         return (self._model,)
 
     def _calc_acceleration(self, context: Any, output: Any) -> None:

@@ -1,4 +1,4 @@
-"""Worker processes that Dask starts here, or those of a running scheduler; what runs in one."""
+"""Worker processes that Dask starts here or a running scheduler has; functions that run in one."""
 
 from __future__ import annotations
 
@@ -26,25 +26,26 @@ if TYPE_CHECKING:
     from distributed import Client, LocalCluster
 
 Work = Callable[[Any], Any]
-"""Makes the result of an item."""
+"""Function that makes the result of an item."""
 Outcome = tuple[Any, float, int, int]
-"""Result of a piece, its time (s), process and memory afterwards (bytes)."""
+"""Result of a piece, its time (s), process number, and the process's memory afterwards (bytes)."""
 MAX_WORKERS = 64
-"""Processes on one computer."""
+"""Largest number of worker processes on one computer."""
 CONNECT_TIMEOUT = 10.0
-"""Time in which a scheduler that is there answers, s."""
+"""Time within which a running scheduler answers, s."""
 CLOSE_TIMEOUT = 30.0
-"""Time in which a local cluster closes, s."""
+"""Time within which a local cluster closes, s."""
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 MEMORY_VARIABLES = {"MALLOC_TRIM_THRESHOLD_": "268435456", "MALLOC_MMAP_THRESHOLD_": "33554432"}
 """Bytes of free memory that a worker's C library keeps, and the largest array that it takes from
-them (mallopt(3); 32 MiB is the most that it accepts). Dask's own 64 KiB cost a batch of reduced
-cars a tenth of its time, in which pages went back to the system and came again."""
+them (mallopt(3); 32 MiB is the most that it accepts). With Dask's own 64 KiB a batch of reduced
+cars spent a tenth of its time on returning pages to the system and fetching them again."""
 ALLOCATORS = ("tcmalloc_minimal", "jemalloc")
-"""Libraries with which a simulated run costs 16 to 18 % less than with the C library of Debian 12,
-to the same bits."""
+"""Libraries with which a simulated run takes 16 to 18 % less time than with the C library of Debian
+12, with the same bits as result."""
 FULL_COLLECTION_PERIOD = 100
-"""Pieces between two full garbage collections of a worker; the others see only what is new."""
+"""Number of pieces between two full garbage collections of a worker; the others see only what is
+new."""
 _WORKER_PROCESS = "Dask Worker process (from Nanny)"
 """Name of a local worker among this process's children, as `distributed.nanny` gives it."""
 _pieces = itertools.count(1)
@@ -61,24 +62,24 @@ def check_workers(workers: int) -> None:
 @contextmanager
 def local_cluster(workers: int, memory: float | None = None) -> Iterator[Client]:
     """Start processes of one BLAS thread and `memory` bytes each; Dask's nanny replaces one that
-    ends. UserError in a script without a main guard.
+    ends. Raises UserError in a script without a main guard.
     """
     refuse_unguarded_script()
     import dask
     from distributed import Client, LocalCluster
 
     options = {
-        # a piece whose worker died is ours to give out again
+        # the engine, not Dask, hands out a piece again whose worker died
         "distributed.scheduler.allowed-failures": 0,
-        # a solver that keeps the interpreter busy for long is not dead
+        # a worker whose solver keeps the interpreter busy for long is not dead
         "distributed.scheduler.worker-ttl": None,
         "distributed.worker.multiprocessing-method": "spawn",
-        # looks at every stack 100 times a second: 2 to 4 % of a run
+        # it looks at every stack 100 times a second, which costs 2 to 4 % of a run
         "distributed.worker.profile.enabled": False,
         "distributed.admin.tick.interval": "1s",  # 50 a second, in every process, by default
-        # So long after a worker went, the cluster gives it up for good if it finds none of that
-        # name. One that is just being replaced once more is not there either, and would never come
-        # back.
+        # This long after the end of a worker, the cluster gives it up for good if there is none of
+        # that name. A worker that is just being replaced once more is absent too, and would never
+        # come back.
         "distributed.deploy.lost-worker-timeout": "30 days",
     }
     with ExitStack() as stack:
@@ -91,14 +92,14 @@ def local_cluster(workers: int, memory: float | None = None) -> Iterator[Client]
                 memory_limit="auto" if memory is None else int(memory),
                 processes=True,
                 host="127.0.0.1",
-                # of Dask's own HTTP routes; the dashboard itself is off
+                # address of Dask's own HTTP routes; the dashboard itself is off
                 dashboard_address="127.0.0.1:0",
                 scheduler_kwargs={"dashboard": False},
                 silence_logs=logging.CRITICAL,
             )
             stack.callback(_close, cluster)
             client = stack.enter_context(Client(cluster))
-        stack.callback(lambda: kill_workers(stopped_workers()))  # they would not end
+        stack.callback(lambda: kill_workers(stopped_workers()))  # they would never end
         cluster.scale(workers)  # does not wait for them
         yield client
 
@@ -131,11 +132,11 @@ def remote_cluster(address: str) -> Iterator[Client]:
 
 @contextmanager
 def _environment_of_workers() -> Iterator[None]:
-    """Set what worker processes inherit: one thread each, memory that they keep, and a fast
-    allocator if there is one.
+    """Set the environment that worker processes inherit: one thread each, memory that they keep,
+    and a fast allocator if there is one.
 
-    In Dask's own setting the threads would not outdo the caller's. What the caller preloads, or
-    sets for the memory, stays.
+    Dask's own setting would not override the caller's number of threads. What the caller preloads,
+    or sets for the memory, stays.
     """
     before = dict(os.environ)
     os.environ.update(MEMORY_VARIABLES | before | dict.fromkeys(THREAD_VARIABLES, "1"))
@@ -154,7 +155,7 @@ def _environment_of_workers() -> Iterator[None]:
 
 @contextmanager
 def quiet_logs() -> Iterator[None]:
-    """Silence Dask and its loop, which log every lost worker; our own record has what matters."""
+    """Silence Dask and its loop, which log every lost worker; `WorkerRecord` has what matters."""
     import distributed  # noqa: F401 - sets its logger up when it is imported, so before the level below
 
     loggers = [logging.getLogger(name) for name in ("distributed", "tornado.application")]
@@ -176,7 +177,7 @@ def _ctrl_c_blocked() -> Iterator[None]:
     The terminal sends it to all processes, but the client alone is to act on it: it closes the
     workers. A worker that replaces a lost one is started by such a thread too.
     """
-    # by its own start it would let the signal through to the thread that starts it
+    # started later, it would unblock the signal in the thread that starts it
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -194,10 +195,10 @@ def lost_scheduler(error: Exception) -> UserError:
 
 
 def local_workers() -> list[psutil.Process]:
-    """List the processes of local workers, also of those that start.
+    """List the processes of local workers, including those that are starting.
 
-    Python lists a child once it has taken its task. A worker that was stopped before that is known
-    by its command line; processes of the caller's own, by their names, are left out.
+    Python lists a child once it has taken its task. A worker that was stopped before that is
+    recognised by its command line; the caller's own processes are left out by their names.
     """
     import psutil
 
@@ -248,7 +249,7 @@ class Worker:
 
     @property
     def held(self) -> str:
-        """Say its memory and limit."""
+        """Describe the memory that the worker holds, and its limit."""
         text = f"{self.memory / _GIGABYTE:.2f}"
         if self.limit:
             text += f" of {self.limit / _GIGABYTE:.2f}"
@@ -259,7 +260,7 @@ class Worker:
 
 
 def run_piece(work: Work, item: Any) -> Outcome:
-    """Do a piece in the worker: result, time (s), process and its memory afterwards (bytes)."""
+    """Do a piece in the worker; returns its result, time (s), process and memory (bytes)."""
     start = time.monotonic()
     result = work(item)
     seconds = time.monotonic() - start
@@ -267,7 +268,7 @@ def run_piece(work: Work, item: Any) -> Outcome:
         gc.unfreeze()
     # a dead diagram is a cycle that weighs megabytes and looks like a few small objects
     gc.collect()
-    gc.freeze()  # what it leaves for good would be looked at after every run: 0.1 ms more with each
+    gc.freeze()  # lasting objects would be looked at after every run: 0.1 ms more with each run
     return result, seconds, os.getpid(), _memory()
 
 

@@ -1,7 +1,7 @@
-"""Engine on Dask workers: hands out one piece a thread, replaces workers that pause or stop.
+"""Engine on Dask workers: hands out one piece per thread, replaces workers that pause or stop.
 
-Dask pauses a worker at 80 % of its memory, ends it at 95 %, and leaves the rest to us: a paused
-worker is replaced.
+Dask pauses a worker at 80 % of its memory, ends it at 95 %, and does no more: the engine replaces a
+paused worker.
 """
 
 from __future__ import annotations
@@ -37,24 +37,24 @@ if TYPE_CHECKING:
 POLL_PERIOD = 1.0
 """Time between two polls of the workers, s."""
 STOPPED_POLLS = 3
-"""Polls from one search for stopped processes (SIGSTOP) to the next; those of both are killed."""
+"""Polls from one search for stopped processes (SIGSTOP) to the next; one found twice is killed."""
 PAUSED_POLLS = 5
-"""Polls in a row that find a paused worker idle although it has a piece before it is replaced."""
+"""Polls in a row that find a paused worker idle with a piece in hand before it is replaced."""
 QUARANTINE = 60.0
 """Time for which the address of a worker that was given up is ignored, s."""
 RESULT_TIMEOUT = 30.0
-"""Time in which a worker hands over a result, s; after that its piece is made once more."""
+"""Time within which a worker hands over a result, s; after that its piece is made once more."""
 WORKER_TIMEOUT = 300.0
-"""Time without any worker after which the study ends, s."""
+"""Time without any worker after which the work ends, s."""
 ABSENCE_TIME = 8.0
-"""Time without any worker after which it is said, s; again after each doubling."""
+"""Time after which the lack of any worker is reported, s; again after each doubling."""
 START_TIMEOUT = 120.0
-"""Time after which the workers that have not started are not waited for, s."""
+"""Time after which workers that have not started are no longer waited for, s."""
 SCHEDULER_TIMEOUT = 30.0
-"""Time in which the scheduler answers, s."""
+"""Time within which the scheduler answers, s."""
 MAX_STARTUP_FAILURES = 3
-"""Workers, as many for each that works, that die before any piece is done: then the pieces are not
-the reason."""
+"""Deaths per worker before any piece is done at which the work ends: the pieces are then not the
+reason."""
 
 
 class DaskEngine(Engine):
@@ -69,7 +69,7 @@ class DaskEngine(Engine):
         self._module = module
         self._workers: dict[str, Worker] = {}
         self._retired: dict[str, float] = {}
-        """Address -> when a worker that the scheduler may still list was given up; monotonic, s."""
+        """Monotonic time (s), by address, when a worker that may still be listed was given up."""
         self._polled = -POLL_PERIOD
         self._staffed = time.monotonic()
         self._absence_limit = START_TIMEOUT
@@ -81,14 +81,14 @@ class DaskEngine(Engine):
         self._pending: dict[Future, tuple[str, int | None]] = {}
         """Address of the worker, and index of the piece; None while the worker prepares itself."""
         self._orphans: list[int] = []
-        """Pieces whose worker died."""
+        """Indices of pieces whose worker died."""
         self._withdrawn: list[int] = []
-        """Pieces to make again for a reason that is not theirs."""
+        """Indices of pieces that are made again through no fault of their own."""
         self._stall = StallMonitor(record, self._busy_workers)
 
     def wait_until_ready(self, workers: int) -> None:
-        """Wait until so many workers, or all but those that died while they started, have imported
-        what they need; UserError if there is none in `START_TIMEOUT`.
+        """Wait until `workers` workers, or all but those that died while they started, have
+        imported what they need; UserError if there is none within `START_TIMEOUT`.
         """
         until = time.monotonic() + START_TIMEOUT
         while time.monotonic() < until and (self._pending or not self._have_started(workers)):
@@ -272,15 +272,15 @@ class DaskEngine(Engine):
             gathering.cancel()
 
     def _poll(self) -> None:
-        """Find the workers that are new, gone, paused or stopped, and act on it; at most every
+        """Find the workers that are new, gone, paused or stopped, and deal with them; at most every
         `POLL_PERIOD`.
         """
         now = time.monotonic()
         if now - self._polled < POLL_PERIOD:
             return
         self._polled = now
-        # Not `scheduler_info`: the client's own refresh may put an answer without workers in its
-        # place.
+        # Not `scheduler_info`: the client's own refresh may replace it by an answer without
+        # workers.
         answer = self._ask("identity", n_workers=-1, callback_timeout=SCHEDULER_TIMEOUT)
         present: Json = answer["workers"]
         # A new worker may get the port of an old one.
@@ -380,7 +380,7 @@ class DaskEngine(Engine):
         )
 
     def _ask(self, question: str, **arguments: Any) -> Any:
-        """Return the scheduler's answer; UserError without one."""
+        """Return the scheduler's answer; UserError if there is none."""
         scheduler: Any = self._client.scheduler
         try:
             return self._client.sync(getattr(scheduler, question), **arguments)

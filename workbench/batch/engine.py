@@ -1,6 +1,4 @@
-"""Engine that does pieces of work in this process (`dask_engine`: in several), and the record of
-what happens to workers.
-"""
+"""Engine that does pieces of work in this process, and the record of what happens to workers."""
 
 from __future__ import annotations
 
@@ -20,24 +18,25 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 STALL_FACTOR = 10.0
-"""Typical run times (their median) without the end of a run after which work has stalled."""
+"""Number of median run times without the end of a run after which work has stalled."""
 MIN_STALL_TIME = 30.0
-"""Least time after which work has stalled, s."""
+"""Shortest time after which work has stalled, s."""
 FIRST_STALL_TIME = 120.0
-"""Time after which work has stalled while no run has ended, so that none is typical, s."""
+"""Time after which work has stalled while no run has ended, so that no run time is typical, s."""
 
 
 class Engine:
-    """Does pieces of work in this process, one after the other; those of `open_engine` do them in
-    several.
+    """Does pieces of work in this process, one after the other; the engines of `open_engine` do
+    them in several processes (`dask_engine`).
 
     Attributes:
-        workers: how many pieces are done at a time.
-        startup: time from the opening until the workers were ready, s.
+        workers: number of pieces that are done at a time.
+        startup: time from opening the engine until the workers were ready, s.
 
     Args:
-        progress: receives what happens to workers, and when the work stands still.
-        record: file for the same.
+        progress: function that receives a line when something happens to a worker or the work
+            stands still.
+        record: path of a file for the same events.
     """
 
     workers = 1
@@ -58,24 +57,24 @@ class Engine:
         done: Callable[[int, Result], None] | None = None,
         lost: Callable[[Item], Result] | None = None,
     ) -> list[Result]:
-        """Compute `work(item)` of every item; results in the order of the items.
+        """Compute `work(item)` for every item; returns the results in the order of the items.
 
         A piece whose worker dies is done again after all others, with nothing beside it; it is
         given up if its worker dies then too.
 
         Args:
-            work: function of a module, so that a process can import it; a `functools.partial` of
+            work: function of a module, so that a process can import it, or a `functools.partial` of
                 one.
-            items: they and the results must pickle.
-            done: receives the index and result of each finished item, once, in the order in which
-                they finish.
-            lost: makes the result of an item that was given up; without it that is an error after
-                all others.
+            items: inputs of the pieces; they and the results must pickle.
+            done: function that receives the index and result of each finished item, once, in the
+                order in which they finish.
+            lost: function that makes the result of an item that was given up; without it such an
+                item is an error after all others.
 
         Raises:
             UserError: items were given up and there is no `lost`, or workers die before anything is
                 done.
-            Exception: whatever `work` raises; what has not begun is dropped.
+            Exception: whatever `work` raises; pieces that have not begun are dropped.
         """
         results = []
         with StallMonitor(self._record) as stall:
@@ -92,9 +91,9 @@ class WorkerRecord:
     """Prints and keeps the events of one engine.
 
     Args:
-        progress: receives a line per event.
-        path: of the file, made with the first event; usually `WORKER_RECORD` in the folder of the
-            study.
+        progress: function that receives a line per event.
+        path: path of the file, which is made with the first event; usually `WORKER_RECORD` in the
+            folder of the study.
     """
 
     def __init__(self, progress: ProgressLine, path: Path | None) -> None:
@@ -119,7 +118,7 @@ class WorkerRecord:
             stream.write(json.dumps(line) + "\n")
 
     def close(self) -> None:
-        """Sum the events up, if there were any."""
+        """Print how many events of each kind there were, if any."""
         if not self.counts:
             return
         kinds = [f"{count} {kind.replace('_', ' ')}" for kind, count in sorted(self.counts.items())]
@@ -130,13 +129,13 @@ class WorkerRecord:
 
 
 class StallMonitor:
-    """Records when no run ends for long; again after each doubling of that time.
+    """Records an event when no run ends for long, and again after each doubling of that time.
 
     As a context manager it polls by itself, once a second.
 
     Args:
-        record: receives the event.
-        busy: names what is under way.
+        record: record that receives the event.
+        busy: function that names what is under way.
     """
 
     def __init__(self, record: WorkerRecord, busy: Callable[[], str] = str) -> None:

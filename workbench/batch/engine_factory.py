@@ -29,13 +29,15 @@ def open_engine(
     """Open an engine of worker processes on this computer, or of those of a Dask cluster.
 
     Args:
-        workers: processes to start here, one BLAS thread each; not used with a scheduler.
+        workers: number of processes to start here, one BLAS thread each; not used with a scheduler.
         scheduler: address of a running Dask scheduler, such as `tcp://127.0.0.1:8786`. Its workers
             need this package.
-        progress: receives what happens to workers, a line each; stderr by default.
-        record: file for the same; usually `WORKER_RECORD` in the folder of the study.
-        memory: limit of each process here, bytes; by default an equal share of this computer's.
-        module: that a worker imports before its first piece.
+        progress: function that receives a line when something happens to a worker; by default
+            lines go to stderr.
+        record: path of a file for the same; usually `WORKER_RECORD` in the folder of the study.
+        memory: memory limit of each process here, bytes; by default an equal share of this
+            computer's.
+        module: name of a module that a worker imports before its first piece.
 
     Raises:
         UserError: wrong number of workers; no scheduler at that address, or one without workers.
@@ -67,7 +69,7 @@ def run_batch(
     progress: ProgressLine = print_progress,
     record: Path | None = None,
 ) -> list[Result]:
-    """Map items on an engine of their own; one worker, or one item, runs in this process."""
+    """Map items on an engine of their own; with one worker or one item, in this process."""
     check_workers(workers)
     number = min(workers, len(items))
     if number <= 1:

@@ -11,10 +11,10 @@ _GUARD = 'if __name__ == "__main__":'
 
 
 def refuse_unguarded_script() -> None:
-    """Raise UserError when the script that runs is about to start workers outside of its guard.
+    """Raise UserError if the running script is about to start workers outside of its guard.
 
     Each worker would run these lines again, and would start workers of its own. A notebook, a
-    prompt, a program that is no file and a `__main__.py` have no lines that a worker runs.
+    prompt, a program without a file and a `__main__.py` have no lines that a worker runs.
     """
     main = sys.modules["__main__"]
     script = getattr(main, "__file__", None)

@@ -1,8 +1,8 @@
-"""Resumable work: its rows in a file, a line of JSON each, locked by one process; its progress.
+"""Resumable work: its rows in a file, one line of JSON each, locked by one process; its progress.
 
-Work that was cut off at any time (Ctrl-C, a killed process, a full disk) goes on with what its file
-does not hold. The first two lines say, both of them, what all rows have in common, and each row has
-a key of everything else that determines it: a row of other inputs is never taken for one of these.
+Work that was cut off at any time (Ctrl-C, a killed process, a full disk) goes on with the rows that
+its file lacks. Each of the first two lines holds what all rows have in common, and each row has a
+key of everything else that determines it: a row of other inputs is never taken for one of these.
 A line that was cut off, or is damaged, costs its own row alone.
 """
 
@@ -21,12 +21,12 @@ from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.file_reading import Facts, Json
 
 ProgressLine = Callable[[str], None]
-"""Function that receives how far work is, a line each."""
+"""Function that receives each line of progress."""
 WORKER_RECORD = "workers.jsonl"
 """File in the folder of a study: a line per event with time, worker, process and text."""
 Row = Json
 BAR_WIDTH = 24
-"""Width of the bar, characters."""
+"""Width of the progress bar, characters."""
 
 
 def no_progress(_line: str) -> None:
@@ -34,7 +34,7 @@ def no_progress(_line: str) -> None:
 
 
 def print_progress(line: str) -> None:
-    """Print a line at once."""
+    """Print a line to stderr at once."""
     print(line, file=sys.stderr, flush=True)
 
 
@@ -43,10 +43,10 @@ class RowStore:
     ends.
 
     Args:
-        path: of the file; its folder is made when it is not there.
+        path: path of the file; its folder is made when it is not there.
         identity: what all rows have in common, JSON-able: schema, settings, versions.
-        force: drop the rows that are there.
-        alone: refuse a folder that holds other files and no rows, unless `force`.
+        force: whether the rows that are there are dropped.
+        alone: whether a folder that holds other files and no rows is refused, unless `force`.
         error: class of the errors raised.
 
     Raises:
@@ -159,7 +159,7 @@ def read_rows(path: Path) -> list[Row]:
 
 
 def content_key(*content: Any) -> str:
-    """Make a key that is the same for the same content, JSON-able."""
+    """Make a key that is the same for the same JSON-able content."""
     text = json.dumps(content, sort_keys=True, default=_plain)
     return hashlib.sha256(text.encode()).hexdigest()[:20]
 
@@ -172,12 +172,12 @@ def _plain(value: Any) -> Any:
 
 
 class ProgressBar:
-    """A bar with the time that is left, at the pace so far.
+    """A progress bar with the time that is left, at the pace so far.
 
     Args:
-        progress: receives a line per piece.
-        total: pieces of the whole work.
-        there: of them done before.
+        progress: function that receives a line per piece.
+        total: number of pieces of the whole work.
+        there: number of pieces that were done before.
     """
 
     def __init__(self, progress: ProgressLine, total: int, there: int = 0) -> None:
@@ -208,7 +208,7 @@ def print_resume_hint(progress: ProgressLine, kept: Callable[[], str]) -> Iterat
 
 
 def terminal_progress() -> ProgressLine:
-    """Make a function that prints lines to stderr; on a terminal a line replaces the one before."""
+    """Make a function that prints lines to stderr; on a terminal a progress line is overwritten."""
     shown = 0
 
     def progress(line: str) -> None:

@@ -35,23 +35,23 @@ def simulate(
 ) -> RunLog:
     """Simulate a scenario: a manoeuvre of the car, or an experiment of a wind-tunnel rig.
 
-    An interrupted run leaves a journal, of which `aerodima log recover` makes a log.
+    An interrupted run leaves a journal, from which `aerodima log recover` makes a log.
 
     Args:
-        scenario: resolved.
-        log: the Parquet file to be; None keeps the log in memory.
+        scenario: resolved scenario of a car or a rig.
+        log: path of the Parquet file to be written; None keeps the log in memory.
         record: `all` columns, or the `outcome` of a car, in half the time (design section 9).
-        stop_when_certain: end a car's run when it has tilted past 75 degrees after the turn, or has
-            settled after one in still air (`extra`: `STOPPED`, `SETTLED`); default: for `outcome`.
-        law: drives the tail in place of the scenario's law; `extra` names its class as `tail_law`.
-        build: drives the car in place of driver and tail law: `build(builder, station)` adds
-            systems and connects every input port of the station. An export or `LogVectorOutput`
-            named `x_m,y_m` fills these columns of the log.
-        bodies: adds bodies such as a rear wing: `bodies(builder, plant, wind)`, see `AddBodies`.
-        force: replace an existing log.
-        meshcat: shows the run live.
-        real_time_rate: 0 runs as fast as possible, 1 in real time.
-        progress: receives how far the run is, about ten times per simulated second.
+        stop_when_certain: whether a run ends once the car has tilted past 75 degrees after a turn,
+            or settled after one in still air (`extra`: `STOPPED`, `SETTLED`); None: for `outcome`.
+        law: tail law in place of the scenario's; `extra` names its class as `tail_law`.
+        build: function that replaces driver and tail law: `build(builder, station)` adds systems
+            and connects every input port of the station. An export or `LogVectorOutput` named
+            `x_m,y_m` fills these columns of the log.
+        bodies: function that adds bodies, say a wing: `bodies(builder, plant, wind)` (`AddBodies`).
+        force: whether an existing log is replaced.
+        meshcat: Meshcat that shows the run live.
+        real_time_rate: 0 for a run as fast as possible, 1 for real time.
+        progress: function that receives time and length of the run, s, every simulated 0.1 s.
 
     Raises:
         UserError: no valid plant, a rig beyond its limits, an unwritable or existing log.

@@ -1,5 +1,5 @@
-"""AK70-10 motors in MIT mode (design section 6): on the joints of the car's tail, and on that of
-the robot on the rig.
+"""AK70-10 motors in MIT mode (design section 6): on the joints of the car's tail, and on the joint
+of the robot's tail on the rig.
 """
 
 from collections.abc import Callable
@@ -34,16 +34,16 @@ class TailMotor(LeafSystem):
 
     Input ports:
         joint_motion (6): angle, rad, and rate, rad/s, of the joint; 1, or 0 before the first step;
-            rate before the last step, rad/s; torque of motor and friction in it, N m; angle of the
-            roll joint now, rad.
+            rate before the last step, rad/s; torque of motor and friction in that step, N m; angle
+            of the roll joint now, rad.
         tail_command (5): position rad, velocity rad/s, kp N m/rad, kd N m s/rad, torque N m; a NaN
             in it gives zero torque.
     Output ports:
-        torque (1): N m along the joint axis.
+        torque (1): torque along the joint axis, N m.
 
     Args:
-        scenario: with motor, arm, friction of the joints and step of the plant.
-        joint: one of `TAIL_JOINTS`.
+        scenario: scenario with the motor, the arm, the friction of the joints and the plant's step.
+        joint: name of the joint, one of `TAIL_JOINTS`.
     """
 
     def __init__(self, scenario: Scenario, joint: str) -> None:
@@ -78,14 +78,14 @@ class JointFriction(LeafSystem):
     """Friction of n joints, added to the torques of their motors.
 
     Input ports:
-        rates (n): of the joints, rad/s.
-        motor_torques (n): N m; a NaN counts as 0.
+        rates (n): rates of the joints, rad/s.
+        motor_torques (n): torques of their motors, N m; a NaN counts as 0.
     Output ports:
-        joint_torques (n): motor and friction together, N m.
+        joint_torques (n): torques of motor and friction together, N m.
 
     Args:
-        law: of the friction, see `joint_friction`.
-        size: n.
+        law: parameters of the friction law, see `joint_friction`.
+        size: number of joints, n.
     """
 
     def __init__(self, law: FrictionParameters, size: int) -> None:
@@ -107,8 +107,8 @@ class JointFriction(LeafSystem):
 
 TailMotorFactory = Callable[["Scenario", str], LeafSystem]
 """Makes the motor of one of `TAIL_JOINTS`. Its output port `torque` (1) drives the joint, N m. It
-has those input ports that it needs: `joint_state` (2), angle, rad, and rate, rad/s, of the joint,
-or one of those of `TailMotor`."""
+has only the input ports that it needs: `joint_state` (2), angle, rad, and rate, rad/s, of the
+joint, or those of `TailMotor`."""
 
 
 def add_tail_motor(
@@ -118,7 +118,7 @@ def add_tail_motor(
     joint: str,
     **inputs: OutputPort,
 ) -> LeafSystem:
-    """Adds a motor, named after its joint, and connects those of the inputs that it has.
+    """Adds a motor, named after its joint, and connects those inputs for which it has a port.
 
     Raises:
         UserError: the motor has no output port `torque` (1), or an input port of another name.
@@ -150,14 +150,15 @@ class MitMotor(LeafSystem):
     A NaN in the command gives zero torque. The reflected rotor inertia is part of the plant.
 
     Input ports:
-        joint_state (2): angle rad, rate rad/s.
+        joint_state (2): angle, rad, and rate, rad/s, of the joint.
         tail_command (5): position rad, velocity rad/s, kp N m/rad, kd N m s/rad, torque N m.
     Output ports:
-        torque (1): N m along the joint axis.
-        current (1): A, positive against the joint axis, as on the rig with the Maxon motor.
+        torque (1): torque along the joint axis, N m.
+        current (1): current, A, positive against the joint axis, as on the rig with the Maxon
+            motor.
 
     Args:
-        motor: limits.
+        motor: parameters of the motor, with its limits.
         torque_constant: torque at the output per ampere, N m/A.
     """
 

@@ -51,8 +51,8 @@ from aerodima.workbench.scenario.tail_parameters import (
 
 
 def wind_model(scenario: Scenario, more_bodies: bool = False) -> WindModel | None:
-    """The wind that the scenario's tail and bodies meet; None in still air, and for a car without
-    them, which feels no wind.
+    """Returns the wind that the scenario's tail and bodies meet; None in still air, and for a car
+    without tail and bodies, which feels no wind.
 
     Args:
         more_bodies: whether there are bodies that the scenario does not know.
@@ -76,7 +76,7 @@ def add_wind(
     builder: DiagramBuilder, scenario: Scenario, more_bodies: bool
 ) -> tuple[OutputPort | None, OutputPort | None]:
     """Adds the wind of a scenario to a diagram; returns the ports of its velocity, None where
-    `wind_model` has none, and of its acceleration, None without gusts.
+    `wind_model` returns None, and of its acceleration, None without gusts.
     """
     model = wind_model(scenario, more_bodies)
     if model is None:
@@ -89,8 +89,8 @@ def add_wind(
 
 
 def sail_law(tail: TailParameters) -> tuple[SectionLaw, float]:
-    """Law of the sail as `tail.sail` lets it stand, and the relative speed (m/s) up to which it was
-    shown to hold.
+    """Returns the force law of a sail that stands as `tail.sail` says, and the relative speed (m/s)
+    up to which the law was shown to hold.
 
     Raises:
         ModelError: there is no such file or it is not a coefficient set; or its law does not know
@@ -122,14 +122,14 @@ def sail_law(tail: TailParameters) -> tuple[SectionLaw, float]:
 
 
 def sail_layout(tail: TailParameters) -> SectionLayout:
-    """Sections of a sail that is locked or faces the wind, in the frame of the body `tail_sail`: z
-    along the tail.
+    """Returns the sections of a sail that is locked or faces the wind, in the frame of the body
+    `tail_sail`: z along the tail.
 
     The sail is drawn hollow towards +y (models/tail/tail.sdf), and its normal leaves the round
     side.
 
     Raises:
-        ModelError: a tail of its own geometry, which may have several lines of sections; reduced
+        ModelError: the tail has its own geometry, which may have several lines of sections; reduced
             cars have one.
     """
     if tail.has_own_geometry:
@@ -141,7 +141,7 @@ def sail_layout(tail: TailParameters) -> SectionLayout:
 
 
 def free_sail(tail: TailParameters, law: SectionLaw) -> FreeSail:
-    """The plates of the sail on its bearing."""
+    """Makes the plates that stand for the sail on its bearing."""
     return FreeSail(
         length=tail.sail_length,
         width=tail.sail_width,
@@ -156,7 +156,7 @@ def free_sail(tail: TailParameters, law: SectionLaw) -> FreeSail:
 
 
 def sail_strips(tail: TailParameters) -> list[tuple[SectionLayout, SectionLaw]]:
-    """Lines of sections of the sail with the law of each, in the frame of body `tail_sail`."""
+    """Returns the lines of sections of the sail, each with its law, in the frame of `tail_sail`."""
     law, _ = sail_law(tail)
     if tail.has_own_geometry:
         return [(layout, law) for layout in tail_geometry(tail).section_layouts()]
@@ -176,17 +176,18 @@ class TailAerodynamics(LeafSystem):
     equal to Drake's. A list of spatial forces would make a Python object per step.
 
     Input ports:
-        tail_motion (16): of the chassis its quaternion w, x, y, z, angular velocity, rad/s, and
-            velocity, m/s, in W; angles, rad, and rates, rad/s, of pitch, roll and sail joint.
-        wind_velocity (3): v_WA in W, m/s; only in wind.
+        tail_motion (16): quaternion w, x, y, z, angular velocity, rad/s, and velocity, m/s, of the
+            chassis in W; angles, rad, and rates, rad/s, of pitch, roll and sail joint.
+        wind_velocity (3): velocity v_WA of the air in W, m/s; only if the air moves.
     Output ports:
         force (9): moment on the chassis about its origin, N m, and force on it, N, in W; torques
             on pitch, roll and sail joint, N m.
-        wind_direction (1): of the first line of sections, as `TailForce.wind_direction`, rad.
+        wind_direction (1): direction of the wind at the first line of sections, rad, as the port
+            of that name of `TailForce`.
 
     Args:
-        scenario: with tail and density of the air.
-        p_BoSo_B: where the tail's joint axes cross, in the chassis frame (3), m.
+        scenario: scenario with the tail and the density of the air.
+        p_BoSo_B: crossing point of the tail's joint axes in the chassis frame (3), m.
         windy: whether the air moves.
     """
 
@@ -222,7 +223,7 @@ class TailAerodynamics(LeafSystem):
         return air
 
     def _sail(self, context: Context) -> tuple[SailMotion, Any]:
-        """Motion of the sail; velocity of the air, None where it is still."""
+        """Returns the motion of the sail, and the velocity of the air, None where it is still."""
         x = vector_of(self._motion, context).tolist()
         sail = sail_motion(x[:4], x[4:10], x[10:13], x[13:], self._p_BoSo_B)
         wind = None if self._wind is None else vector_of(self._wind, context).tolist()
@@ -251,11 +252,11 @@ class TailAerodynamics(LeafSystem):
 def add_sail_report(
     builder: DiagramBuilder, plant: MultibodyPlant, scenario: Scenario, wind: OutputPort | None
 ) -> dict[str, OutputPort]:
-    """Adds systems that say what the air does to the sail; `TailAerodynamics` pushes the plant.
+    """Adds systems that report the air on the sail; its force on the plant is `TailAerodynamics`.
 
     Returns:
-        The ports `sections` and `validity` of `TailForce`: of the sail's opening, or of all lines
-        of a tail of its own geometry.
+        The ports `sections` and `validity` of `TailForce`: those of the sail's opening, or those of
+        all lines of a tail with its own geometry.
     """
     tail = scenario.tail
     _, limit = sail_law(tail)

@@ -38,23 +38,23 @@ from aerodima.workbench.scenario.signal_table import (
 )
 
 DRIVER_PORTS = ("planned_turn", "state")
-"""Ports of driver and tail controller that the log has beside their commands."""
+"""Ports of driver and tail controller that the log holds beside their commands."""
 Build = Callable[[DiagramBuilder, Diagram], object]
-"""Adds what drives a station to the builder, in which the station stands, and connects its input
-ports. What it exports or logs fills columns of the log (`OpenBuilder.signals`); exported as
-`planned_turn` or `state`, those of driver and controller."""
+"""Adds the systems that drive a station to the builder that holds it, and connects the station's
+input ports. What it exports or logs fills columns of the log (`OpenBuilder.signals`); a port
+exported as `planned_turn` or `state` fills the column of the driver or the controller."""
 
 
 @dataclass(frozen=True)
 class CarDiagram:
-    """A station with what drives it and the roll estimator around it, and the ports worth
-    recording.
+    """A station with the systems that drive it and the roll estimator around it, and the ports
+    worth recording.
 
     Attributes:
-        builder: that holds the station.
-        station: of the car.
+        builder: builder of the diagram that holds the station.
+        station: station of the car.
         signals: ports with the names of their columns.
-        user_signals: those of them that whoever added what drives has exported or logged.
+        user_signals: part of `signals` that the build of the diagram has exported or logged.
     """
 
     builder: DiagramBuilder
@@ -69,7 +69,7 @@ def default_build(
     schedule: DriverLaw | Schedule | None = None,
     minimal: bool = False,
 ) -> Build:
-    """Returns what adds driver and tail controller of a scenario; see `assemble`."""
+    """Returns a function that adds driver and tail controller of a scenario; see `assemble`."""
 
     def build(builder: DiagramBuilder, station: Diagram) -> None:
         law = tail_law or law_of_scenario(scenario)
@@ -98,17 +98,17 @@ def assemble(
     build: Build | None = None,
     bodies: AddBodies | None = None,
 ) -> CarDiagram:
-    """Connects station, what drives it, and estimator; the controllers stand outside the station.
+    """Connects a station, the systems that drive it, and the roll estimator; the controllers stand
+    outside the station.
 
-    The tail follows `tail_law`, the driver `schedule`, which may be a law, or by default what the
-    scenario names; `build` adds something else in place of both, and `bodies` bodies of the
-    simulated car. With `minimal`, what no metric of
-    a run needs is left out: most of the truth, the estimator of roll and, without tail, the ticks
-    of its controller.
+    The tail follows `tail_law` and the driver follows `schedule`, which may be a law; by default
+    both are those that the scenario names. `build` adds something else in place of both, and
+    `bodies` adds bodies to the simulated car. With `minimal`, what no metric of a run needs is left
+    out: most of the truth, the roll estimator and, without tail, the ticks of its controller.
 
     Raises:
         UserError: `build` leaves an input port of the station without connection, or names columns
-            that are there.
+            that exist already.
     """
     builder = OpenBuilder()
     station = make_car_station(scenario, interface, meshcat, with_truth=not minimal, bodies=bodies)
@@ -130,12 +130,12 @@ def car_signals(
     driven: dict[str, OutputPort],
     minimal: bool = False,
 ) -> Signals:
-    """Lists ports and columns of the log of a driven car; unless `minimal`, adds the estimator of
-    roll where there is none.
+    """Lists ports and columns of the log of a driven car; unless `minimal`, adds the roll estimator
+    where there is none.
 
     Args:
-        driven: ports of what drives it by those of `DRIVER_PORTS` that it has; the others are those
-            of a `TurnDriver` or `TailController` in the builder, or 0.
+        driven: exported ports of the driving systems by their names in `DRIVER_PORTS`; a missing
+            one is that of a `TurnDriver` or `TailController` in the builder, or 0.
 
     Raises:
         UserError: an input port of the station is not connected.
@@ -165,7 +165,7 @@ def car_signals(
 
 
 def build_name(build: Build) -> str:
-    """Returns the name under which a log has a build."""
+    """Returns the name of a build in the metadata of a log."""
     return str(getattr(build, "__name__", type(build).__name__))
 
 

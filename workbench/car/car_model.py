@@ -43,14 +43,14 @@ REAR_DECK_X = -0.02
 REAR_DECK_HEIGHT = 0.19
 """Height (m) of the middle of the drawn rear deck where the tail joints leave it room."""
 JOINTS_OVER_REAR_DECK = 0.02
-"""Least height (m) of the tail joints over it: a car with low joints has a lower deck, or its tail
-would stand in it at every angle."""
+"""Least height (m) of the tail joints over the rear deck: a car with low joints has a lower deck,
+or its tail would stand in the deck at every angle."""
 MIN_STICTION_TOLERANCE = 1e-4
-"""Slip (m/s) over which Drake spreads friction by default, that of rigid tyres."""
+"""Slip (m/s) over which Drake spreads friction by default; rigid tyres have it."""
 
 
 def stiction_tolerance(car: CarParameters, speed: float) -> float:
-    """Slip (m/s) over which the friction of the tyres is spread, at the speed (m/s) of a run.
+    """Returns the slip (m/s) over which tyre friction is spread, at the speed (m/s) of a run.
 
     A tyre that slips at v feels friction x load x v / sqrt(v^2 + tolerance^2), along and across
     alike: at small slip angles its cornering stiffness is friction x load / `tyre_slip_angle`, the
@@ -69,7 +69,7 @@ class AxleStatics:
 
 
 def axle_statics(car: CarParameters, gravity: float, axle: str) -> AxleStatics:
-    """Static equilibrium of the car without its tail arm on level ground."""
+    """Computes the static equilibrium of the car without its tail arm on level ground."""
     front = axle == "front"
     share = car.com_x / car.wheelbase
     load = 0.5 * car.mass * gravity * (share if front else 1 - share)
@@ -80,8 +80,8 @@ def axle_statics(car: CarParameters, gravity: float, axle: str) -> AxleStatics:
 
 
 def wheel_rates(car: CarParameters, axle: str) -> Pair:
-    """Spring rate (N/m) and damping (N s/m) at one wheel: those of its suspension unit times the
-    motion ratio squared.
+    """Returns spring rate (N/m) and damping (N s/m) at one wheel: those of its suspension unit
+    times the motion ratio squared.
 
     Table 6.1 has the rates of the units, which were pressed on their own (thesis 6.1.2); the wheel
     moves further.
@@ -94,7 +94,9 @@ def wheel_rates(car: CarParameters, axle: str) -> Pair:
 
 
 def rolling_torques(car: CarParameters, gravity: float) -> dict[str, float]:
-    """Torque (N m) against a wheel's rolling, by axle, at its standing load without tail arm."""
+    """Returns by axle the torque (N m) against a wheel's rolling, at its standing load without tail
+    arm.
+    """
     statics = {axle: axle_statics(car, gravity, axle) for axle in AXLES}
     return {
         axle: car.rolling_resistance * one.wheel_load * one.wheel_height
@@ -103,12 +105,12 @@ def rolling_torques(car: CarParameters, gravity: float) -> dict[str, float]:
 
 
 def unsprung_mass(car: CarParameters, axle: str) -> float:
-    """Mass (kg) that moves with one wheel of an axle."""
+    """Returns the mass (kg) that moves with one wheel of an axle."""
     return car.wheel_mass + car.upright_mass + (car.knuckle_mass if axle == "front" else 0.0)
 
 
 def chassis_inertial(car: CarParameters, tail: TailParameters, gravity: float) -> Inertial:
-    """Chassis link so that the whole car has the mass and centre of mass of the scenario.
+    """Makes a chassis link with which the whole car has the scenario's mass and centre of mass.
 
     Raises:
         ModelError: gearbox and wheels alone are heavier than the car, or the chassis' own centre of
@@ -133,8 +135,8 @@ def chassis_inertial(car: CarParameters, tail: TailParameters, gravity: float) -
 def chassis_centre(
     car: CarParameters, tail: TailParameters, gravity: float
 ) -> tuple[float, float, float]:
-    """Mass (kg) and place (x, z in B, m) of the chassis alone: the car without gearbox, wheels and
-    anti-ramp board.
+    """Returns mass (kg) and place (x, z in B, m) of the chassis alone: the car without gearbox,
+    wheels and anti-ramp board.
 
     Parameters that are arrays of one shape give arrays; nothing is checked.
     """
@@ -153,17 +155,17 @@ def chassis_centre(
 
 
 def board_centre(car: CarParameters) -> Pair:
-    """Place (x, z in B, m) of the anti-ramp board's centre."""
+    """Returns the place (x, z in B, m) of the anti-ramp board's centre."""
     return car.board_x + car.board_length / 2, car.board_height + car.board_thickness / 2
 
 
 def gearbox_height(car: CarParameters, tail: TailParameters) -> float:
-    """Height (m) of the gearbox centre: the tail joints cross at the height of its upper face."""
+    """Returns the height (m) of the gearbox centre; the tail joints cross at its upper face."""
     return tail.mount_height - car.gearbox_height / 2
 
 
 def car_sdf(scenario: Scenario) -> SdfModel:
-    """The car model with the numbers of a scenario."""
+    """Makes the car model with the numbers of a scenario."""
     car = scenario.car
     tail = scenario.tail
     drive = scenario.drive
@@ -251,7 +253,7 @@ def _set_axle(model: SdfModel, car: CarParameters, axle: str, statics: AxleStati
 
 
 def _set_tyre(model: SdfModel, link: str, car: CarParameters, stiffness: float) -> None:
-    """Shapes of one wheel.
+    """Sets the shapes of one wheel.
 
     A cylinder stands on its two edges, each with half of the tyre's stiffness.
 

@@ -49,8 +49,8 @@ HALF_SPACE_WARNING = (
     "Rigid (non-deformable) half spaces are not currently supported for deformable contact; "
     "registration is allowed, but no contact data will be reported."
 )
-"""What Drake says about every half space with which a deformable body could touch. The car has no
-deformable body."""
+"""Warning that Drake gives about every half space that a deformable body could touch. The car has
+no deformable body."""
 
 MODELS_PACKAGE = "aerodima_models"
 
@@ -69,12 +69,12 @@ class CarPlant:
 
     @property
     def instances(self) -> list[ModelInstanceIndex]:
-        """Whole vehicle, without the added mass of the air."""
+        """Model instances of the whole vehicle, without the added mass of the air."""
         return own_instances(self.plant)
 
 
 def own_instances(plant: MultibodyPlant) -> list[ModelInstanceIndex]:
-    """Model instances with bodies, without the world's and those of weightless added mass."""
+    """Returns the model instances with bodies, but not the world's or those of added mass."""
     instances = [ModelInstanceIndex(index) for index in range(1, plant.num_model_instances())]
     return [
         instance
@@ -97,14 +97,15 @@ def add_car_plant(
     """Adds the car of a scenario, standing at the origin and heading along x, to a diagram.
 
     Args:
-        wind_acceleration: of the air in W (3), m/s2; it pushes the added mass. Steady wind without
-            it.
+        wind_acceleration: port of the acceleration of the air in W (3), m/s2, which pushes the
+            added mass; None for steady wind.
         sampled_outputs: whether accelerations and contact forces on the plant's ports are those of
             the last step; if not, they are those of the step that begins, and a step need not keep
             them.
-        drawn: whether it has its visuals, each of which Drake places in every step.
-        wind: velocity of the air in W (3), m/s, on bodies of the scenario; still air without it.
-        add_bodies: adds bodies of a user.
+        drawn: whether the car has its visuals, each of which Drake places in every step.
+        wind: port of the velocity of the air in W (3), m/s, on bodies of the scenario; None for
+            still air.
+        add_bodies: function that adds a user's bodies.
 
     Raises:
         ModelError: a model file is missing or does not load with these numbers, or
@@ -119,7 +120,7 @@ def add_car_plant(
     if scenario.tail.mode != "none":
         tail = _add_tail_arm(plant, scenario, drawn)
         if scenario.tail.added_mass != 0.0:
-            # On the rod, whole: it does not turn with a free sail.
+            # All of it is on the rod: it does not turn with a free sail.
             rod = plant.GetBodyByName("tail_rod")
             layout = added_mass_layout(scenario.tail)
             added = add_added_mass(plant, rod, layout, scenario.tail.added_mass)
@@ -157,11 +158,11 @@ def _add_tail_arm(plant: Any, scenario: Scenario, drawn: bool) -> ModelInstanceI
 
 
 def add_plant(builder: DiagramBuilder, step: float) -> tuple[Any, SceneGraph]:
-    """Adds a plant and its scene graph, as `AddMultibodyPlantSceneGraph` of Drake, which 1.51 never
-    frees.
+    """Adds a plant and its scene graph, as Drake's `AddMultibodyPlantSceneGraph` does, whose
+    systems Drake 1.51 never frees.
 
     Args:
-        step: s; 0 for a continuous plant.
+        step: length of the plant's step, s; 0 for a continuous plant.
     """
     plant: Any = builder.AddNamedSystem("plant", MultibodyPlant(step))
     scene_graph: Any = builder.AddNamedSystem("scene_graph", SceneGraph())
@@ -172,7 +173,7 @@ def add_plant(builder: DiagramBuilder, step: float) -> tuple[Any, SceneGraph]:
 
 
 def strict_parser(plant: MultibodyPlant) -> Parser:
-    """Makes a parser that finds the meshes of `models/` and takes a warning as an error."""
+    """Makes a parser that finds the meshes of `models/` and treats a warning as an error."""
     parser = Parser(plant)
     parser.package_map().Add(MODELS_PACKAGE, str(models_dir()))
     parser.SetStrictParsing()
@@ -194,7 +195,7 @@ def parse_model(plant: MultibodyPlant, model: SdfModel, drawn: bool = True) -> M
 
 
 def _add_ground(plant: MultibodyPlant, friction: float) -> None:
-    # A filter that is there already is not added again.
+    # The logger does not add a filter a second time.
     logging.getLogger("drake").addFilter(drop_half_space_warning)
     properties = ProximityProperties()
     AddContactMaterial(
@@ -226,5 +227,5 @@ def _exclude_self_collisions(
 
 
 def drop_half_space_warning(record: logging.LogRecord) -> bool:
-    """Returns False for what Drake says about the ground of every car."""
+    """Returns False for the warning that Drake gives about the ground of every car."""
     return record.getMessage() != HALF_SPACE_WARNING

@@ -92,8 +92,8 @@ def run_outcome(
     build: Build | None = None,
     bodies: AddBodies | None = None,
 ) -> RunLog:
-    """Records what outcome and metrics need, as cheaply as it can be: for studies, which need
-    thousands of runs.
+    """Records what outcome and metrics need, as cheaply as possible, for studies with thousands of
+    runs.
 
     Nothing is recorded in Python, and most of the truth and the roll estimator are left out. The
     driver follows `schedule`, or by default the manoeuvre of the scenario; the car begins at
@@ -128,7 +128,7 @@ def run_outcome(
 
 
 def _released(car: CarDiagram, user: object) -> AbstractContextManager[None]:
-    """Breaks the reference cycles afterwards, unless a user, who may hold systems, made them."""
+    """Breaks reference cycles after the run, unless `user` code took part and may hold systems."""
     if user is None:
         return break_reference_cycles(car.builder)
     return nullcontext()

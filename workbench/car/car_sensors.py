@@ -1,8 +1,8 @@
 """Sensors of the car: inertial measurement unit, ground speed from GPS, encoders of sail and tail
 motors.
 
-IMU and GPS read one vector; the plant's own lists cost about 25 us each to read: every body becomes
-a Python object.
+IMU and GPS read one vector. The plant's own lists would cost about 25 us each to read, since every
+body becomes a Python object.
 """
 
 import math
@@ -22,20 +22,21 @@ from aerodima.workbench.scenario.signal_table import IMU
 from aerodima.workbench.scenario.tail_parameters import TailMotorParameters
 
 CHASSIS_MOTION_SIZE = 20
-"""Quaternion w, x, y, z; position, m; angular velocity, rad/s, and velocity, m/s, in W; angular
-velocity and velocity before the plant's last step; 0 before the first step of a run, when there is
-no acceleration yet, then 1."""
+"""Size of the vector of the chassis' motion: quaternion w, x, y, z; position, m; angular velocity,
+rad/s, and velocity, m/s, in W; angular velocity and velocity before the plant's last step; 0 before
+the first step of a run, when there is no acceleration yet, then 1."""
 Vector = tuple[Any, Any, Any]
 GYRO_RANGE = math.radians(2000.0)
-"""Where each gyroscope axis saturates, rad/s; BNO055 in fusion mode (Bosch BST-BNO055-DS000)."""
+"""Rate at which a gyroscope axis saturates, rad/s; BNO055 in fusion mode (Bosch
+BST-BNO055-DS000)."""
 FORCE_RANGE = 4.0 * STANDARD_GRAVITY
-"""Where each axis of its accelerometer saturates, m/s2, gravity included."""
+"""Value at which an axis of its accelerometer saturates, m/s2, gravity included."""
 POSITION_BITS = 16
-"""Word of a position in the AK70-10's reply in MIT mode (design section 14)."""
+"""Bits of a position in the AK70-10's reply in MIT mode (design section 14)."""
 SPEED_BITS = 12
-"""Word of a speed in that reply."""
+"""Bits of a speed in that reply."""
 RATE_WINDOW = 0.02
-"""Time over which the sail's encoder takes its rate, s."""
+"""Time over which the sail's encoder computes its rate, s."""
 STEPS = np.repeat([1.0 / 900.0, 1.0 / 900.0, 0.01], 3)
 """Resolution of the BNO055: rad of the attitude, rad/s and m/s2 per count."""
 
@@ -52,29 +53,29 @@ class ChassisMotion(NamedTuple):
 
 
 def chassis_motion(values: Any, step: float) -> ChassisMotion:
-    """Reads the motion from a vector of `CHASSIS_MOTION_SIZE`, for a plant of this step, s."""
+    """Reads the motion from a vector of `CHASSIS_MOTION_SIZE`, for a plant with this step, s."""
     x = values.tolist()
     change = [x[19] * (x[7 + k] - x[13 + k]) / step for k in range(6)]
     return ChassisMotion(rotation_rows(x[:4]), x[7:10], change[:3], change[3:])
 
 
 def in_body(R_WB: Any, vector: Any) -> Vector:
-    """A vector in W turned into the axes of a body with these rows of its rotation; numbers or
+    """Turns a vector in W into the axes of a body with these rows of its rotation; numbers or
     arrays of one shape.
     """
     return rotated(tuple(zip(*R_WB, strict=True)), vector)
 
 
 def felt_at(motion: ChassisMotion, p_BoImu_B: Any) -> tuple[Vector, Vector]:
-    """Angular velocity (3), rad/s, and acceleration (3), m/s2, of a point of body B, both in B
-    axes.
+    """Returns angular velocity (3), rad/s, and acceleration (3), m/s2, of a point of body B, both
+    in B axes.
 
     a_WImu = a_WBo + alpha x p + omega x (omega x p), all turned into B axes. The acceleration is
     that of the point: the chip reports it with gravity removed ("linear acceleration").
 
     Args:
-        motion: of the body; its numbers may be arrays of one shape.
-        p_BoImu_B: position (3) of the point, m.
+        motion: motion of the body; its numbers may be arrays of one shape.
+        p_BoImu_B: position (3) of the point in the body, m.
     """
     wx, wy, wz = omega = in_body(motion.R_WB, motion.w_WB)
     alpha = in_body(motion.R_WB, motion.alpha_WB)
@@ -91,7 +92,7 @@ def felt_at(motion: ChassisMotion, p_BoImu_B: Any) -> tuple[Vector, Vector]:
 
 
 def motion_at_imu(motion: ChassisMotion, p_BoImu_B: Any) -> tuple[Vector, Vector, Vector]:
-    """True motion that an IMU fixed to body B feels, see `felt_at`.
+    """Returns the true motion that an IMU fixed to body B feels, see `felt_at`.
 
     Returns:
         Roll-pitch-yaw (3) of B in W, rad, yaw in (-pi, pi]; angular velocity (3), rad/s, and
@@ -107,7 +108,7 @@ def motion_at_imu(motion: ChassisMotion, p_BoImu_B: Any) -> tuple[Vector, Vector
 
 
 class Imu(SampledSensor):
-    """BNO055 on the car body: what its fusion mode reports, with noise, bias, range, resolution,
+    """BNO055 on the car body: the reports of its fusion mode, with noise, bias, range, resolution,
     rate and delay.
 
     Gyro and accelerometer saturate per axis, the accelerometer on the specific force, gravity
@@ -116,20 +117,20 @@ class Imu(SampledSensor):
     are body axes.
 
     Input ports:
-        chassis_motion (20): see `CHASSIS_MOTION_SIZE`.
+        chassis_motion (20): motion of the chassis, see `CHASSIS_MOTION_SIZE`.
     Output ports:
         imu (9): roll, pitch, yaw rad; gyro rad/s; linear acceleration m/s2, in body axes
             (`signal_table.IMU`).
-        sample_time (1): s, see `SampledSensor`.
+        sample_time (1): time of the sample, s, see `SampledSensor`.
 
     Args:
         settings: `scenario.imu`: rate Hz, delay s; standard deviations gyro_noise rad/s, gyro_bias
             rad/s, accelerometer_noise m/s2, attitude_noise rad.
         p_BoImu_B: position (3) of the IMU in the body, m.
-        seed: of the run.
-        step: of the plant, s.
+        seed: seed of the run.
+        step: step of the plant, s.
         discrete: whether the plant is discrete, see `SampledSensor`.
-        gravity: m/s2.
+        gravity: acceleration of gravity, m/s2.
     """
 
     def __init__(
@@ -161,7 +162,7 @@ class Imu(SampledSensor):
         self._counts = 1.0 / STEPS
 
     def measure(self, context: Context, index: int) -> FloatArray:
-        """One sample (9,) of the body's motion."""
+        """Takes one sample (9,) of the body's motion."""
         motion = chassis_motion(vector_of(self._motion, context), self._step)
         angles, omega, acceleration = motion_at_imu(motion, self._p_BoImu_B)
         error = (self._bias + self._deviation * self._noise.at(index)).tolist()
@@ -184,14 +185,14 @@ class GpsSpeed(SampledSensor):
     the body origin to the antenna is neglected.
 
     Input ports:
-        chassis_motion (20): see `CHASSIS_MOTION_SIZE`.
+        chassis_motion (20): motion of the chassis, see `CHASSIS_MOTION_SIZE`.
     Output ports:
-        speed (1): m/s.
-        sample_time (1): s, see `SampledSensor`.
+        speed (1): ground speed, m/s.
+        sample_time (1): time of the sample, s, see `SampledSensor`.
 
     Args:
         settings: `scenario.gps`: rate Hz, delay s, noise m/s (standard deviation).
-        seed: of the run.
+        seed: seed of the run.
         discrete: whether the plant is discrete, see `SampledSensor`.
     """
 
@@ -208,7 +209,7 @@ class GpsSpeed(SampledSensor):
         self._noise = CounterNoise(seed, "gps", 1)
 
     def measure(self, context: Context, index: int) -> FloatArray:
-        """One sample (1,): speed in m/s."""
+        """Takes one sample (1,): speed in m/s."""
         v_x, v_y = vector_of(self._motion, context)[10:12]
         speed = math.hypot(v_x, v_y) + self._deviation * self._noise.at(index)[0]
         return np.array([max(0.0, speed)])
@@ -224,7 +225,7 @@ class SailEncoder(AngleEncoder):
     Args:
         settings: `scenario.sail_encoder`: rate Hz, delay s, bits, noise rad (standard deviation
             before quantisation).
-        seed: of the noise.
+        seed: seed of the noise.
         discrete: whether the plant is discrete, see `SampledSensor`.
     """
 
@@ -247,10 +248,10 @@ class SailEncoder(AngleEncoder):
 
 
 def quantise_symmetric(value: float, limit: float, bits: int) -> float:
-    """Value after a trip through an unsigned word of `bits` that spans [-limit, limit].
+    """Returns a value as read back from an unsigned word of `bits` that spans [-limit, limit].
 
-    Rounded to the nearest of 2^bits - 1 steps and clipped. The number of steps is odd, so zero
-    itself cannot be sent: a motor at rest reports half a step.
+    It is rounded to the nearest of 2^bits - 1 steps and clipped. The number of steps is odd, so
+    zero itself cannot be sent: a motor at rest reports half a step.
     """
     step = 2.0 * limit / (2**bits - 1)
     return round((min(max(value, -limit), limit) + limit) / step) * step - limit
@@ -264,13 +265,13 @@ class MotorEncoder(SampledSensor):
     Input ports:
         joints (4): angles of pitch and roll, rad, then their rates, rad/s.
     Output ports:
-        angles (2): pitch, roll, rad.
-        rates (2): pitch, roll, rad/s.
-        sample_time (1): s, see `SampledSensor`.
+        angles (2): angles of pitch and roll, rad.
+        rates (2): rates of pitch and roll, rad/s.
+        sample_time (1): time of the sample, s, see `SampledSensor`.
 
     Args:
-        rate: Hz, one reply per command.
-        motor: ranges of its reply.
+        rate: rate of the replies, one per command, Hz.
+        motor: parameters of the motor, with the ranges of its reply.
         discrete: whether the plant is discrete, see `SampledSensor`.
     """
 
@@ -294,7 +295,7 @@ class MotorEncoder(SampledSensor):
         self._words = (angle, angle, speed, speed)
 
     def measure(self, context: Context, index: int) -> FloatArray:
-        """One sample (4,)."""
+        """Takes one sample (4,)."""
         values = vector_of(self._joints, context).tolist()
         return np.array(
             [

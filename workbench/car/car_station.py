@@ -89,14 +89,15 @@ def make_car_station(
         station = make_car_station(scenario, tail_motor=Spring)
 
     Args:
-        scenario: what to simulate, or what to drive.
-        interface: None simulates; a factory (from `hardware`) talks to the car.
-        meshcat: shows the simulated car live.
-        with_truth: of a simulated car, whether the station has every ground truth, or only the
+        scenario: scenario of the car to simulate or to drive.
+        interface: factory (from `hardware`) of the system that talks to the real car; None
+            simulates the car.
+        meshcat: Meshcat that shows the simulated car live.
+        with_truth: whether the station of a simulated car has every ground truth, or only the
             plant's state and the torque of the tail motors in its last step, which costs nothing.
-        tail_motor: makes the motor of a simulated joint, called with the scenario and one of
-            `tail_pitch` and `tail_roll`.
-        bodies: adds bodies of your own to a simulated car, see `AddBodies`.
+        tail_motor: function that makes the motor of a simulated joint; called with the scenario
+            and one of `tail_pitch` and `tail_roll`.
+        bodies: function that adds your own bodies to a simulated car, see `AddBodies`.
 
     Raises:
         ModelError: a model does not load with the numbers of the scenario.
@@ -193,8 +194,8 @@ class TailDrives:
     Attributes:
         commands: input ports of the motors, by their names on the station.
         motor_torques: port (2) of the torques of the motors on pitch and roll joint, N m.
-        joint_torques: port (2) of these and the friction of the joints together, N m.
-        air: the force of the air.
+        joint_torques: port (2) of these torques plus the friction of the joints, N m.
+        air: system that computes the force of the air on the tail.
     """
 
     commands: dict[str, InputPort]
@@ -246,7 +247,7 @@ class TailDrives:
 def _add_sensors(
     builder: DiagramBuilder, scenario: Scenario, ports: PlantPorts, tail: TailDrives | None
 ) -> dict[str, OutputPort]:
-    """Adds what the car measures; returns the station's ports of sensors and status."""
+    """Adds the sensors of the car; returns the station's ports of sensors and status."""
     imu = Imu(
         scenario.imu,
         p_BoImu_B=(scenario.imu.x, 0.0, scenario.imu.z),
@@ -282,7 +283,7 @@ def _add_sensors(
 def _add_encoders(
     builder: DiagramBuilder, scenario: Scenario, ports: PlantPorts, air: TailAerodynamics
 ) -> tuple[OutputPort, dict[str, System]]:
-    """Adds the encoders of the tail; returns the port `tail_state`, and who reports by age."""
+    """Adds the tail's encoders; returns the port `tail_state`, and the sensor behind each age."""
     encoders = MotorEncoder(scenario.controller.rate, scenario.tail_motor, discrete=True)
     add_and_connect(builder, encoders, joints=ports.motion("tail_joints"))
     ages: dict[str, System] = {f"{part}_age": encoders for part in TAIL_PARTS}
@@ -310,7 +311,7 @@ def _add_truth(
     tail: TailDrives | None,
     wind: OutputPort | None,
 ) -> dict[str, OutputPort]:
-    """Adds what only a simulation knows; returns the ports to export."""
+    """Adds the ground truth that only a simulation knows; returns the ports to export."""
     plant = car.plant
     state = plant.get_state_output_port()
     contacts = plant.get_contact_results_output_port()

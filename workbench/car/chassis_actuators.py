@@ -23,13 +23,14 @@ class DriveTrain(LeafSystem):
     Laws: `shaft_torque` and `rolling_resistance`.
 
     Input ports:
-        throttle (1): -1..1.
+        throttle (1): throttle, -1..1.
         spins (5): rates of the shaft and of the `WHEELS` about their axles, rad/s.
     Output ports:
-        torques (5): of the drive on the shaft, then of the ground on the `WHEELS`, N m.
+        torques (5): torque of the drive on the shaft, then of the ground on each of the `WHEELS`,
+            N m.
 
     Args:
-        scenario: with car, drive and gravity.
+        scenario: scenario with car, drive and gravity.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -56,7 +57,7 @@ class DriveTrain(LeafSystem):
 
 
 class SteeringServo(LeafSystem):
-    """The servo with its linkage: where the plant's steering joints are asked to stand.
+    """The servo with its linkage, which sets the targets of the plant's steering joints.
 
     Laws: `servo_frame`, `steering_motion` and `knuckle_motion`; the joints' own control is Drake's,
     with stiffness and damping of the servo.
@@ -68,7 +69,7 @@ class SteeringServo(LeafSystem):
         steering (7): angles, rad, then rates, rad/s, of left and right knuckle, and the frame.
 
     Args:
-        scenario: with car and servo.
+        scenario: scenario with car and servo.
     """
 
     def __init__(self, scenario: Scenario) -> None:

@@ -19,11 +19,11 @@ from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.tail_parameters import TailParameters
 
 PARTS = ("cage", "deck", "wheels", "ground")
-"""What the tail may touch. Deck: chassis, rear deck, electronics and anti-ramp board."""
+"""Parts that the tail may touch. Deck: chassis, rear deck, electronics and anti-ramp board."""
 
 _TAIL_LINKS = ("tail_rod", "tail_sail")
 _FAR = 0.3
-"""m; clearances beyond this are not looked for and count as this."""
+"""Largest clearance that is looked for, m; a larger one counts as this."""
 _GROUND_SIZE = 20.0
 """Length and width of the ground, m."""
 
@@ -33,10 +33,10 @@ class RangeOfMotion:
     """Clearance map of a car that stands on level ground.
 
     Attributes:
-        pitch: rad, increasing, shape (p,).
-        roll: rad, increasing, shape (r,).
-        clearances: to each of `PARTS`, m, at most 0.3, negative where the shapes overlap, shape (p,
-            r, 4).
+        pitch: pitch of the tail at the nodes, rad, increasing, shape (p,).
+        roll: roll of the tail at the nodes, rad, increasing, shape (r,).
+        clearances: clearance to each of `PARTS`, m, at most 0.3, negative where the shapes overlap,
+            shape (p, r, 4).
     """
 
     pitch: FloatArray
@@ -46,12 +46,13 @@ class RangeOfMotion:
     def clearance(
         self, pitch: ArrayLike, roll: ArrayLike, parts: tuple[str, ...] = PARTS
     ) -> NDArray[Any]:
-        """Least clearance to some parts, m: bilinear between the nodes, that of the edge beyond the
-        map.
+        """Returns the least clearance to some parts, m: bilinear between the nodes, that of the
+        edge beyond the map.
 
         Args:
-            pitch, roll: rad, shapes that broadcast.
-            parts: of `PARTS`; without the ground it holds at any attitude of the car.
+            pitch, roll: angles of the tail, rad, of shapes that broadcast.
+            parts: names from `PARTS`; without the ground the clearance holds at any attitude of
+                the car.
         """
         from scipy.interpolate import RegularGridInterpolator
 
@@ -70,11 +71,11 @@ def make_range_of_motion(
     """Asks Drake's proximity engine at every node of a grid over the whole range of both joints.
 
     Args:
-        scenario: the car; its tail mode does not matter.
-        pitch_count, roll_count: nodes, at least 3 each.
+        scenario: scenario of the car; its tail mode does not matter.
+        pitch_count, roll_count: numbers of nodes, at least 3 each.
 
     Raises:
-        UserError: grid too small.
+        UserError: the grid is too small.
         ModelError: the car does not load.
     """
     for name, count in (("pitch", pitch_count), ("roll", roll_count)):
@@ -90,16 +91,16 @@ def make_range_of_motion(
 def ground_clearance(
     scenario: Scenario, pitch: ArrayLike, roll: ArrayLike, car_roll: ArrayLike = 0.0
 ) -> NDArray[Any]:
-    """Height of the lowest point of rod and sail above the ground while the car leans, m.
+    """Returns the height of the lowest point of rod and sail above ground as the car leans, m.
 
     The car leans about the contact line of its outer wheels: to the right (positive) about the
     right ones. A locked sail is the flat plate between its corners; one that turns is the cylinder
     that it sweeps, board included.
 
     Args:
-        scenario: geometry.
-        pitch, roll: of the tail, rad.
-        car_roll: rad, positive to the right.
+        scenario: scenario that gives the geometry.
+        pitch, roll: angles of the tail, rad.
+        car_roll: roll of the car, rad, positive to the right.
     """
     tail = scenario.tail
     half_track = scenario.car.outer_half_track
@@ -156,11 +157,11 @@ class TailQuery:
 
 
 def _make_obstacles(built: Any, turning: TailParameters | None) -> dict[Any, str]:
-    """Gives every drawn shape of car and tail a proximity role, and the ground a body; obstacle ->
-    part.
+    """Gives every drawn shape of car and tail a proximity role, and the ground a body; returns the
+    part to which each obstacle belongs.
 
-    In the place of a turning sail's shapes stands the cylinder that they sweep. Filters leave only
-    the pairs of rod or sail with an obstacle.
+    The cylinder that a turning sail sweeps stands for the sail's shapes. Filters leave only the
+    pairs of rod or sail with an obstacle.
     """
     from pydrake.geometry import (
         Box,

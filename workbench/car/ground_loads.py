@@ -41,9 +41,9 @@ class _Shape:
     Attributes:
         slot: wheel, or part of the car, that it belongs to.
         body: index of B.
-        radii: (3), m.
-        R_BG: its rotation (3 x 3).
-        p_BoGo_B: its middle (3), m.
+        radii: half axes of G (3), m.
+        R_BG: rotation of G in B (3 x 3).
+        p_BoGo_B: middle of G in B (3), m.
         stiffness: k of the pair with the ground, N/m.
         dissipation: d of the pair, s/m.
     """
@@ -71,7 +71,7 @@ class GroundLoads:
     """Vertical forces of the level ground on a car, and how high its tyres are above it.
 
     Args:
-        car: with its ground.
+        car: plant of the car with its ground.
     """
 
     def __init__(self, car: CarPlant) -> None:
@@ -111,11 +111,11 @@ class GroundLoads:
         return total
 
     def lifts(self, positions: FloatArray) -> FloatArray:
-        """Returns the height (4, n) of the lowest point of each tyre above the ground, m; not above
-        0 where it presses into it.
+        """Returns the height (4, n) of the lowest point of each tyre above the ground, m; 0 or less
+        where the tyre presses into the ground.
 
         Args:
-            positions: of the plant (nq, n).
+            positions: positions of the plant (nq, n).
         """
         known: dict[BodyIndex, _Height] = {}
         lowest = np.full((len(WHEELS), positions.shape[1]), math.inf)

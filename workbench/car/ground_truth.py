@@ -35,35 +35,37 @@ BASE_COLUMNS = [
     for name in names_of(CAR_TRUTH["body_truth"])
     if not name.startswith(("acceleration", "com"))
 ]
-"""Position, roll, pitch, yaw, tilt, velocity and angular velocity of the base: a car body's."""
+"""Columns of a base, named as those of the car's body: position, roll, pitch, yaw, tilt, velocity
+and angular velocity."""
 COM_COLUMNS = [f"com_{axis}_truth_m" for axis in _XYZ] + [
     f"com_velocity_{axis}_truth_m_per_s" for axis in _XYZ
 ]
-"""Position and velocity of the centre of mass of the whole plant in W."""
+"""Columns of position and velocity of the centre of mass of the whole plant in W."""
 BODY_TRUTH = PortFields("BodyTruth", tuple(names_of(CAR_TRUTH["body_truth"])))
 CONTACT_TRUTH = PortFields("ContactTruth", tuple(names_of(CAR_TRUTH["contact_truth"])))
 TAIL_TRUTH = PortFields("TailTruth", tuple(names_of(CAR_TRUTH["tail_truth"])))
 AIR_TRUTH = "_air_truth"
-"""Ending of a station's ports with the force of the air on a body other than its tail."""
+"""Ending of the names of a station's ports with the force of the air on a body other than its
+tail."""
 LEAST_LOAD = 1e-9
-"""N; of a wheel in the air, whose contact point is the origin."""
+"""Load that a wheel in the air is given, N; its contact point is then the origin."""
 
 
 def pose_columns(body: str) -> list[str]:
-    """Columns of the pose of a body in W: quaternion, then position of its origin, m."""
+    """Returns columns of the pose of a body in W: quaternion, then position of its origin, m."""
     return [f"pose_{body}_{part}" for part in ("qw", "qx", "qy", "qz")] + [
         f"pose_{body}_{axis}_m" for axis in _XYZ
     ]
 
 
 def air_columns(stem: str) -> list[str]:
-    """Columns of the air on a tail, W axes: force, moment about Wo, root and tip of sections."""
+    """Returns columns of the air on a tail in W: force, moment about Wo, ends of its sections."""
     parts = (("", "n"), ("_moment", "n_m"), ("_root", "m"), ("_tip", "m"))
     return [f"{stem}{what}_{axis}_truth_{unit}" for what, unit in parts for axis in _XYZ]
 
 
 def section_columns(stem: str, number: int) -> list[str]:
-    """Columns of the port `sections` of a `TailForce`."""
+    """Returns the columns of the port `sections` of a `TailForce`."""
     return [f"{stem}_section_{index}_{name}" for index in range(number) for name in SECTION_COLUMNS]
 
 
@@ -89,19 +91,19 @@ class _Kinematics(LeafSystem):
 
 
 def _body_truth(place: Any, velocity: Any, motion: ChassisMotion, p_BoImu_B: Any) -> list[float]:
-    """Position, roll, pitch, yaw, tilt, velocities and acceleration at a point of a body."""
+    """Returns position, attitude, tilt and velocities of a body, and acceleration at its IMU."""
     angles, gyro, acceleration = motion_at_imu(motion, p_BoImu_B)
     tilt = math.acos(min(max(motion.R_WB[2][2], -1.0), 1.0))
     return [*place, *angles, tilt, *in_body(motion.R_WB, velocity), *gyro, *acceleration]
 
 
 class PlantTruth(_Kinematics):
-    """Motion of a plant. Evaluated only when somebody reads it, such as the run log.
+    """Motion of a plant, evaluated only when something reads it, such as the run log.
 
     Everything comes from the plant's state through a context of its own.
 
     Input ports:
-        plant_state: [q; v] of the plant.
+        plant_state: state [q; v] of the plant.
         <name of a tail force> (9): its `wrench`.
     Output ports:
         base (13): `BASE_COLUMNS`; only with a base.
@@ -110,9 +112,9 @@ class PlantTruth(_Kinematics):
         <name of a tail force>_air (12): `air_columns`.
 
     Args:
-        plant: finalised.
-        base: the body whose roll, tilt and speed count; None for a plant that has none.
-        bodies: whose poses are asked for.
+        plant: finalised plant.
+        base: body whose roll, tilt and speed count; None for a plant that has none.
+        bodies: bodies whose poses are output.
         tails: `TailForce` systems on bodies of this plant.
     """
 
@@ -183,18 +185,19 @@ class PlantTruth(_Kinematics):
 class CarTruth(_Kinematics):
     """Ground truth of the car: motion, contacts and tail, as no sensor gives them.
 
-    Evaluated only when somebody reads it, such as the run log.
+    It is evaluated only when something reads it, such as the run log.
 
     Accelerations and contact forces are those of the plant's last step. Fields, units and axes:
     `aerodima.workbench.scenario.signal_table`.
 
     Input ports:
-        plant_state: [q; v] of the plant.
-        chassis_motion (20): see `CHASSIS_MOTION_SIZE`.
+        plant_state: state [q; v] of the plant.
+        chassis_motion (20): motion of the chassis, see `CHASSIS_MOTION_SIZE`.
         contact_results: ContactResults, from the plant.
-        drive_torque (1): N m on the shaft.
-        tail_torque (2), tail_air (6): only with a tail; motor torques, N m, and of the air on it
-            the moment about the origin of the chassis, N m, and the force, N, in W.
+        drive_torque (1): torque of the drive on the shaft, N m.
+        tail_torque (2): torques of the tail motors, N m; only with a tail.
+        tail_air (6): moment of the air on the tail about the origin of the chassis, N m, and its
+            force, N, in W; only with a tail.
     Output ports:
         body_truth, contact_truth, and with a tail tail_truth.
     """
@@ -285,7 +288,7 @@ class CarTruth(_Kinematics):
 def ground_forces(
     results: ContactResults, slots: dict[int, str]
 ) -> Iterator[tuple[str, FloatArray, PointPairContactInfo]]:
-    """Slot (`contact_slots`), ground's force (3) in W, N, Drake's account of each contact."""
+    """Yields slot (`contact_slots`), ground's force (3) in W, N, and Drake's info of contacts."""
     for index in range(results.num_point_pair_contacts()):
         info = results.point_pair_contact_info(index)
         pair = info.point_pair()
@@ -298,8 +301,8 @@ def ground_forces(
 
 
 def contact_slots(car_plant: CarPlant) -> dict[int, str]:
-    """Value of the GeometryId of every collision shape -> the wheel, or `cage`, `board`, `tail`,
-    that it belongs to.
+    """Returns the wheel, or `cage`, `board`, `tail`, that each collision shape belongs to, by the
+    value of the shape's GeometryId.
     """
     plant = car_plant.plant
     inspector = car_plant.scene_graph.model_inspector()

@@ -1,6 +1,6 @@
 """The laws of motors, servo, joints and wheels as functions of numbers.
 
-Each is the only home of its law: the systems of the plant, the reduced cars, the rig and the
+Each is the only statement of its law: the systems of the plant, the reduced cars, the rig and the
 hardware call it. Those whose arguments are `Any` take floats or arrays that broadcast. Torques are
 positive along the axis of their joint.
 """
@@ -21,9 +21,9 @@ from aerodima.workbench.scenario.tail_parameters import TailMotorParameters
 ROLLING_RATE = 1.0
 """Rate (rad/s) of a wheel over which its rolling resistance is rounded off."""
 FRAME_TOLERANCE = 1e-4
-"""Of a frame of the servo; a step that falls on its begin up to rounding has it begun."""
+"""Share of a servo frame; a step that falls on the start of a frame up to rounding has begun it."""
 NOW = (0.0, 1.0, 0.0)
-"""Step without length, at whose instant a law holds."""
+"""Step of length 0, with which a law holds at the present instant."""
 
 
 def pd_torque(
@@ -40,13 +40,13 @@ def pd_torque(
     tau = kp (q_d - q) + kd (qd_d - qd) + tau_ff; design section 6, manual of the AK70-10.
 
     Args:
-        angle: q of the joint, rad.
-        rate: qd, rad/s.
-        target: q_d, rad.
-        target_rate: qd_d, rad/s.
-        kp: N m/rad.
-        kd: N m s/rad.
-        feedforward: tau_ff, N m.
+        angle: joint angle q, rad.
+        rate: joint rate qd, rad/s.
+        target: target angle q_d, rad.
+        target_rate: target rate qd_d, rad/s.
+        kp: gain on the angle, N m/rad.
+        kd: gain on the rate, N m s/rad.
+        feedforward: feed-forward torque tau_ff, N m.
     """
     return kp * (target - angle) + kd * (target_rate - rate) + feedforward
 
@@ -61,10 +61,10 @@ def torque_bounds(
     section 6).
 
     Args:
-        rate: qd of the output, rad/s.
+        rate: rate qd of the output, rad/s.
         torque_limit: peak torque, N m.
-        stall_torque: tau_stall, N m.
-        no_load_speed: qd_0, rad/s.
+        stall_torque: stall torque tau_stall, N m.
+        no_load_speed: no-load speed qd_0, rad/s.
     """
     speed_ratio = rate / no_load_speed
     forwards = maximum(0.0, stall_torque * (1.0 - speed_ratio))
@@ -79,10 +79,10 @@ def joint_friction(rate: Any, coulomb: Any, viscous: Any, tanh_gain: Any) -> Any
     10 s/rad. Drake's joints have no Coulomb friction (design section 6).
 
     Args:
-        rate: qd, rad/s.
-        coulomb: Cf, N m.
-        viscous: Vf, N m s/rad.
-        tanh_gain: k, s/rad.
+        rate: joint rate qd, rad/s.
+        coulomb: Coulomb friction Cf, N m.
+        viscous: viscous friction Vf, N m s/rad.
+        tanh_gain: gain k inside the tanh, s/rad.
     """
     return -(coulomb * tanh(tanh_gain * rate) + viscous * rate)
 
@@ -94,11 +94,11 @@ def governor_torque(target_speed: Any, shaft_speed: Any, gain: Any, loss: Any, l
     the wheels (design section 6).
 
     Args:
-        target_speed: w_d, rad/s, positive forward.
-        shaft_speed: w, rad/s.
-        gain: k, N m s/rad.
-        loss: tau_loss, rolling resistance of all wheels, N m, positive on a car that rolls forward.
-        limit: N m.
+        target_speed: target speed w_d of the shaft, rad/s, positive forward.
+        shaft_speed: speed w of the shaft, rad/s.
+        gain: gain k, N m s/rad.
+        loss: rolling resistance tau_loss of all wheels, N m, positive on a car that rolls forward.
+        limit: largest torque of the drive, N m.
     """
     return clip(gain * (target_speed - shaft_speed) + loss, -limit, limit)
 
@@ -109,8 +109,8 @@ def rolling_resistance(rate: Any, torque: Any) -> Any:
     tau = -tau_0 tanh(w / `ROLLING_RATE`); design section 6.
 
     Args:
-        rate: w of the wheel about its axle, rad/s.
-        torque: tau_0, N m, of a wheel that rolls.
+        rate: rate w of the wheel about its axle, rad/s.
+        torque: torque tau_0 against a wheel that rolls, N m.
     """
     return -torque * tanh(rate / ROLLING_RATE)
 
@@ -156,11 +156,11 @@ def shaft_torque(
     rolling resistance; at throttle 0 it is off. NaN counts as throttle 0; beyond +-1 is clipped.
 
     Args:
-        throttle: -1..1.
-        shaft_speed: rad/s, positive forward.
-        drive: line, torque limit.
-        gain: k, N m s/rad, from `shaft_gain`.
-        radius: m, of the loaded rear tyres as they roll.
+        throttle: throttle, -1..1.
+        shaft_speed: speed of the shaft, rad/s, positive forward.
+        drive: parameters of the drive: throttle line and torque limit.
+        gain: gain k, N m s/rad, from `shaft_gain`.
+        radius: radius at which the loaded rear tyres roll, m.
         loss: rolling resistance of all wheels, N m.
     """
     if throttle != throttle or throttle == 0.0:
@@ -184,9 +184,10 @@ def steering_motion(frame: Sequence[float], time: float, rate: float) -> Pair:
     """Returns the bicycle steering angle, rad, and its rate, rad/s, at `time` s.
 
     Args:
-        frame: begin s, angle at that time rad, angle rad that the servo moves to.
-        time: s.
-        rate: of the servo, rad/s.
+        frame: start of the frame, s, angle at that time, rad, and angle that the servo moves to,
+            rad.
+        time: instant within the frame, s.
+        rate: rate of the servo, rad/s.
     """
     begin, start, target = frame
     travel = rate * (time - begin)
@@ -205,11 +206,11 @@ def servo_frame(
     0.14 s (thesis 7.1.1). The command is clipped to the servo's limit; NaN holds the last angle.
 
     Args:
-        last: the frame of a step before; None at the first step, at which the wheels stand
+        last: frame of the step before; None at the first step, at which the wheels stand
             straight.
-        time: of a step of the plant, s.
-        command: bicycle steering angle at that time, rad, positive to the left.
-        servo: rate, limit, frame rate.
+        time: time of a step of the plant, s.
+        command: commanded bicycle steering angle at that time, rad, positive to the left.
+        servo: parameters of the servo: rate, limit and frame rate.
     """
     begin = math.floor(time * servo.frame_rate + FRAME_TOLERANCE) / servo.frame_rate
     if last is not None and begin <= last[0]:
@@ -225,8 +226,8 @@ def servo_frame(
 def knuckle_motion(
     angle: float, rate: float, servo: ServoParameters, car: CarParameters
 ) -> tuple[float, float, float, float]:
-    """Returns angles (rad) and rates (rad/s) of left and right front wheel, for those of the
-    bicycle.
+    """Returns angles (rad) and rates (rad/s) of left and right front wheel, from angle and rate of
+    the bicycle's wheel.
     """
     if servo.linkage == "parallel":
         return angle, angle, rate, rate
@@ -274,8 +275,8 @@ def mit_torque(
         position: joint angle, rad.
         speed: joint rate, rad/s.
         command: q_d rad, qd_d rad/s, kp N m/rad, kd N m s/rad, tau_ff N m.
-        motor: limits.
-        line: stall torque N m and no-load speed rad/s, from `torque_speed_limits`.
+        motor: parameters of the motor: limits, and error of its torque constant.
+        line: stall torque, N m, and no-load speed, rad/s, from `torque_speed_limits`.
         ahead: length of the plant's step, s, inertia of the joint with the reflected rotor, kg m2,
             and torque on it from all but its motor, N m; by default the law holds at this instant.
     """

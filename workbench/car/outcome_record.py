@@ -39,8 +39,8 @@ from aerodima.workbench.scenario.signal_table import GROUND_CONTACTS, TIME, WHEE
 Signals = Sequence[tuple[Any, Sequence[str]]]
 
 COSTLY = ("roll_estimate", "status", "tail_pitch_torque", "tail_roll_torque")
-"""How columns begin that a Python system would compute at every row and no metric needs, or that
-come cheaper."""
+"""Beginnings of the names of columns that are not recorded: a Python system would compute them at
+every row and no metric needs them, or there is a cheaper way to them."""
 SETTLED = "settled_s"
 """Key in `extra` of a log that ends once the car has settled after its turn: the time of its last
 row, s."""
@@ -56,9 +56,9 @@ class OutcomeRecord:
     run.
 
     Args:
-        builder: of the diagram that holds the station.
-        station: simulated, without the truth for a log.
-        scenario: of the station.
+        builder: builder of the diagram that holds the station.
+        station: simulated station, without the truth for a log.
+        scenario: scenario of the station.
         signals: ports with their column names (`car_diagram.assemble`); those that cost Python at
             every row are left out.
     """
@@ -74,7 +74,7 @@ class OutcomeRecord:
         step = scenario.simulation.step
         cheap = [(port, names) for port, names in signals if _is_cheap(names)]
         self._names = [name for _, names in cheap for name in names]
-        # One logger for all ports: each has its share in every instant of the diagram.
+        # One logger for all ports, since every logger takes time at every instant of the diagram.
         self._rows = add_and_connect(
             builder, VectorLogSink(len(self._names), publish_period=row_period(self._rate, step))
         )
@@ -106,8 +106,8 @@ class OutcomeRecord:
         in still air.
 
         Args:
-            context: of the whole diagram.
-            turn_end: s; from then on.
+            context: context of the whole diagram.
+            turn_end: time from which the run may end, s.
         """
         state, time = self._log(context)
         if self._over(state, time, turn_end).any():
@@ -115,7 +115,7 @@ class OutcomeRecord:
         return self._may_settle and self._is_calm(context, turn_end)
 
     def _is_calm(self, context: Context, since: float) -> bool:
-        """Returns whether the car has been calm in the last instants, and not before `since`, s."""
+        """Returns whether the car has just been calm, looking no further back than `since`, s."""
         state, time = self._log(context)
         first = int(np.searchsorted(time, max(since, time[-1] - self._look_back)))
         if first == time.size or np.sum(state[self._spin, -1] ** 2) > CALM_SPIN**2:
@@ -124,7 +124,7 @@ class OutcomeRecord:
         since = time[first]
         pressed = dict.fromkeys(CONTACT_COLUMNS, np.full(time.size - first, math.inf))
         if settled_row(motion | pressed, since) is None:
-            return False  # whatever the forces of the ground are, which cost most
+            return False  # the forces of the ground cost most and would not change this
         contacts = self._contacts(state, self._steps(time[first:]))
         return settled_row(motion | contacts, since) is not None
 
@@ -134,8 +134,8 @@ class OutcomeRecord:
         before its time.
 
         Args:
-            context: of the whole diagram, at the end of the run.
-            stop_after: s; a flipped car ends the table from then on.
+            context: context of the whole diagram at the end of the run.
+            stop_after: time from which a flipped car ends the table, s.
         """
         state, time = self._log(context)
         over = self._over(state, time, stop_after)
@@ -159,7 +159,7 @@ class OutcomeRecord:
         return state, np.arange(self._rows.FindLog(context).num_samples()) / self._rate
 
     def _over(self, state: FloatArray, time: FloatArray, stop_after: float) -> BoolArray:
-        """Returns at which rows the run of a car that has flipped is over."""
+        """Returns, row by row, whether the car has flipped and its run is over."""
         rotations = state[self._quaternion][:, self._steps(time)]
         over: BoolArray = np.logical_or.accumulate(quaternion_flipped(rotations)) & (
             time >= stop_after
@@ -171,7 +171,7 @@ class OutcomeRecord:
         return np.ceil(time / self._scenario.simulation.step - 1e-6).astype(int)
 
     def _motion(self, context: Context, state: FloatArray, rows: slice) -> NamedArrays:
-        """All columns but the forces of the ground."""
+        """Returns all columns but the forces of the ground."""
         _, times = self._log(context)
         time = times[rows]
         steps = self._steps(time)
@@ -180,7 +180,7 @@ class OutcomeRecord:
         return columns | self._body(state, steps) | self._tail(state, steps, context)
 
     def _body(self, states: FloatArray, steps: IntArray) -> NamedArrays:
-        """Motion of the chassis, by the definitions of `ground_truth.CarTruth`."""
+        """Returns the motion of the chassis, by the definitions of `ground_truth.CarTruth`."""
         step = self._scenario.simulation.step
         state = states[:, steps]
         velocity = state[self._velocity]
@@ -203,12 +203,12 @@ class OutcomeRecord:
         return dict(zip(BODY_TRUTH.fields, columns, strict=False))
 
     def _tail(self, states: FloatArray, steps: IntArray, context: Context) -> NamedArrays:
-        """Torques of the tail motors in the step that begins, N m, and their power, W."""
+        """Returns torques of the tail motors in the step that begins, N m, and their power, W."""
         names = ("tail_pitch_torque_n_m", "tail_roll_torque_n_m")
         if not self._has_tail:
             return {name: np.zeros(steps.size) for name in names}
-        # At a step the log has what acted in the step before; at the end of the run nobody has
-        # stepped yet.
+        # At a step the log holds the torques of the step before. Those of the step that begins at
+        # the end of the run come from the port, since that step has not been taken.
         port = self._station.GetOutputPort("tail_torque")
         at_end = vector_of(port, self._station.GetMyContextFromRoot(context))
         last = self._steps_log.FindLog(context).data()[self._plant.num_multibody_states() :]
@@ -221,7 +221,7 @@ class OutcomeRecord:
         return columns
 
     def _contacts(self, states: FloatArray, steps: IntArray) -> NamedArrays:
-        """Vertical forces of the ground in the step before a row, N; none before the first step."""
+        """Returns vertical ground forces in the step before a row, N; 0 before the first step."""
         positions = states[: self._plant.num_positions()]
         forces = self._loads.forces(positions[:, np.maximum(steps - 1, 0)], positions[:, steps])
         forces[:, steps == 0] = 0.0

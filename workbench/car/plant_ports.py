@@ -1,8 +1,8 @@
 """Inputs and outputs of the car's plant in a step, as named vectors.
 
-The plant's own vectors have their parts where Drake puts them. Two `Selector`s know these places:
+Drake decides where the parts of the plant's own vectors are. Two `Selector`s know these places:
 `motion` cuts the state into the parts that drives and sensors read, `plant_inputs` puts torques and
-forces together. A third system holds what the drives need of the last step.
+forces together. A third system holds what the drives need from the last step.
 """
 
 from collections.abc import Mapping, Sequence
@@ -45,8 +45,8 @@ class SampledHold(LeafSystem):
     the same instant.
 
     Args:
-        period: s.
-        size: of the vector that is held.
+        period: time between two updates, s.
+        size: size of the vector that is held.
     """
 
     def __init__(self, period: float, size: int) -> None:
@@ -68,11 +68,11 @@ class PlantPorts:
     The systems are `last_step`, `motion` and `plant_inputs`.
 
     Args:
-        builder: that holds the plant.
-        car: with its plant.
+        builder: builder of the diagram that holds the plant.
+        car: car with its plant.
 
     Attributes:
-        last_step: port (16) of what is held of the last step; its parts are named above.
+        last_step: port (16) of the values held from the last step; its parts are named above.
         zero: element of a port that is 0.
     """
 
@@ -94,13 +94,14 @@ class PlantPorts:
     def motion(self, part: str) -> OutputPort:
         """Returns a part of the motion as a port.
 
-        chassis_motion (20): see `CHASSIS_MOTION_SIZE`; spins (5): of shaft and `WHEELS`, rad/s;
+        chassis_motion (20): see `CHASSIS_MOTION_SIZE`; velocity (6): angular velocity, rad/s, and
+        velocity, m/s, of the chassis in W; spins (5): rates of shaft and `WHEELS`, rad/s;
         last_frame (4): 1, or 0 before the first step, and the servo's frame. With a tail,
         tail_joints (4): angles, rad, then rates, rad/s, of pitch and roll; tail_rates (2): the
         rates alone; <joint>_state (2): angle and rate of one of `TAIL_JOINTS`; <joint>_motion (6):
         see `TailMotor`; tail_motion (16): see `TailAerodynamics`; sail_turn (1): angle of the
-        sail's joint, rad; last_tail_torque (2): of the motors in the last step, N m. Without,
-        tail_torque (2) and tail_state (6), which are 0.
+        sail's joint, rad; last_tail_torque (2): torques of the motors in the last step, N m.
+        Without a tail, tail_torque (2) and tail_state (6), which are 0.
         """
         return self._motion.GetOutputPort(part)
 
@@ -166,9 +167,10 @@ class PlantPorts:
         Args:
             torques: port of a `DriveTrain`.
             steering: port of a `SteeringServo`.
-            motor_torques: of pitch and roll, N m; with a tail, as all that follows.
-            joint_torques: of motor and friction together, N m.
-            air: force of `TailAerodynamics`.
+            motor_torques: port of the motor torques on pitch and roll, N m; only with a tail, as
+                the ports that follow.
+            joint_torques: port of the torques of motor and friction together, N m.
+            air: port `force` of `TailAerodynamics`.
         """
         car = self._car
         plant = car.plant
@@ -205,7 +207,7 @@ class PlantPorts:
     def _filled(
         self, port: InputPort, elements: Mapping[int, PortSlice]
     ) -> tuple[InputPort, list[PortSlice]]:
-        """Lists the parts of an input port: these elements by their places; the others are 0."""
+        """Lists the parts of an input port: these elements at their places, 0 at all others."""
         return port, [elements.get(place, self.zero) for place in range(port.size())]
 
 
@@ -214,7 +216,7 @@ def _wheel_starts(plant: MultibodyPlant) -> list[int]:
 
 
 def _tail_joints(plant: MultibodyPlant) -> list[tuple[int, int]]:
-    """Places of angle and rate of pitch, roll and, of a free sail, its own joint."""
+    """Returns the places of angle and rate of pitch, roll and, with a free sail, its joint."""
     joints = [plant.GetJointByName(name) for name in (*TAIL_JOINTS, "tail_sail_turn")]
     return [
         (int(joint.position_start()), int(joint.velocity_start()))

@@ -13,15 +13,15 @@ class RollEstimator(LeafSystem):
     held in between.
 
     Input ports:
-        imu (9): from the station, `signal_table.IMU`.
-        speed (1): m/s, from the station.
+        imu (9): signals of the IMU from the station, `signal_table.IMU`.
+        speed (1): speed from the station, m/s.
     Output ports:
-        roll_estimate (1): rad, positive to the right.
-        roll_rate_estimate (1): rad/s.
+        roll_estimate (1): estimated roll, rad, positive to the right.
+        roll_rate_estimate (1): estimated roll rate, rad/s.
 
     Args:
-        settings: of the filter; its rate should be the IMU's.
-        stage: of its ticks, beside a simulated car (`aerodima.workbench.core.event_order`).
+        settings: settings of the filter; its rate should be the IMU's.
+        stage: stage of the ticks beside a simulated car (`aerodima.workbench.core.event_order`).
     """
 
     def __init__(

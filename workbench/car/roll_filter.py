@@ -15,13 +15,13 @@ class RollFilterSettings:
     """Numbers of the complementary filter.
 
     Args:
-        rate: Hz, at which the filter is called.
-        time_constant: s, with which the accelerometer corrects the integrated gyro while the car
-            drives calmly.
-        trust_acceleration: m/s2; at this linear acceleration the correction has half its weight,
-            beyond it fades with the fourth power, so that a turn of 5 m/s2 keeps less than 1 % of
-            it.
-        gravity: m/s2.
+        rate: rate at which the filter is called, Hz.
+        time_constant: time constant with which the accelerometer corrects the integrated gyro while
+            the car drives calmly, s.
+        trust_acceleration: linear acceleration at which the correction has half its weight, m/s2;
+            beyond it the weight fades with the fourth power, so that a turn of 5 m/s2 keeps less
+            than 1 % of it.
+        gravity: acceleration of gravity, m/s2.
     """
 
     rate: float = 100.0
@@ -39,9 +39,9 @@ class RollEstimate(NamedTuple):
     """State of the filter.
 
     Args:
-        roll: rad, about body x after yaw and pitch; positive to the right.
-        pitch: rad, nose down positive.
-        roll_rate: rad/s, time derivative of roll.
+        roll: roll about body x after yaw and pitch, rad, positive to the right.
+        pitch: pitch, rad, nose down positive.
+        roll_rate: time derivative of roll, rad/s.
         started: 1 once a valid sample has been seen.
     """
 
@@ -54,7 +54,7 @@ class RollEstimate(NamedTuple):
 def estimate_roll(
     estimate: RollEstimate, imu: FloatArray, speed: float, settings: RollFilterSettings
 ) -> RollEstimate:
-    """One tick of the filter.
+    """Ticks the filter once.
 
     The gyro is integrated through the kinematics of roll and pitch; the direction of gravity, taken
     from the accelerometer less the centripetal acceleration of a car that does not slip sideways,
@@ -73,11 +73,11 @@ def estimate_roll(
     of the instant of the sample, so it is late by the sample's age.
 
     Args:
-        estimate: of the tick before.
-        imu: (9), as `signal_table.IMU`. With a value that is not finite the angles are kept and the
-            rate is 0.
-        speed: forward speed, m/s; not finite counts as 0.
-        settings: constant.
+        estimate: estimate of the tick before.
+        imu: signals of the IMU (9), as `signal_table.IMU`. With a value that is not finite the
+            angles are kept and the rate is 0.
+        speed: forward speed, m/s; a value that is not finite counts as 0.
+        settings: settings of the filter, the same at every tick.
     """
     roll_chip, pitch_chip, _, p, q, r, ax, ay, az = imu.tolist()
     if not math.isfinite(roll_chip + pitch_chip + p + q + r + ax + ay + az):

@@ -1,4 +1,4 @@
-"""The live view of a run: what shows it, its pace and its progress."""
+"""The live view of a run: its Meshcat, its pace and its progress."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,19 +9,19 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
 Progress = Callable[[float, float], None]
-"""Called with the time of the run (s) and its length (s)."""
+"""Function that is called with the time of the run (s) and its length (s)."""
 Check = Callable[[Context], None]
-"""Raises when the run must not go on."""
+"""Function that raises when the run must not go on."""
 PROGRESS_PERIOD = 0.1
-"""Time between two calls of the progress without a check, s of the run."""
+"""Time of the run between two calls of the progress without a check, s."""
 CHECK_PERIOD = 0.02
-"""Time between two calls with a check, s of the run."""
+"""Time of the run between two calls with a check, s."""
 
 
 @dataclass(frozen=True)
 class LiveView:
-    """Meshcat that shows the run, its pace (0 as fast as possible, 1 in real time), and what
-    receives its progress.
+    """Meshcat that shows the run, its pace (0 as fast as possible, 1 in real time), and the
+    function that receives its progress.
     """
 
     meshcat: Meshcat | None = None

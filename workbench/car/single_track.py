@@ -1,7 +1,7 @@
 """The car as parameters of the single-track models of f1tenth_gym and CommonRoad.
 
-A tyre of those models pushes aside with mu C_S times its load per rad of slip angle. Ours does so
-at small slip angles, with C_S = 1 / tan(`car.tyre_slip_angle`) on both axles
+The lateral force of a tyre in those models is mu C_S times its load per rad of slip angle. So is
+ours at small slip angles, with C_S = 1 / tan(`car.tyre_slip_angle`) on both axles
 (`stiction_tolerance`).
 Mass, centre of mass and yaw inertia are those of the whole plant, the tail at rest included.
 """
@@ -31,7 +31,7 @@ COMMONROAD = {
     "steering": {"min": "s_min", "max": "s_max", "v_min": "sv_min", "v_max": "sv_max"},
     "longitudinal": {name: name for name in ("a_max", "v_min", "v_max", "v_switch")},
 }
-"""Section of CommonRoad, "vehicle" without one -> its names -> those of f1tenth_gym."""
+"""Names of f1tenth_gym by section of CommonRoad ("vehicle": outside of sections) and name there."""
 
 
 def gym_parameters(scenario: Scenario) -> dict[str, float]:
@@ -79,7 +79,7 @@ def gym_parameters(scenario: Scenario) -> dict[str, float]:
 
 
 def commonroad_parameters(scenario: Scenario) -> Json:
-    """Compute what the single-track models of CommonRoad read of its `parameters_vehicle*.yaml`.
+    """Compute what CommonRoad's single-track models read from its `parameters_vehicle*.yaml`.
 
     Its stiffness is that of the tyre, `p_ky1` = -mu C_S.
 

@@ -3,7 +3,7 @@
 One record, `Swerve`, holds a run of the full car or a batch of reduced cars, and one function each
 measures it. Displacements are to the left of the course that a car has when the steering starts. An
 obstacle sees the outline of the car, so what counts is the point of it that lies furthest to the
-right; the centre of mass alone would pay a car for turning round it. Definitions: design section
+right; the centre of mass alone would reward a car for turning about it. Definitions: design section
 10.
 """
 
@@ -34,16 +34,16 @@ from aerodima.workbench.scenario.car_parameters import CarParameters
 SOON = 0.5
 """First instant at which a displacement is read, s after the start of the steering."""
 LATER = 1.0
-"""Second instant, at which the change of course is read, too, s."""
+"""Second instant, at which the change of course is read, too, s after the start of the steering."""
 SUSTAINED = (0.5, 1.5)
-"""Between these instants a lateral acceleration is sustained, s after the start of the steering."""
+"""Interval over which the lateral acceleration is averaged, s after the start of the steering."""
 MAX_START_COURSE = 0.01
 """Largest course off the first heading of a car that starts straight, rad."""
 MAX_START_YAW_RATE = 0.02
 """Largest mean yaw rate of a car that starts straight, over its straight, rad/s. A tail that
 follows a noisy IMU shakes the body by 0.2 rad/s about a mean of zero."""
 _ROUNDING = 1e-6
-"""Of a time, s."""
+"""Rounding of a time, s."""
 
 
 @dataclass(frozen=True)
@@ -51,22 +51,25 @@ class Swerve:
     """Motion of n cars in a swerve to the left.
 
     Attributes:
-        time: since the start of the steering (steps,), s; negative before it.
-        x, y: of the origin of B in W (steps, n), m.
-        heading, course: (steps, n), rad, unwrapped, positive to the left.
-        speed: over ground, of the point under the centre of mass (steps, n), m/s.
-        yaw_rate: (steps, n), rad/s.
-        roll: of the body, positive outwards (steps, n), rad.
-        steering: command (steps, n), rad.
-        lifts: of the wheels over the ground, `signal_table.WHEELS` (steps, 4, n), m.
-        heights: of tail (and cage) and of the anti-ramp board over the ground (steps, 2, n), m; of
-            a log 0 where it touches, infinite elsewhere.
-        tail: pitch and roll of its joints (steps, 2, n), rad; 0 without tail.
+        time: time since the start of the steering (steps,), s; negative before it.
+        x, y: position of the origin of B in W (steps, n), m.
+        heading, course: directions of body and motion (steps, n), rad, unwrapped, positive to the
+            left.
+        speed: ground speed of the point under the centre of mass (steps, n), m/s.
+        yaw_rate: yaw rate (steps, n), rad/s.
+        roll: roll of the body, positive outwards (steps, n), rad.
+        steering: steering command (steps, n), rad.
+        lifts: heights of the wheels over the ground, in the order of `signal_table.WHEELS`
+            (steps, 4, n), m.
+        heights: heights of tail (and cage) and of the anti-ramp board over the ground (steps, 2,
+            n), m; from a log 0 where the part touches the ground, infinite elsewhere.
+        tail: pitch and roll of the tail's joints (steps, 2, n), rad; 0 without tail.
         lag: roll of the tail less its command (steps, n), rad.
-        torques: of the motors of tail pitch and tail roll (steps, 2, n), N m.
-        power: of both motors together (steps, n), W.
-        flipped: (n,).
-        com_x: of the centre of mass of the car without tail arm ahead of the origin of B (n,), m.
+        torques: torques of the motors of tail pitch and tail roll (steps, 2, n), N m.
+        power: power of both motors together (steps, n), W.
+        flipped: whether the car has flipped (n,).
+        com_x: distance of the centre of mass of the car without tail arm ahead of the origin of B
+            (n,), m.
         outline: corners of the car as seen from above, in B (2, corners, n), m.
     """
 
@@ -91,7 +94,7 @@ class Swerve:
 
     @property
     def steered(self) -> BoolArray:
-        """Samples that count, those from the start of the steering on (steps,)."""
+        """Flags of the samples that count, those from the start of the steering on (steps,)."""
         return self.time >= -_ROUNDING
 
     def at(self, values: FloatArray, instant: float) -> FloatArray:
@@ -112,7 +115,7 @@ class Swerve:
 
 
 Measure = Callable[[Swerve], FloatArray]
-"""A number of each car (n,), or rows of them (rows, n)."""
+"""Function of a `Swerve` that returns a number for each car (n,), or rows of them (rows, n)."""
 
 
 def car_outline(car: CarParameters) -> FloatArray:
@@ -128,9 +131,9 @@ def car_outline(car: CarParameters) -> FloatArray:
 
 
 def outline_from_above(run_log: RunLog, after: Sequence[float] | FloatArray) -> FloatArray:
-    """Returns how far the corners of a car (2, corners, instants) are ahead and to the left of
-    place and course at the start of the steering, m, at instants `after` it, s; other columns than
-    the motion are not needed.
+    """Returns how far the corners of a car are ahead and to the left (2, corners, instants), m, of
+    its place and course at the start of the steering, at instants `after` that start, s; the log
+    needs the columns of the motion only.
     """
     start, *then = np.searchsorted(
         run_log.time, run_log.number("manoeuvre", "turn_start") + np.array([0.0, *after])
@@ -192,7 +195,7 @@ def swerve_of(run_log: RunLog) -> Swerve:
 
 
 def aside(swerve: Swerve, after: float = SOON) -> FloatArray:
-    """Returns how far the last point of the outline has moved aside (n,), m, `after` s."""
+    """Returns how far the last point of the outline has moved aside (n,), m, in `after` s."""
     return _last_point(swerve, after) - _last_point(swerve, 0.0)
 
 
@@ -204,7 +207,7 @@ def _last_point(swerve: Swerve, instant: float) -> FloatArray:
 
 
 def centre_aside(swerve: Swerve, after: float = SOON) -> FloatArray:
-    """Returns how far the point under the centre of mass has moved aside (n,), m, `after` s."""
+    """Returns how far the point under the centre of mass has moved aside (n,), m, in `after` s."""
     places = []
     for instant in (0.0, after):
         heading = swerve.at(swerve.heading, instant)
@@ -215,7 +218,7 @@ def centre_aside(swerve: Swerve, after: float = SOON) -> FloatArray:
 
 
 def course_change(swerve: Swerve) -> FloatArray:
-    """Returns the change of course (n,), rad, `LATER` s."""
+    """Returns the change of course within `LATER` s of the start of the steering (n,), rad."""
     return swerve.at(swerve.course, LATER) - swerve.at(swerve.course, 0.0)
 
 
@@ -244,7 +247,7 @@ def max_side_lift(swerve: Swerve) -> FloatArray:
 
 
 def is_upright(swerve: Swerve) -> BoolArray:
-    """Returns who stays upright from the start of the steering on (n,); see `stays_upright`."""
+    """Returns which cars stay upright once the steering starts (n,); see `stays_upright`."""
     inside = swerve.steered
     tail, board = np.moveaxis(swerve.heights[inside], 1, 0) <= 0.0
     is_steered = np.abs(swerve.steering[inside]) > STEERED
@@ -253,9 +256,9 @@ def is_upright(swerve: Swerve) -> BoolArray:
 
 
 def start_deviation(swerve: Swerve) -> FloatArray:
-    """Returns how far cars are from a straight start (2, n): their course off that of the start of
-    the run when the steering starts, and their mean yaw rate until then, over the largest ones of a
-    car that starts straight.
+    """Returns how far cars are from a straight start (2, n): the angle from their first heading to
+    their course when the steering starts, and their mean yaw rate until then, each over its largest
+    value for a car that starts straight.
     """
     first = swerve.heading[0]
     course = swerve.at(swerve.course, 0.0) - first
@@ -264,7 +267,7 @@ def start_deviation(swerve: Swerve) -> FloatArray:
 
 
 def starts_straight(swerve: Swerve) -> BoolArray:
-    """Returns who starts straight (n,), see `start_deviation`."""
+    """Returns which cars start straight (n,), see `start_deviation`."""
     return np.all(np.abs(start_deviation(swerve)) <= 1.0, axis=0)
 
 
@@ -275,8 +278,8 @@ def end_yaw_rate(swerve: Swerve) -> FloatArray:
 
 
 def swerve_counts(swerve: Swerve) -> BoolArray:
-    """Returns whose swerve counts (n,): straight at the start, upright to the end, straight again
-    there.
+    """Returns which swerves count (n,): those of cars that start straight, stay upright to the end,
+    and go straight again there.
     """
     ends_straight = goes_straight(end_yaw_rate(swerve))
     return np.asarray(is_upright(swerve) & starts_straight(swerve) & ends_straight)

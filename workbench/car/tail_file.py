@@ -22,14 +22,15 @@ _PLATE_COLOUR = "0.93 0.74 0.18 1"
 _THIN = 0.002
 """Least drawn thickness of a plate, m."""
 _HALF_CYLINDER = "package://aerodima_models/tail/half_cylinder.obj"
-"""Diameter and length 1, hollow towards +y, its opening in the plane y = 0."""
+"""Mesh of a half cylinder of diameter and length 1, hollow towards +y, its opening in the plane
+y = 0."""
 
 
 def read_tail(path: str | Path) -> TailGeometry:
     """Reads a tail file.
 
     Raises:
-        ModelError: no such file, a wrong key, value or unit, or a tail that cannot be; names the
+        ModelError: no such file, a wrong key, value or unit, or an impossible tail; names the
             file.
     """
     place = Path(path)
@@ -39,7 +40,7 @@ def read_tail(path: str | Path) -> TailGeometry:
 
 
 def write_tail(geometry: TailGeometry, path: str | Path, *, force: bool = False) -> Path:
-    """Writes a tail file; what is read again is the same tail, to the last bit.
+    """Writes a tail file; reading it gives the same tail, to the last bit.
 
     Raises:
         ModelError: the file exists and `force` is not given.
@@ -50,11 +51,12 @@ def write_tail(geometry: TailGeometry, path: str | Path, *, force: bool = False)
 
 
 def set_tail_shapes(model: SdfModel, geometry: TailGeometry, margin: float) -> list[str]:
-    """Draws rod and plates, section by section, in place of what the model draws.
+    """Draws rod and plates, section by section, in place of the shapes of the model.
 
     Args:
         model: models/tail/tail.sdf; its links `tail_rod` and `tail_sail` have the frame T of the
             geometry.
+        geometry: tail that is drawn.
         margin: radius of the spheres that feel the ground, m; they lie that far inside the outline.
 
     Returns:
@@ -93,7 +95,7 @@ def set_tail_shapes(model: SdfModel, geometry: TailGeometry, margin: float) -> l
 
 
 def _draw(model: SdfModel, plate: Plate, piece: Piece, name: str) -> None:
-    """A box, or half a cylinder, of the middle width of each section."""
+    """Draws each section as a box, or half a cylinder, with the width at its middle."""
     part = piece.length / plate.sections
     frame = np.column_stack([piece.across, piece.normal, piece.axis])
     if plate.kind == "half_shell":
@@ -111,8 +113,8 @@ def _draw(model: SdfModel, plate: Plate, piece: Piece, name: str) -> None:
 
 
 def _corners(plate: Plate, margin: float) -> list[FloatArray]:
-    """Far corners of each piece in T, m, and near ones of a first piece that narrows; all lie
-    inside the outline.
+    """Returns the far corners of each piece in T, m, and the near ones of a first piece that
+    narrows; all lie inside the outline.
     """
     corners = []
     for number, piece in enumerate(plate.pieces):

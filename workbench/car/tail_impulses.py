@@ -28,7 +28,7 @@ from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals
 
 CAUSES = ("aerodynamic", "weight", "inertial")
-"""What the tail's moment is split by."""
+"""Causes by which the tail's moment is split."""
 
 
 @dataclass(frozen=True)

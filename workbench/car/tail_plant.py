@@ -41,8 +41,8 @@ in a crash only."""
 ADDED_MASS_PARTS = 5
 """Equal parts of the tail that carry the added mass (design section 5, thesis section 4.6)."""
 MIN_INERTIA_FRACTION = 0.03
-"""Share of every inertia that a negative `tail.added_mass` must leave: a swing of a tail of 0.17 kg
-with 3 % is the same at steps of 2 ms and 0.5 ms, with less than 1 % Drake's solver gives up."""
+"""Share of every inertia that a negative `tail.added_mass` must leave: with 3 % a swing of a tail
+of 0.17 kg is the same at steps of 2 ms and 0.5 ms; with less than 1 % Drake's solver gives up."""
 
 
 class ArmInertia(NamedTuple):
@@ -50,11 +50,11 @@ class ArmInertia(NamedTuple):
     the rotors.
 
     Args:
-        roll: rod and sail about the roll axis.
-        pitch_upright: hub, rod and sail about the pitch axis, arm straight up.
-        pitch_sideways: the same with the arm along the pitch axis.
+        roll: inertia of rod and sail about the roll axis.
+        pitch_upright: inertia of hub, rod and sail about the pitch axis, arm straight up.
+        pitch_sideways: the same inertia with the arm along the pitch axis.
         pitch_product: product of inertia yz of rod and sail about the joints; 0 for a tail that is
-            even to both sides.
+            symmetric to both sides.
     """
 
     roll: float
@@ -74,7 +74,7 @@ def inertia_about_joints(arm: ArmInertia, roll_angle: float) -> Pair:
 
 
 def arm_inertia(tail: TailParameters, motor: TailMotorParameters, car: CarParameters) -> ArmInertia:
-    """Inertia of the arm as `tail_sdf` builds it, with the added mass on it.
+    """Returns the inertia of the arm as `tail_sdf` builds it, with the added mass on it.
 
     Added mass acts across the tail only: about the roll axis and about the pitch axis of an upright
     arm it counts with its distance from the joints; an arm along the pitch axis turns about itself
@@ -97,16 +97,16 @@ def arm_inertia(tail: TailParameters, motor: TailMotorParameters, car: CarParame
 
 
 def added_mass_layout(tail: TailParameters) -> SectionLayout:
-    """Parts of the tail that carry added mass, in the frame of `tail_rod`: z along the tail."""
+    """Returns the parts that carry added mass, in the frame of `tail_rod`: z along the tail."""
     return tail_geometry(tail).added_mass_layout(ADDED_MASS_PARTS)
 
 
 def tail_geometry(tail: TailParameters) -> TailGeometry:
-    """The tail of a scenario as an object, with the mass and inertia that its parameters give.
+    """Returns the tail of a scenario as an object, with mass and inertia from its parameters.
 
     The rod is a uniform thin rod from the roll axis to the tip, the sail ends at the tip, see
-    `sail_inertial`. The densities are those of these masses over length and area: `from_densities`
-    is the same tail to rounding. With `tail.geometry` it is that of the tail file.
+    `sail_inertial`. The densities are these masses over length and area: `from_densities` is the
+    same tail to rounding. With `tail.geometry` the tail is that of the tail file.
 
     Raises:
         ModelError: the tail file is missing or wrong.
@@ -146,10 +146,10 @@ def tail_sdf(
     car: CarParameters,
     geometry: TailGeometry | None = None,
 ) -> SdfModel:
-    """The tail model with the numbers of a scenario.
+    """Makes the tail model with the numbers of a scenario.
 
     Args:
-        geometry: whose mass and inertia it has; by default that of the parameters, see
+        geometry: tail whose mass and inertia the model has; by default that of the parameters, see
             `tail_geometry`.
     """
     model = SdfModel(model_path(TAIL_SDF))
@@ -175,8 +175,8 @@ def tail_sdf(
 
 
 def sail_inertial(tail: TailParameters) -> Inertial:
-    """Shell and board: a uniform box as long and wide as the sail and as deep as both, balanced on
-    its axis.
+    """Returns mass and inertia of shell and board: a uniform box as long and wide as the sail and
+    as deep as both, balanced on its axis.
     """
     box = UnitInertia.SolidBox(tail.sail_width, tail.sail_depth, tail.sail_length)
     mass = tail.mass * tail.sail_mass_fraction
@@ -184,8 +184,8 @@ def sail_inertial(tail: TailParameters) -> Inertial:
 
 
 def _set_sail_shapes(model: SdfModel, tail: TailParameters) -> list[str]:
-    """The drawn shell opens to +y at its place before the bearing, with the board behind it; names
-    of the corners.
+    """Places the drawn shell, which opens to +y, before the bearing and the board behind the shell;
+    returns the names of the corners.
     """
     model.set_shape("tail_rod", "rod", (0, 0, tail.length / 2), length=tail.length)
     width = tail.sail_width
@@ -207,8 +207,8 @@ def _set_sail_shapes(model: SdfModel, tail: TailParameters) -> list[str]:
 
 
 def ground_partner_friction(car: CarParameters) -> float:
-    """Friction that cage, board and tail must carry so that Drake combines it with the ground's to
-    `cage_friction`.
+    """Returns the friction that cage, board and tail must carry so that Drake combines it with the
+    ground's to `cage_friction`.
 
     Drake combines mu = 2 mu1 mu2 / (mu1 + mu2); the ground carries the tyre friction, so that the
     tyres' own pair gives exactly that. A scenario's cage friction is below twice its tyre friction.

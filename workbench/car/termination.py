@@ -56,7 +56,7 @@ def time_after_rows(scenario: Scenario, time: float) -> float:
 
 def turn_end(scenario: Scenario) -> float:
     """Returns the time at which the wheels are straight again after the last turn, s; the end of
-    the run where no schedule says that.
+    the run where no schedule gives that time.
     """
     manoeuvre = scenario.manoeuvre
     if manoeuvre.kind not in ("turn", "auto_turn"):
@@ -81,12 +81,12 @@ class FlipWatch(LeafSystem):
     """Stops a run once the car has flipped.
 
     Input ports:
-        plant_state: [q; v] of the plant.
+        plant_state: state [q; v] of the plant.
 
     Args:
         station: simulated station.
-        rate: of its checks, Hz.
-        stop_after: s; a flipped car ends the run from then on.
+        rate: rate of the checks, Hz.
+        stop_after: time from which a flipped car ends the run, s.
     """
 
     def __init__(self, station: Diagram, rate: float, stop_after: float) -> None:

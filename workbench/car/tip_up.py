@@ -36,9 +36,9 @@ class TipUp:
     Attributes:
         side_lift_m: largest value over time of the smaller lift of the two wheels of one side, m;
             None where the log lacks the lifts.
-        touched_when_steered: which of cage, board and tail touched the ground, the anti-ramp board
-            while the car is steered alone: it is there to catch a car that gathers speed after a
-            turn; None where the log cannot tell.
+        touched_when_steered: which of cage, board and tail touched the ground; the anti-ramp board
+            counts only while the car is steered, since it is there to catch a car that gathers
+            speed after a turn; None where the log cannot tell.
     """
 
     side_lift_m: float | None
@@ -49,8 +49,8 @@ def tip_up(run_log: RunLog, windows: Windows) -> TipUp:
     """Measures a run; LogError as for `turn_signals`, or where there is no ground truth.
 
     Args:
-        run_log: of the car.
-        windows: in which it is steered.
+        run_log: log of a run of the car.
+        windows: parts of the run in which the car is steered.
     """
     signals = turn_signals(run_log, "truth")
     contact = signals.ground_contact
@@ -81,10 +81,10 @@ def _touched(contact: FloatArray, steered: BoolArray) -> list[str]:
 
 
 def path_row(run_log: RunLog, scenario: Scenario) -> dict[str, float | bool]:
-    """Returns how far a run leaves its lane at most, m (negative: it keeps it), and whether it gets
-    to the end of the path.
+    """Returns how far a car leaves its lane at most, m (negative if it stays inside), and whether
+    it reaches the end of the path.
 
-    Nothing for a manoeuvre that follows no path. LogError where there is no ground truth.
+    The row is empty for a manoeuvre without a path. LogError where there is no ground truth.
     """
     if scenario.manoeuvre.kind != "path":
         return {}

@@ -1,12 +1,12 @@
 """Course of a turn over the ground, and the time that it takes, from the steering command on.
 
-The course is the direction in which the point of the chassis moves over the ground that lies on it
-under the centre of mass of the car without tail arm (`car.com_x`). A spin turns the body, not the
-course, and roll does neither: the centre of mass itself, `car.com_height` above, swings with the
-roll rate, so that its own velocity points up to 6 degrees past the course while a car comes down
-from its outer wheels. The course is read when the turn is over: the wheels are straight again and
-the yaw rate is below `EXIT_YAW_RATE`. Everything is from the ground truth, with signs turned so
-that the turn is positive. Definitions: design section 10.
+The course is the direction of motion over the ground of one point of the chassis: the point on the
+ground under the centre of mass of the car without tail arm (`car.com_x`). A spin turns the body,
+not the course, and roll turns neither: the centre of mass itself, `car.com_height` above, swings
+with the roll rate, so that its own velocity points up to 6 degrees past the course while a car
+comes down from its outer wheels. The course is read when the turn is over: the wheels are straight
+again and the yaw rate is below `EXIT_YAW_RATE`. Everything is from the ground truth, with signs
+turned so that the turn is positive. Definitions: design section 10.
 """
 
 import math
@@ -25,10 +25,10 @@ class TurnCourse:
     """Exit of a turn; every field is None without one.
 
     Attributes:
-        exit_time_s: since the steering command; first instant with straight wheels and a yaw rate
-            below `EXIT_YAW_RATE`.
+        exit_time_s: time of the exit since the steering command: the first instant with straight
+            wheels and a yaw rate below `EXIT_YAW_RATE`.
         course_change_rad: course at the exit less that at the steering command, into the turn.
-        exit_heading_change_rad: likewise of the body's heading.
+        exit_heading_change_rad: same difference for the body's heading.
         exit_sideslip_rad: heading less course at the exit: positive when the nose points further
             into the turn.
         exit_speed_m_per_s: ground speed at the exit.

@@ -27,11 +27,11 @@ from aerodima.workbench.scenario.signal_table import GROUND_CONTACTS, TIME, WHEE
 STEERED = 0.01
 """A command above this (rad) is steering by hand, not the middle of a stick."""
 _STRAIGHT = 1e-6
-"""rad; below it the wheels are straight but for rounding."""
+"""Angle below which the wheels are straight up to rounding, rad."""
 _TIME_MARGIN = 1e-6
 """Log times are sums of steps: a sample this close to the edge of the window (s) belongs to it."""
 _RATE_MARGIN = 0.05
-"""A log is not thinned out for this much of its rate."""
+"""Share of the wanted rate by which a log may be faster without being thinned out."""
 _LOADS = tuple(f"wheel_force_{wheel}_z_truth_n" for wheel in WHEELS)
 _TRUTH = {
     "yaw_rate": "gyro_z_truth_rad_per_s",
@@ -61,14 +61,14 @@ class TurnSignals:
     """Signals of a run over its log times, shape (n,) unless stated.
 
     Attributes:
-        time: s.
+        time: log times, s.
         window: start and end of the turn (from the steering command until the wheels are straight
             again), s.
-        sign: +1 left turn, -1 right turn.
-        source: `truth` or `sensors`.
+        sign: side of the turn, +1 left, -1 right.
+        source: origin of the signals, `truth` or `sensors`.
         speed: ground speed, m/s.
         yaw_rate: body rate about z, into the turn, rad/s.
-        lateral_acceleration: along y of B, gravity removed, into the turn, m/s2.
+        lateral_acceleration: acceleration along y of B, gravity removed, into the turn, m/s2.
         roll_rate: body rate about x, outwards, rad/s; without truth its mean before the turn (the
             bias of the gyro) is removed.
         roll: roll angle, outwards, unwrapped, rad.
@@ -123,7 +123,7 @@ class TurnSignals:
 
 def turn_signals(run_log: RunLog, source: Literal["truth", "sensors"] | None = None) -> TurnSignals:
     """Returns signals of a run's turn, from the given source; by default from the truth where the
-    log has it. What a column of nothing but NaN goes into is NaN.
+    log has it. A signal made from a column of nothing but NaN is NaN.
 
     Raises:
         LogError: a column or scenario key is missing, single NaN, unsorted time or a gap, the log
@@ -180,12 +180,12 @@ def turn_window(run_log: RunLog) -> Pair:
     """Returns the start and end of the turn, s: from the steering command to straight wheels after
     it.
 
-    The end is that of the last step of steering + the time in which the servo brings the wheels
+    The end is that of the last step of steering plus the time in which the servo brings the wheels
     back. A turn starts when the scenario says, the turn of the AUTO sequence at the first steering
     command in the log. A fishhook ends after the last steering command in the log, or with the log.
     For other kinds the window is the run from `turn_start` on, or the whole run if it is shorter
-    than that. That of a car that somebody steered is from the first to the last steering command,
-    the whole run without any.
+    than that. For a car that somebody steered, the window is from the first to the last steering
+    command, or the whole run without any.
     """
     first = float(run_log.time[0])
     last = float(run_log.time[-1])
@@ -235,9 +235,9 @@ class SteeredWindow(NamedTuple):
     """A time in which a car is steered to one side.
 
     Attributes:
-        start, end: s; the end is the first instant at which the command is that side's no more, or
-            the end of the log.
-        side: +1 left, -1 right.
+        start, end: times of the window, s; the end is the first instant at which the command is no
+            longer to that side, or the end of the log.
+        side: side of the steering, +1 left, -1 right.
     """
 
     start: float
@@ -248,12 +248,13 @@ class SteeredWindow(NamedTuple):
 def steered_windows(time: FloatArray, angle: FloatArray) -> list[SteeredWindow]:
     """Returns when a car was steered to which side, in the order of time; none if never.
 
-    The pulses of a turn, both halves of a fishhook, the half waves of a slalom, what the driver of
-    a path did.
+    Windows are the pulses of a turn, both halves of a fishhook, the half waves of a slalom, and the
+    steering of a driver on a path.
 
     Args:
-        time: (n,), s.
-        angle: commanded at these times (n,), rad; one below `STEERED` opens no window.
+        time: log times (n,), s.
+        angle: steering angle commanded at these times (n,), rad; one below `STEERED` opens no
+            window.
     """
     side = np.sign(np.where(np.abs(angle) > _STRAIGHT, angle, 0.0))
     edges = [0, *(np.flatnonzero(np.diff(side)) + 1), side.size]
@@ -302,11 +303,11 @@ def settled_row(table: pd.DataFrame | Mapping[str, FloatArray], turn_end: float)
     """Returns the first row of a run's table at which the car has been calm for `CALM_FOR`; None if
     it never was.
 
-    None too where the table lacks a column, as that of a real car does.
+    It is None too where the table lacks a column, as that of a real car does.
 
     Args:
         table: columns as in a run log.
-        turn_end: when the wheels are straight again, s.
+        turn_end: time at which the wheels are straight again, s.
     """
     if not {*CALM, *_LOADS, _STATE} <= set(table):
         return None

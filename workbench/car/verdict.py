@@ -17,19 +17,19 @@ FLIP_TILT = math.radians(75.0)
 COS_FLIP_TILT = math.cos(FLIP_TILT)
 """Cosine of `FLIP_TILT`."""
 END_TILT = math.radians(20.0)
-"""Beyond this tilt at the end of the run, with a wheel in the air, it has too, rad."""
+"""Tilt at the end of a run beyond which a car with a wheel in the air has rolled over, rad."""
 LOADED_FORCE = 0.1
 """A wheel, cage, board or tail touches the ground from this force on, N; a part in the air feels
 exactly none."""
 EXIT_YAW_RATE = 0.1
-"""rad/s; a car that yaws less, its wheels straight, has left the turn. A large tail to one side
-alone gives 0.065."""
+"""A car with straight wheels that yaws less than this has left the turn, rad/s. A large tail to one
+side alone gives 0.065."""
 TWO_WHEELS = 0.005
 """Two wheels of one side that are both higher than this have tipped up, m."""
 LAST = 0.2
-"""How much of the end of a run says whether the car goes straight again, s."""
+"""Time at the end of a run over which it is judged whether the car goes straight again, s."""
 CALM_FOR = 0.1
-"""Time for which all must have been calm, s: a third of a period of roll on the suspension."""
+"""Time for which the car must have been calm, s: a third of a period of roll on the suspension."""
 CALM = {
     "gyro_x_truth_rad_per_s": 0.15,
     "gyro_y_truth_rad_per_s": 0.15,
@@ -39,8 +39,8 @@ CALM = {
     "tail_pitch_rate_rad_per_s": 0.3,
     "tail_roll_rate_rad_per_s": 0.3,
 }
-"""Largest magnitudes of a calm car, by columns of a log. All wheels bear load in it too, and the
-law neither swings nor is about to."""
+"""Largest magnitudes of a calm car, by columns of a log. All its wheels bear load too, and the law
+neither swings the tail nor is about to."""
 CALM_SPIN = math.hypot(*(limit for name, limit in CALM.items() if name.startswith("gyro")))
 """A car that turns faster than this, rad/s, about whatever axis, is not calm."""
 _COS_CALM = math.cos(CALM["tilt_truth_rad"])
@@ -57,7 +57,7 @@ def has_flipped(max_tilt_passed: Any, end_tilt: Any, wheel_lifted: Any) -> Any:
     """Returns whether a car has rolled over, or lies at the end.
 
     Args:
-        max_tilt_passed: whether its tilt ever was beyond `FLIP_TILT`.
+        max_tilt_passed: whether the tilt of the car ever was beyond `FLIP_TILT`.
         end_tilt: angle of its z axis from the world's at the end, rad.
         wheel_lifted: whether a wheel bears no load then.
     """
@@ -75,13 +75,13 @@ def is_busy(controller_state: Any) -> Any:
 
 
 def is_calm(motion: Mapping[str, Any], up_z: Any, loads: Iterable[Any], busy: Any) -> Any:
-    """Returns whether a car is at rest but for its driving on.
+    """Returns whether a car is calm: it drives on and moves in no other way.
 
     Args:
-        motion: values of `CALM` but for the tilt.
+        motion: values of the columns of `CALM` without the tilt.
         up_z: cosine of the tilt.
-        loads: of the wheels, N, one by one.
-        busy: see `is_busy`.
+        loads: loads of the wheels, N, one by one.
+        busy: whether the law is busy, see `is_busy`.
     """
     calm = (up_z >= _COS_CALM) & ~busy
     for name, limit in CALM.items():
@@ -137,9 +137,9 @@ def stays_upright(lift: Any, touched: Any, flipped: Any) -> Any:
     """Returns whether nothing but wheels carries a car, and not those of one side alone.
 
     Args:
-        lift: see `side_lift`, m.
-        touched: see `touches_ground`.
-        flipped: see `has_flipped`.
+        lift: lift of one side, m, see `side_lift`.
+        touched: whether a contact counts, see `touches_ground`.
+        flipped: whether the car has rolled over, see `has_flipped`.
     """
     return keeps_sides_down(lift) & ~touched & ~flipped
 
@@ -152,8 +152,9 @@ def velocity_over_ground(
     Args:
         v_WBo_B, w_WB_B: velocity of the origin of B and angular velocity, in B (3, ...), m/s and
             rad/s.
-        roll, pitch: (...), rad.
-        com_x: of the car without tail arm, m.
+        roll, pitch: attitude of B (...), rad.
+        com_x: distance of the centre of mass of the car without tail arm ahead of the origin of B,
+            m.
     """
     x = v_WBo_B[0]
     y = v_WBo_B[1] + w_WB_B[2] * com_x

@@ -1,4 +1,4 @@
-"""The program `aerodima` and the commands of the workbench: heavy imports stand inside them."""
+"""The program `aerodima` and the commands of the workbench, which do heavy imports inside."""
 
 from importlib import import_module
 

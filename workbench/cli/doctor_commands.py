@@ -1,7 +1,7 @@
 """`aerodima doctor`: checks of this machine, and how to get what is missing.
 
-Each check prints a line with what it found. Only what every job needs is
-`required`; all else names the job that would go without it.
+Each check prints a line with what it found. Only what every job needs is `required`; all other
+checks name the job that needs the thing.
 """
 
 import importlib
@@ -37,7 +37,7 @@ USES_OF_EXTRAS = {
     "search": "compiled steps of reduced cars, 80 times faster",
     "video": "MP4 videos",
 }
-"""Extra -> what needs it."""
+"""Jobs or files that need each extra."""
 PROGRAMS = {
     "browser": (
         ("chromium", "chromium-browser", "google-chrome", "firefox"),
@@ -49,7 +49,7 @@ PROGRAMS = {
         "install g++, which compiles the firmware of the emulated car",
     ),
 }
-"""Subject -> the programs of which one is needed, and the advice without."""
+"""Programs of which each subject needs one, and the advice if there is none."""
 _ARPHRD_CAN = "280"
 """Type of a CAN interface in /sys/class/net/*/type (linux/if_arp.h)."""
 
@@ -130,7 +130,7 @@ def _solvers() -> Iterator[Finding]:
     try:
         from pydrake.solvers import ClarabelSolver, IpoptSolver, SnoptSolver
     except ImportError:
-        return  # told by the check of Drake
+        return  # reported by the check of Drake
     for solver, use in (
         (SnoptSolver(), "static fits, swing optimisation"),
         (IpoptSolver(), "swing optimisation, second opinion"),

@@ -35,8 +35,8 @@ IGNORED_BY_DRAKE = {
         "dynamics@spring_reference": "joint spring",
     },
 }
-"""Elements (or `element@attribute`) below a joint that Drake reads past, even when it parses
-strictly."""
+"""Elements (or `element@attribute`) below a joint that Drake skips, even when it parses strictly,
+with their meaning."""
 SOURCED = "unit and source of every number"
 
 

@@ -39,7 +39,9 @@ class Status(IntEnum):
 
 
 def _defined(word: str) -> Callable[[str], list[str]]:
-    """Make a completion: FILE:NAME of what Python files define with `word`, class or def."""
+    """Make a completion: FILE:NAME of everything that Python files define with `word`, a class or
+    def.
+    """
 
     def complete(incomplete: str) -> list[str]:
         places = []
@@ -69,7 +71,7 @@ def _keys(kind: str) -> list[tuple[str, str]]:
 
 
 def endings(*allowed: str) -> Callable[[typer.CallbackParam, Any], Any]:
-    """Make the check of an option that its files end in one of these."""
+    """Make the check that the files of an option have one of these endings."""
 
     def check(param: typer.CallbackParam, value: Any) -> Any:
         for path in value if isinstance(value, list | tuple) else [value]:
@@ -188,7 +190,7 @@ def settings_of(options: Any) -> list[str]:
 
 @dataclass(frozen=True)
 class WorkOptions:
-    """Workers of a study, and whether it begins anew."""
+    """Workers of a study, and whether the study begins anew."""
 
     workers: Workers = 2
     scheduler: Scheduler = None
@@ -235,7 +237,7 @@ def command_group(
     section: str | None = None,
     kind: type[TyperGroup] = TyperGroup,
 ) -> typer.Typer:
-    """A group of commands in `app`, with its help text and section of the help page."""
+    """Add a group of commands to `app`, with its help text and its section of the help page."""
     group = typer.Typer(cls=kind, no_args_is_help=True)
     group.callback(help=words)(lambda: None)
     app.add_typer(group, name=name, rich_help_panel=section)

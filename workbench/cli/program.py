@@ -23,7 +23,7 @@ from aerodima.workbench.core.terminal import say
 
 ENTRY_POINT_GROUP = "aerodima.commands"
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""Errors of a disk that takes no more, with or without the name of a file."""
+"""Errors of a full disk, with or without the name of a file."""
 
 
 class ErrorBoundary(TyperGroup):
@@ -114,7 +114,7 @@ def build_app() -> typer.Typer:
 
 
 def main() -> None:
-    """Run the console command; a sign that the terminal's encoding lacks becomes an escape."""
+    """Run the console command; a character that the terminal's encoding lacks is escaped."""
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
     try:

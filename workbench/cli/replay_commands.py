@@ -1,6 +1,4 @@
-"""`aerodima play` and `replay`: the simulated car by hand in the browser; runs in Meshcat, as page,
-strip or video.
-"""
+"""`aerodima play` and `replay`: drive by hand in a browser; show runs as page, strip or video."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ SHOWN_FACTS = ("tail", "axis", "wind_speed_m_per_s", "exposed")
 
 @dataclass(frozen=True)
 class ExperimentOptions:
-    """Changes of an experiment to its scenario, and where its log goes."""
+    """Changes to the scenario of an experiment, and the path of its log."""
 
     out: cli.LogOut
     tail: Annotated[

@@ -1,6 +1,4 @@
-"""`aerodima run` and `demo`: simulated runs of the car with their logs, metrics and replays;
-`scenarios list`.
-"""
+"""`aerodima run`, `demo`, `scenarios list`: simulated runs with logs, metrics and replays."""
 
 from __future__ import annotations
 
@@ -48,7 +46,7 @@ _MIN_SWING = 0.2
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Changes of a run to its scenario, and what is kept and shown of it."""
+    """Changes to the scenario of a run, and what is kept and shown of the run."""
 
     scenario: cli.OtherScenario = None
     speed: Annotated[
@@ -112,7 +110,7 @@ def run(options: RunOptions) -> None:
 
     Example: aerodima run turn_swing --speed 4.44 --out run.parquet --html run.html
     """
-    # What can be wrong is looked at before Drake is imported, which takes seconds.
+    # The options are checked before Drake is imported, which takes seconds.
     from aerodima.workbench.control.swing_library import (
         find_swing,
         refuse_other_car,

@@ -30,7 +30,7 @@ def load_drive(name_or_path: str, settings: Sequence[str] = ()) -> tuple[Scenari
     that ships.
 
     Args:
-        name_or_path: as `load_scenario` takes it, or a bundle.
+        name_or_path: scenario as `load_scenario` takes it, or path of a bundle.
         settings: overrides such as `manoeuvre.speed=3`; not for a bundle, which is what was
             exported.
 

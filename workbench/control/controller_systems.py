@@ -48,9 +48,10 @@ from aerodima.workbench.scenario.signal_table import (
 )
 
 POSE = PortFields("DriverPose", ("qw", "qx", "qy", "qz", "x", "y", "vx", "vy"))
-"""What a driver of a path sees: rotation of the car in W, place and velocity of Bo in W; m, m/s."""
+"""Pose that the driver of a path sees: rotation of the car, place and velocity of Bo, in W; m,
+m/s."""
 STANDING = 0.1
-"""m/s; a slower car has no course of its own."""
+"""Speed below which a car has no course of its own, m/s."""
 
 
 class TailController(LeafSystem):
@@ -61,10 +62,10 @@ class TailController(LeafSystem):
     context repeats a run.
 
     Input ports:
-        tail_state (6), imu (9), status (13): as the station gives them, see
-        `aerodima.workbench.scenario.signal_table`.
-        planned_turn (1): +1 left, -1 right, 0 none, from the driver.
-        speed (1, optional): m/s, from the station; unknown when not connected.
+        tail_state (6), imu (9), status (13): signals as the station gives them, see
+            `aerodima.workbench.scenario.signal_table`.
+        planned_turn (1): turn that the driver announces, +1 left, -1 right, 0 none.
+        speed (1, optional): speed from the station, m/s; unknown when not connected.
         steering_angle (1, optional): command of the driver, rad; unknown when not connected.
     Output ports:
         tail_pitch_command (5), tail_roll_command (5): `signal_table.TAIL_COMMAND`, in rad, rad/s,
@@ -73,11 +74,11 @@ class TailController(LeafSystem):
 
     Args:
         law: a `TailLaw`; `law_of_scenario(scenario)` is the one that a scenario names.
-        age_limit: s; beyond this a signal counts as silent.
-        stage: of its ticks, where it drives a simulated car
+        age_limit: age beyond which a signal counts as silent, s.
+        stage: stage of the ticks where the controller drives a simulated car
             (`aerodima.workbench.core.event_order`).
-        idle: never ticks, and gives no command: for a car without tail, on which ticks cost time
-            and have no effect.
+        idle: whether the controller never ticks and gives no command: for a car without tail, on
+            which ticks cost time and have no effect.
 
     Raises:
         UserError: rate or age limit out of range; at a tick, a command that is not five finite
@@ -189,18 +190,18 @@ class TurnDriver(LeafSystem):
     discrete state.
 
     Input ports, each only if the law names it among its `sources`:
-        imu (9): as the station gives it.
-        pose (8): `POSE`, of a simulated car.
+        imu (9): signals of the IMU as the station gives them.
+        pose (8): `POSE` of a simulated car.
     Output ports:
-        steering_angle (1): rad, positive to the left.
-        throttle (1): -1 to 1.
-        planned_turn (1): +1 left, -1 right, 0 none.
+        steering_angle (1): steering angle, rad, positive to the left.
+        throttle (1): throttle, -1 to 1.
+        planned_turn (1): announced turn, +1 left, -1 right, 0 none.
 
     Args:
         driver: a `DriverLaw`, such as `make_driver(scenario)`, or a schedule, such as
             `make_schedule(scenario)`.
-        rate: Hz.
-        stage: of its ticks, where it drives a simulated car
+        rate: rate of the ticks, Hz.
+        stage: stage of the ticks where the driver drives a simulated car
             (`aerodima.workbench.core.event_order`).
 
     Raises:
@@ -241,10 +242,10 @@ class TurnDriver(LeafSystem):
         station: System,
         controller_rate: float | None = None,
     ) -> "TurnDriver":
-        """Adds a driver and connects steering, throttle, and what it looks at, to the station.
+        """Adds a driver and connects its steering, throttle and inputs to the station.
 
-        Beside a tail controller of the same rate, Hz, it ticks at the controller's instant: that
-        sees the driver as it was before, and one instant is cheaper than two.
+        Beside a tail controller of the same rate, Hz, it ticks at the controller's instant: the
+        controller sees the driver as it was before, and one instant is cheaper than two.
 
         Raises:
             UserError: the driver needs the pose, which only the station of a simulated car has.
@@ -292,7 +293,7 @@ class TurnDriver(LeafSystem):
 
 
 def _pose(builder: DiagramBuilder, station: System) -> OutputPort:
-    """Returns `POSE` of a simulated car, in C++; adds one system."""
+    """Adds one system, in C++, with the `POSE` of a simulated car; returns its port."""
     if not (isinstance(station, Diagram) and station.HasSubsystemNamed("plant")):
         raise UserError(
             "driver: follows a path by the pose of the car; allowed with a simulated car only"

@@ -1,5 +1,5 @@
-"""Laws of the driver, with what they see and give: schedules of time, and drivers that look at the
-car.
+"""Laws of the driver, with their inputs and outputs: schedules of time, and drivers that look at
+the car.
 
 No Drake.
 """
@@ -26,7 +26,7 @@ from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.law_parameters import RolloverControlParameters
 
 Source = Literal["imu", "pose"]
-"""What a driver may look at: the IMU of the station, and the pose and speed of a simulated car."""
+"""Signals that a driver may look at: the station's IMU, and pose and speed of a simulated car."""
 SLOW = 0.5
 """Speed (m/s) below which yaw rate over speed is noise of the gyro."""
 
@@ -36,14 +36,14 @@ class DriverView(NamedTuple):
     first tick.
 
     Attributes:
-        time: s.
-        position: of the ground under the rear axle in W, m.
-        heading: rad, positive to the left.
+        time: time of the tick, s.
+        position: point on the ground under the rear axle in W, m.
+        heading: heading, rad, positive to the left.
         course: direction in which that point moves, rad, positive to the left; the heading of a car
             that stands.
-        speed: over ground, m/s.
-        yaw_rate: rad/s, positive to the left.
-        roll, roll_rate: of the car, rad and rad/s, positive to the right.
+        speed: speed over ground, m/s.
+        yaw_rate: yaw rate, rad/s, positive to the left.
+        roll, roll_rate: roll and roll rate of the car, rad and rad/s, positive to the right.
     """
 
     time: float
@@ -61,7 +61,7 @@ class DriverLaw(Protocol):
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """Returns what it looks at beside the time; the rest is NaN.
+        """Returns the sources that the law looks at beside the time; all other signals are NaN.
 
         Each source costs time at every tick.
         """
@@ -70,7 +70,7 @@ class DriverLaw(Protocol):
         """Returns the memory (n,) before the first tick."""
 
     def step(self, memory: FloatArray, view: DriverView) -> tuple[FloatArray, DriverInput]:
-        """Returns new memory and what the driver gives at one tick; must not change its
+        """Returns new memory and the driver's commands at one tick; must not change its
         arguments.
         """
 
@@ -83,7 +83,7 @@ class ScheduledDriver:
     sources: tuple[Source, ...] = ()
 
     def start(self) -> FloatArray:
-        """See `DriverLaw`; without memory."""
+        """See `DriverLaw`; a schedule has no memory."""
         return np.zeros(0)
 
     def step(self, memory: FloatArray, view: DriverView) -> tuple[FloatArray, DriverInput]:
@@ -96,19 +96,19 @@ class FishhookDriver:
     """Fishhook with roll-rate feedback of NHTSA (49 CFR 575, Federal Register 68, 14 October 2003,
     p. 59250).
 
-    Steers to one side, waits until the car has rolled outwards and does not any more, steers to the
-    other side, holds that, and goes straight. While the roll rate is not known it waits. A
-    full-size car rolls before the handwheel has arrived; the wheels of a small one arrive before it
-    rolls.
+    The driver steers to one side, waits until the car has rolled outwards and no longer does,
+    steers to the other side, holds that, and goes straight. While the roll rate is not known the
+    driver waits. A full-size car rolls before the handwheel has arrived; the wheels of a small one
+    arrive before it rolls.
 
     Args:
-        ramp: reaches the speed before `start_time`.
-        side: of the first steering, +1 left, -1 right.
-        steer_angle: to either side, rad.
-        start_time: of the first steering, s.
-        hold: how long the wheels stay at the second angle, s.
-        roll_rate: the counter-steer begins when the roll rate outwards falls below this, rad/s.
-        servo_rate: rate of the wheels, rad/s: the driver waits for them.
+        ramp: speed ramp that reaches the speed before `start_time`.
+        side: side of the first steering, +1 left, -1 right.
+        steer_angle: steering angle to either side, rad.
+        start_time: time of the first steering, s.
+        hold: time for which the wheels stay at the second angle, s.
+        roll_rate: roll rate outwards below which the counter-steer begins, rad/s.
+        servo_rate: rate of the wheels, rad/s; the driver waits for them.
     """
 
     ramp: SpeedRamp
@@ -121,8 +121,8 @@ class FishhookDriver:
     sources: tuple[Source, ...] = ("imu",)
 
     def start(self) -> FloatArray:
-        """See `DriverLaw`: the time of the counter-steer, inf before, and 1 once the car has rolled
-        outwards.
+        """See `DriverLaw`: the memory is the time of the counter-steer, inf before, and 1 once the
+        car has rolled outwards.
         """
         return np.array([math.inf, 0.0])
 
@@ -152,22 +152,22 @@ class PathDriver:
     The driver knows its delay: it takes the place and course that the car will have when the
     steering acts, at the present speed and yaw rate, and wants the circle from there to the point
     of the centre line that is `preview` ahead. It steers the kinematic bicycle onto that circle,
-    and more by `correction` of the curvature that it lacks, since tyres that slip go along a wider
-    one; past the grip of the front tyres more steering does not help. Without a pose the wheels
-    stay straight.
+    and more by `correction` of the curvature that is missing, since tyres that slip go along a
+    wider circle; past the grip of the front tyres more steering does not help. Without a pose the
+    wheels stay straight.
 
     Args:
-        path: to follow.
-        ramp: of the speed.
-        wheelbase: m.
+        path: path to follow.
+        ramp: ramp of the speed.
+        wheelbase: wheelbase of the car, m.
         limit: largest steering angle, rad.
-        preview: s.
-        correction: share of the curvature that the car lacks by which the driver steers more;
-            `lag`, time constant with which that is noticed, s. Without the lag the steering of a
-            car on rigid tyres swings from side to side.
-        delay: s, rounded to ticks.
-        steering_rate: of the hands, as an angle of the wheels, rad/s.
-        rate: ticks per second, Hz.
+        preview: time by which the driver looks ahead, s.
+        correction: share of the missing curvature by which the driver steers more.
+        lag: time constant with which the missing curvature is noticed, s. Without it the steering
+            of a car on rigid tyres swings from side to side.
+        delay: reaction delay, s, rounded to ticks.
+        steering_rate: rate of the hands, as an angle of the wheels, rad/s.
+        rate: rate of the ticks, Hz.
     """
 
     path: Path
@@ -183,8 +183,8 @@ class PathDriver:
     sources: tuple[Source, ...] = ("imu", "pose")
 
     def start(self) -> FloatArray:
-        """See `DriverLaw`: missing curvature, 1/m; the angle given last, then those to come in
-        their order, rad.
+        """See `DriverLaw`: the memory is the missing curvature, 1/m, the angle given last, and the
+        angles to come in their order, rad.
         """
         return np.zeros(2 + round(self.delay * self.rate))
 
@@ -204,7 +204,7 @@ class PathDriver:
         return np.array([missing, angle, *later]), given
 
     def _aim(self, missing: float, view: DriverView) -> Pair:
-        """Returns the missing curvature, 1/m, and the angle that is wanted, rad, with a pose."""
+        """Returns the missing curvature, 1/m, and the wanted angle, rad, of a car with a pose."""
         bent = 0.0
         if view.speed > SLOW and not math.isnan(view.yaw_rate):
             bent = view.yaw_rate / view.speed
@@ -215,7 +215,7 @@ class PathDriver:
 
     def wanted_curvature(self, view: DriverView, bent: float) -> float:
         """Returns the curvature (1/m) of the circle to the preview point, for a car with a pose
-        that goes along `bent`, 1/m.
+        that drives along a curvature `bent`, 1/m.
         """
         speed = view.speed
         way = speed * self.delay
@@ -238,10 +238,10 @@ class LimitedDriver:
     While the roll is not known the wheels keep their share.
 
     Args:
-        driver: who steers.
-        control: numbers of the control.
-        max_angle: to which the control limits the steering by speed, rad.
-        rate: ticks per second, Hz.
+        driver: driver whose steering is limited.
+        control: parameters of the control.
+        max_angle: angle to which the control limits the steering by speed, rad.
+        rate: rate of the ticks, Hz.
     """
 
     driver: DriverLaw
@@ -251,12 +251,12 @@ class LimitedDriver:
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """See `DriverLaw`: the IMU, too."""
+        """See `DriverLaw`: those of the driver, and the IMU."""
         return tuple(dict.fromkeys((*self.driver.sources, "imu")))
 
     def start(self) -> FloatArray:
-        """See `DriverLaw`: `RolloverMemory`, the zero NaN until a roll is known; then the memory of
-        the driver.
+        """See `DriverLaw`: the memory is a `RolloverMemory`, its zero NaN until a roll is known,
+        then the memory of the driver.
         """
         return np.array([1.0, math.nan, *self.driver.start()])
 
@@ -317,10 +317,10 @@ def driver_of_manoeuvre(scenario: Any) -> DriverLaw:
 
 
 def refuse_simulated_only(scenario: Any, user_driver: bool = False) -> None:
-    """Raises UserError for a manoeuvre that a real car cannot begin, or whose driver looks at what
-    it does not know.
+    """Raises UserError for a manoeuvre that a real car cannot begin, or whose driver looks at
+    signals that a real car does not have.
 
-    With `user_driver` somebody else drives than the manoeuvre says.
+    With `user_driver` the driver is not that of the manoeuvre.
     """
     manoeuvre = scenario.manoeuvre
     if manoeuvre.rolling_start:

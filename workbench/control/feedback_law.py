@@ -42,7 +42,7 @@ ROLL = IMU.index("roll")
 GYRO_X = IMU.index("gyro_x")
 GYRO_Z = IMU.index("gyro_z")
 MIDDLE = 0.1
-"""rad; a reference nearer to the middle counts as waiting in the log."""
+"""Angle from the middle within which a reference counts as waiting in the log, rad."""
 OVER = 10.0
 """Time since the release of a swing that is long over, s."""
 
@@ -51,10 +51,10 @@ class FeedbackSignals(NamedTuple):
     """Signals that the law reads, numbers or arrays of cars (n).
 
     Attributes:
-        roll, roll_rate: of the car, rad and rad/s, positive to the right.
-        yaw_rate: of the car, rad/s, positive to the left.
-        speed: m/s.
-        steering_angle: command, rad, positive to the left.
+        roll, roll_rate: roll and roll rate of the car, rad and rad/s, positive to the right.
+        yaw_rate: yaw rate of the car, rad/s, positive to the left.
+        speed: speed of the car, m/s.
+        steering_angle: steering command, rad, positive to the left.
         valid: whether the IMU is fresh and without fault.
     """
 
@@ -67,14 +67,14 @@ class FeedbackSignals(NamedTuple):
 
 
 class LawMemory(NamedTuple):
-    """What the law carries from tick to tick, numbers or arrays (n).
+    """Values that the law carries from tick to tick, numbers or arrays (n).
 
     Attributes:
-        reference: of the roll of the tail, rad.
-        side: of the last swing, +1 after steering to the left, -1 to the right, 0 where the wheels
-            were straight since.
-        since: time since its release, s.
-        level: by which its angles and the state of the car count, 0 to 1.
+        reference: reference of the roll of the tail, rad.
+        side: side of the last swing, +1 after steering to the left, -1 to the right, 0 where the
+            wheels have been straight since.
+        since: time since the release of that swing, s.
+        level: factor on its angles and on the state of the car, 0 to 1.
         zero: roll of the car that counts as none, rad.
     """
 
@@ -92,10 +92,10 @@ def respond(
 
     Args:
         gains: any object with the fields of `FeedbackParameters`, numbers or arrays (n).
-        wheelbase: m.
-        rate: of the controller, Hz.
-        memory: of the tick before.
-        signals: signals.
+        wheelbase: wheelbase of the car, m.
+        rate: rate of the controller, Hz.
+        memory: memory of the tick before.
+        signals: signals at this tick.
     """
     curvature = np.tan(signals.steering_angle) / wheelbase
     demand = np.tanh(signals.speed**2 * curvature / gains.grip)
@@ -149,10 +149,10 @@ class FeedbackLaw:
     """The law (a `TailLaw`) of one car.
 
     Args:
-        gains: of the law.
-        wheelbase: m.
-        rate: Hz.
-        pitch_hold: kp, N m/rad, and kd, N m s/rad, of the pitch joint.
+        gains: parameters of the law.
+        wheelbase: wheelbase of the car, m.
+        rate: rate of the controller, Hz.
+        pitch_hold: gains of the pitch joint, kp, N m/rad, and kd, N m s/rad.
     """
 
     gains: FeedbackParameters

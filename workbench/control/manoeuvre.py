@@ -15,10 +15,10 @@ from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.ranges import check_range
 
 TICK_TOLERANCE = 1e-9
-"""s; a tick that falls on an instant of the schedule up to rounding counts as having reached it."""
+"""Time within which a tick counts as having reached an instant of the schedule, for rounding, s."""
 WITHDRAWN = (0.3, 0.4)
-"""From when until when the announcement of a steering step is withdrawn, s after the step; a law
-that swings late has swung by then."""
+"""Interval in which the announcement of a steering step is withdrawn, s after the end of the step;
+a law that swings late has swung by then."""
 CLOSED_LOOP = ("fishhook", "path")
 """Kinds of manoeuvre in which the driver looks at the car: no function of time."""
 
@@ -44,10 +44,10 @@ class ThrottleLine:
     """Steady speed of the drive as a line of throttle, and its inverse with feed-forward.
 
     Args:
-        gain: m/s per unit throttle.
-        offset: m/s at throttle 0.
-        time_constant: s of the speed's response to the throttle; 0 where a governor holds the
-            commanded speed.
+        gain: speed per unit of throttle, m/s.
+        offset: speed of the line at throttle 0, m/s.
+        time_constant: time constant of the speed's response to the throttle, s; 0 where a governor
+            holds the commanded speed.
         breakaway: throttle below which the car stands; 0 where a governor holds the commanded
             speed.
     """
@@ -110,10 +110,10 @@ def ramp_speed(speed: Any, duration: Any, time_constant: Any, time: Any) -> Any:
     """Returns the steady speed (m/s) that a drive is asked for on a ramp, numbers or arrays.
 
     Args:
-        speed: at the end of the ramp, m/s.
-        duration: of the ramp, above 0 s.
-        time_constant: s; the drive is asked for what it reaches by then.
-        time: since the start, s.
+        speed: speed at the end of the ramp, m/s.
+        duration: duration of the ramp, above 0 s.
+        time_constant: time by which the request runs ahead of the ramp, s.
+        time: time since the start, s.
     """
     acceleration = speed / duration
     gathered = acceleration * time + time_constant * acceleration
@@ -136,8 +136,8 @@ def level_angle(levels: Sequence[Any], ends: Sequence[Any], since: Any) -> Any:
     """Returns the steering angle (rad) that levels command one after the other, then straight.
 
     Args:
-        levels: angles, rad, numbers or arrays of cars.
-        ends: when each is over, s since the start of the first one, in order.
+        levels: steering angles, rad, numbers or arrays of cars.
+        ends: ends of the levels, s since the start of the first one, in order.
         since: time since that start, s.
     """
     angle: Any = 0.0
@@ -148,7 +148,7 @@ def level_angle(levels: Sequence[Any], ends: Sequence[Any], since: Any) -> Any:
 
 def slewed_angle(levels: Sequence[Any], ends: Sequence[Any], rate: Any, since: Any) -> Any:
     """Returns the angle (rad) to which a servo of `rate` (rad/s) has turned the wheels from 0 by
-    then, and on the way back after the last level; other arguments as `level_angle`.
+    that time, also on the way back after the last level; other arguments as for `level_angle`.
     """
     angle: Any = 0.0 * since
     begun: Any = 0.0
@@ -160,8 +160,8 @@ def slewed_angle(levels: Sequence[Any], ends: Sequence[Any], rate: Any, since: A
 
 
 def wheel_angle(pulse: Any, rate: Any, since: Any) -> Any:
-    """Returns the angle (rad) to which a servo of `rate` (rad/s) has turned the wheels by then;
-    other arguments as `pulse_angle`.
+    """Returns the angle (rad) to which a servo of `rate` (rad/s) has turned the wheels by that
+    time; other arguments as for `pulse_angle`.
     """
     levels = (pulse.first_angle, pulse.steer_angle)
     return slewed_angle(levels, (pulse.first_hold, pulse.hold), rate, since)
@@ -182,7 +182,7 @@ def turn_length(
     larger first one.
 
     Args:
-        rate: of the servo, rad/s.
+        rate: rate of the servo, rad/s.
         steer_angle, hold, first_angle, first_hold: as for `TurnSchedule`, numbers or arrays.
         repeats, gap: as for `TurnSchedule`.
     """
@@ -200,28 +200,28 @@ def turn_start(scenario: Any) -> float:
 
 @dataclass(frozen=True)
 class TurnSchedule:
-    """Straight, then a steering step of `steer_angle` for `hold`, then straight again; of two
-    levels if asked for.
+    """Straight, then a steering step of `steer_angle` for `hold`, then straight again; the step may
+    have two levels.
 
     The step may come several times to the same side, straight in between. The announcement is then
     withdrawn for a moment after each step but the last, so that a law which waits for a new
     announcement learns of the next turn.
 
-    The simulated turn of the thesis (7.1.1: 30 degrees from 2.0 to 2.5 s; the servo adds its 0.14
-    s), and with `throttle_off` the AUTO sequence of the car (7.2.1). The turn is announced from the
-    first tick to the end.
+    It is the simulated turn of the thesis (7.1.1: 30 degrees from 2.0 to 2.5 s; the servo adds its
+    0.14 s), and with `throttle_off` the AUTO sequence of the car (7.2.1). The turn is announced
+    from the first tick to the end.
 
     Args:
-        ramp: reaches the speed before the turn.
-        side: +1 left, -1 right.
-        steer_angle: rad, at least 0.
-        start: s, of the steering step.
-        hold: s, length of the steering step.
-        throttle_off: s, from which the throttle is 0; never by default.
-        first_angle, first_hold: another angle (rad, at least 0) at the beginning of the step, and
-            how much of it (s).
-        repeats: how many steps, at least 1.
-        gap: straight from the end of one step to the start of the next, s.
+        ramp: speed ramp that reaches the speed before the turn.
+        side: side of the turn, +1 left, -1 right.
+        steer_angle: steering angle, rad, at least 0.
+        start: start of the steering step, s.
+        hold: length of the steering step, s.
+        throttle_off: time from which the throttle is 0, s; never by default.
+        first_angle: another angle at the beginning of the step, rad, at least 0.
+        first_hold: length of that beginning, s.
+        repeats: number of steps, at least 1.
+        gap: time from the end of one step to the start of the next, driven straight, s.
 
     Raises:
         UserError: the ramp ends after the start.
@@ -264,12 +264,12 @@ class LevelSchedule:
     """Straight, then angles that are held one after the other, then straight again.
 
     Args:
-        ramp: of the speed.
-        side: +1 left, -1 right; announced from the first tick. 0 for no turn.
-        start: of the first level, s.
-        levels: angles to that side, rad; none for straight driving.
-        ends: of the levels, s after the start.
-        trim: angle to that side before the start, rad.
+        ramp: ramp of the speed.
+        side: side of the turn, +1 left, -1 right, announced from the first tick; 0 for no turn.
+        start: start of the first level, s.
+        levels: steering angles to that side, rad; none for straight driving.
+        ends: ends of the levels, s after the start.
+        trim: steering angle to that side before the start, rad.
 
     Raises:
         UserError: a level that ends before the one before it.
@@ -298,15 +298,15 @@ class LevelSchedule:
 class RisingSchedule:
     """Steering that grows by `rate` from `start` on up to `steer_angle`, and stays there.
 
-    Slowly increasing steer, as NHTSA drives it before a fishhook and SAE J266 for the understeer
-    gradient.
+    This is slowly increasing steer, as NHTSA drives it before a fishhook and SAE J266 for the
+    understeer gradient.
 
     Args:
-        ramp: of the speed.
-        side: +1 left, -1 right; announced from the first tick.
-        steer_angle: largest, rad.
-        start: s.
-        rate: rad/s.
+        ramp: ramp of the speed.
+        side: side of the turn, +1 left, -1 right, announced from the first tick.
+        steer_angle: largest steering angle, rad.
+        start: start of the steering, s.
+        rate: rate of the steering, rad/s.
     """
 
     ramp: SpeedRamp
@@ -327,11 +327,11 @@ class SlalomSchedule:
     when it begins.
 
     Args:
-        ramp: of the speed; it may go on while the car steers, as in the thesis.
-        side: of the first half wave, +1 left, -1 right; announced from the first tick.
-        steer_angle: amplitude, rad.
-        start: s.
-        period: s of the full wave.
+        ramp: ramp of the speed; it may go on while the car steers, as in the thesis.
+        side: side of the first half wave, +1 left, -1 right, announced from the first tick.
+        steer_angle: amplitude of the steering, rad.
+        start: start of the steering, s.
+        period: period of the full wave, s.
     """
 
     ramp: SpeedRamp
@@ -402,12 +402,12 @@ def make_schedule(scenario: Any) -> Schedule:
 
 
 def side_of(manoeuvre: Any) -> float:
-    """Returns the side of its (first) turn: +1 left, -1 right."""
+    """Returns the side of the (first) turn of a manoeuvre: +1 left, -1 right."""
     return 1.0 if manoeuvre.direction == "left" else -1.0
 
 
 def speed_ramp(scenario: Any) -> SpeedRamp:
-    """Returns how `scenario` comes to its speed; a rolling start has the throttle of that speed
+    """Returns the ramp to the speed of `scenario`; a rolling start has the throttle of that speed
     from time 0.
 
     Raises:
@@ -419,7 +419,7 @@ def speed_ramp(scenario: Any) -> SpeedRamp:
 
 
 def throttle_line(scenario: Any) -> ThrottleLine:
-    """Returns the throttle of a speed, of `scenario.drive`."""
+    """Returns the throttle line of `scenario.drive`."""
     drive = scenario.drive
     lag = 0.0
     breakaway = 0.0

@@ -23,13 +23,14 @@ SCALE = 0.1
 LENGTHS = (12.0, 13.5, 11.0, 12.5, 12.0)
 """Lengths of the five sections of ISO 3888-2, m at full size: lane, change, lane, change, lane."""
 OFFSET = 1.0
-"""Between the lanes of ISO 3888-2 across, edge to edge, m at full size."""
+"""Lateral offset between the lanes of ISO 3888-2, edge to edge, m at full size."""
 WIDTHS = ((1.1, 0.25, 0.0), (1.0, 1.0, 0.0), (1.3, 0.25, 3.0))
 """Widths of its three lanes at full size: share of the vehicle's width, m on top of it, least m."""
 ENTRY = 1.2
-"""Straight lane before and after a corner, m: as the first lane of ISO 3888-2 at 1:10."""
+"""Length of the straight lane before and after a corner, m: as the first lane of ISO 3888-2 at
+1:10."""
 OUTLINE = 41
-"""Points along each edge of a car's footprint; 7 mm apart."""
+"""Number of points along each edge of a car's footprint; they are 7 mm apart."""
 
 
 class Lane(NamedTuple):
@@ -42,7 +43,7 @@ class Lane(NamedTuple):
 
     @property
     def centre(self) -> float:
-        """Returns its y, m."""
+        """Returns the y of the middle of the lane, m."""
         return 0.5 * (self.right + self.left)
 
 
@@ -55,9 +56,9 @@ class LaneChange:
     Stations are x.
 
     Args:
-        vehicle_width: over the tyres, m.
-        begin: x of the first cones.
-        side: to which the first change goes, +1 left, -1 right.
+        vehicle_width: width of the car over the tyres, m.
+        begin: x of the first cones, m.
+        side: side to which the first change goes, +1 left, -1 right.
     """
 
     vehicle_width: float
@@ -122,10 +123,10 @@ class Corner:
     """A right-angled corner of constant width between two straight lanes.
 
     Args:
-        radius: of the centre line, m, above half of the width.
-        width: of the lane, m.
-        begin: x of the first cones, `ENTRY` before the bend.
-        side: +1 left, -1 right.
+        radius: radius of the centre line, m, above half of the width.
+        width: width of the lane, m.
+        begin: x of the first cones, `ENTRY` before the bend, m.
+        side: side of the corner, +1 left, -1 right.
     """
 
     radius: float
@@ -220,14 +221,14 @@ def off_path(
     with its side.
 
     Args:
-        path: that it follows.
-        x, y: of the ground under the middle of the rear axle, shape (n,), m.
-        heading: shape (n,), rad.
-        half_width: (track + tyre width) / 2, m.
-        wheelbase: m.
+        path: path that the car follows.
+        x, y: point on the ground under the middle of the rear axle, shape (n,), m.
+        heading: heading of the car, shape (n,), rad.
+        half_width: half the width over the tyres, (track + tyre width) / 2, m.
+        wheelbase: wheelbase of the car, m.
 
     Returns:
-        Shape (n,).
+        The distance outside of the lane, shape (n,).
 
     Raises:
         UserError: a place or heading is not finite, or their shapes differ.

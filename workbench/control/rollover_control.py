@@ -1,5 +1,4 @@
-"""Limit of the steering by speed and by the roll of the car, as a stability control has one. No
-Drake.
+"""Limit of the steering by speed and by the roll of the car, as in a stability control. No Drake.
 
 The wheels get a share of the angle that the driver asks for, which is at most that of a lateral
 acceleration of the kinematic car:
@@ -16,14 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 STRAIGHT = 0.02
-"""rad; wheels that are asked for less count as straight."""
+"""Asked steering angle below which the wheels count as straight, rad."""
 
 
 class RolloverMemory(NamedTuple):
-    """What the control carries from tick to tick, numbers or arrays (n).
+    """Values that the control carries from tick to tick, numbers or arrays (n).
 
     Attributes:
-        share: of the steering that the wheels get.
+        share: share of the steering that the wheels get.
         zero: roll of the car that counts as none, rad.
     """
 
@@ -45,10 +44,10 @@ def limit_by_roll(
 
     Args:
         gains: any object with the fields of `RolloverControlParameters`.
-        rate: of the ticks, Hz.
-        memory: of the tick before.
+        rate: rate of the ticks, Hz.
+        memory: memory of the tick before.
         asked: steering angle that the driver asks for, within `max_angle`, rad.
-        roll, roll_rate: of the car, rad and rad/s.
+        roll, roll_rate: roll and roll rate of the car, rad and rad/s.
     """
     straight = np.abs(asked) < STRAIGHT
     zero = memory.zero + straight * (roll - memory.zero) / (gains.zero_time * rate)

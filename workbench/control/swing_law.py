@@ -40,11 +40,12 @@ class SwingSettings(ControllerParameters):
     and some of its own.
 
     Args:
-        mode: "none" gives no command, "held" never swings, "swing" is the thesis' law.
-        stall_factor: the swing is given up for SETTLE after this many times travel / swing_speed,
-            so that a blocked tail is not pushed for ever.
-        ready_angle: how far the tail may stand from the inside and still be held there at once,
-            rad; else it is led there.
+        mode: mode of the law: "none" gives no command, "held" never swings, "swing" is the thesis'
+            law.
+        stall_factor: number of times travel / swing_speed after which the swing is given up for
+            SETTLE, so that a blocked tail is not pushed for ever.
+        ready_angle: largest angle of the tail from the inside at which it is held there at once,
+            rad; from further away it is led there.
     """
 
     mode: Literal["none", "held", "swing"] = "swing"
@@ -82,8 +83,8 @@ class SwingPhase(NamedTuple):
 
     Attributes:
         state: a `SwingState`.
-        since: time at which it was entered, s.
-        start: roll of the tail then, rad.
+        since: time at which that state was entered, s.
+        start: roll of the tail at that time, rad.
     """
 
     state: Any
@@ -92,7 +93,7 @@ class SwingPhase(NamedTuple):
 
 
 class JointCommand(NamedTuple):
-    """Command to a motor: rad, rad/s, N m/rad, N m s/rad; numbers or arrays of cars (n)."""
+    """Command to a motor in rad, rad/s, N m/rad, N m s/rad; numbers or arrays of cars (n)."""
 
     position: Any
     velocity: Any
@@ -106,11 +107,11 @@ def next_phase(
     """Returns the phase after one tick: HOLD, DELAY, SWING, SETTLE; others stay.
 
     Args:
-        phase: before.
-        time: s.
-        roll: of the tail, rad.
+        phase: phase before the tick.
+        time: time of the tick, s.
+        roll: roll of the tail, rad.
         released: whether a signal says that the turn has begun.
-        delay: from the release to the swing, s.
+        delay: time from the release to the swing, s.
         over: whether the swing is at its end.
     """
     delayed = where(released & (phase.state == SwingState.HOLD), int(SwingState.DELAY), phase.state)
@@ -126,16 +127,17 @@ def is_released(turn: Any, signal: Any, threshold: Any) -> Any:
     """Returns whether the signal that is the trigger passes its threshold into the turn.
 
     Args:
-        turn: +1 left, -1 right.
-        signal: see `SwingSettings.threshold`, numbers or arrays of cars (n); NaN releases nothing.
-        threshold: of it, in its unit.
+        turn: side of the turn, +1 left, -1 right.
+        signal: signal of the trigger, see `SwingSettings.threshold`, numbers or arrays of cars (n);
+            NaN releases nothing.
+        threshold: threshold of the signal, in its unit.
     """
     return turn * signal > threshold
 
 
 def is_over(settings: Any, travelled: Any, elapsed: Any) -> Any:
-    """Returns whether a swing has travelled (rad) as far as it should, or was `elapsed` s too long
-    on its way; settings as `roll_command`.
+    """Returns whether a swing has travelled (rad) as far as it should, or has lasted too long with
+    `elapsed` s; settings as for `roll_command`.
     """
     longest = settings.stall_factor * settings.travel / settings.swing_speed
     return (travelled >= settings.travel) | (elapsed >= longest)
@@ -147,7 +149,7 @@ def roll_command(settings: Any, state: Any, mirror: Any) -> JointCommand:
     Args:
         settings: any object with the fields of `SwingSettings`, numbers or arrays of cars (n).
         state: a `SwingState`.
-        mirror: +1 for a turn to the left, -1 to the right.
+        mirror: side of the turn, +1 left, -1 right.
     """
     swings = state == SwingState.SWING
     settles = state == SwingState.SETTLE

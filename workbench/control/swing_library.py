@@ -1,4 +1,4 @@
-"""Swings by name: what a scenario plays, the car it is for, the turn it claims to survive."""
+"""Swings by name: the swing of a scenario, the car it is for, the turn it claims to survive."""
 
 from pathlib import Path
 from typing import Any
@@ -27,8 +27,8 @@ _CLAIMS = {
     "survived_speed_m_per_s": ("manoeuvre.speed", "{:g} m/s"),
     "survived_friction": ("car.tyre_friction", "friction {:g}"),
 }
-"""What a file claims to survive: name under `provenance.found`, the key of a scenario that it is,
-and its words."""
+"""Claims of a file about what it survives: the key of a scenario and the words for each name under
+`provenance.found`."""
 
 
 def find_swing(name_or_path: str | Path) -> SwingFile:
@@ -53,8 +53,8 @@ def swing_of_scenario(scenario: Any) -> SwingFile | None:
 
 
 def resting_tail(scenario: Any) -> Pair:
-    """Returns roll and pitch (rad) of the tail at the start of a run: those of the first knot of a
-    swing that is played, else those at which the law waits.
+    """Returns roll and pitch (rad) of the tail at the start of a run: those of the first knot if a
+    swing is played, else those at which the law waits.
     """
     swing = swing_of_scenario(scenario)
     if swing is None:
@@ -93,8 +93,8 @@ def turn_of_swing(swing: SwingFile, scenario: str | None = None) -> tuple[str, t
     its file, at the grip it claims.
 
     Args:
-        swing: the file; `turn_swing` where it names no scenario.
-        scenario: asked for instead; nothing but that the tail swings is then set.
+        swing: swing file; the scenario is `turn_swing` where the file names none.
+        scenario: scenario that is used instead; the only override is then that the tail swings.
 
     Raises:
         SwingFileError: the scenario that the file names cannot be loaded.

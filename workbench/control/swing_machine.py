@@ -1,4 +1,4 @@
-"""Machines of states around the laws that swing the tail, and the thesis' law as a `TailLaw`.
+"""State machine around the laws that swing the tail, and the thesis' law as a `TailLaw`.
 
 `law_of_scenario` makes the law, `TailController` calls it in a diagram,
 `aerodima.hardware.driving.plain_loop.LawPilot` without Drake. A right turn is the exact mirror
@@ -39,18 +39,19 @@ ACCELERATION_Y = IMU.index("acceleration_y")
 
 @dataclass(frozen=True)
 class SwingMemory:
-    """Memory of a law between ticks. Angles as the car reports them, not mirrored.
+    """Memory of a law between ticks. Angles are as the car reports them, not mirrored.
 
     Args:
         state: a `SwingState`.
         since: time at which the state was entered, s.
-        turn: the announcement acted upon last, +1 left, -1 right, 0 none.
-        announced: when that was, s.
-        mirror: +1 swings in the law's own direction, -1 mirrored, 0 before the first known angle.
-        start_roll, start_pitch: of the tail when the state was entered, rad.
-        roll_angle, pitch_angle: last known, rad.
-        fallen_state, fallen_since, fallen_start: of the thesis' law while it finishes a swing that
-            was given up.
+        turn: announcement acted upon last, +1 left, -1 right, 0 none.
+        announced: time of that announcement, s.
+        mirror: direction of the swing, +1 the law's own, -1 mirrored, 0 before the first known
+            angle.
+        start_roll, start_pitch: roll and pitch of the tail when the state was entered, rad.
+        roll_angle, pitch_angle: last known angles of the tail, rad.
+        fallen_state, fallen_since, fallen_start: `state`, `since` and `start_roll` of the thesis'
+            law while it finishes a swing that was given up.
     """
 
     state: float = SwingState.OFF
@@ -68,12 +69,12 @@ class SwingMemory:
 
 
 Tick = tuple[SwingMemory, FloatArray, FloatArray]
-"""New memory, commands to the pitch and the roll motor, each (5): rad, rad/s, N m/rad, N m s/rad, N
-m."""
+"""New memory, and commands to the pitch and the roll motor, each (5): rad, rad/s, N m/rad,
+N m s/rad, N m."""
 
 
 class Wait(NamedTuple):
-    """A tail that waits: roll and pitch, rad; gains, N m/rad and N m s/rad; delay from the release
+    """Wait of a tail: its roll and pitch, rad; gains, N m/rad and N m s/rad; delay from the release
     to the swing, s.
     """
 
@@ -87,8 +88,8 @@ class Wait(NamedTuple):
 class SwingMachine:
     """The state machine of the picture above, for every law that swings (a `TailLaw`).
 
-    Where the tail waits, what releases it, when its swing is over and what it is commanded is that
-    of the thesis' law, where another law does not override it.
+    The wait, the release, the end of the swing and the commands are those of the thesis' law unless
+    another law overrides them.
     """
 
     settings: SwingSettings
@@ -236,7 +237,7 @@ class SwingMachine:
         return bool(is_over(self.settings, travelled, elapsed))
 
     def _commands(self, memory: SwingMemory, observation: Observation, time: float) -> Tick:
-        """Returns what the tail is to do in any state but OFF."""
+        """Returns memory and commands in any state but OFF."""
         settings = self.settings
         command = roll_command(settings, memory.state, memory.mirror)
         if memory.state == SwingState.RECOCK:

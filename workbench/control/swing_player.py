@@ -1,5 +1,5 @@
-"""Plays a swing file, as plain Python: hold, release, follow the knots, settle; the thesis' law
-when it fails.
+"""Player of a swing file, in plain Python: hold, release, follow the knots, settle; the thesis' law
+when that fails.
 
 No Drake: the same law runs on a computer for which Drake has no wheel. `TailController` wraps it as
 a system. The states are those of `swing_law`: the tail waits at the first knot, and beyond its last
@@ -47,10 +47,11 @@ class RollTrajectory:
     """Knots of the roll of n tails in a turn to the left; the last axis of every field is the car.
 
     Attributes:
-        time: since the release (knots, n), s, strictly increasing, the first 0; before and after
-            them the tail rests.
-        roll, rate: of the tail at the knots (knots, n), rad and rad/s.
-        kp, kd: of the roll motor; `pitch_kp`, `pitch_kd` of the pitch motor; N m/rad, N m s/rad.
+        time: times of the knots since the release (knots, n), s, strictly increasing, the first 0;
+            before and after them the tail rests.
+        roll, rate: roll of the tail at the knots and its rate (knots, n), rad and rad/s.
+        kp, kd: gains of the roll motor, N m/rad, N m s/rad.
+        pitch_kp, pitch_kd: gains of the pitch motor, N m/rad, N m s/rad.
     """
 
     time: FloatArray
@@ -62,7 +63,7 @@ class RollTrajectory:
     pitch_kd: FloatArray
 
     def command(self, elapsed: Any, rate: Any) -> JointCommand:
-        """Returns the command to the roll motors in a tick; arguments as `middle_of_tick`."""
+        """Returns the command to the roll motors in a tick; arguments as for `middle_of_tick`."""
         time = middle_of_tick(elapsed, rate)
         ends = [
             values[side]
@@ -88,20 +89,20 @@ def middle_of_tick(elapsed: Any, rate: Any) -> Any:
     two.
 
     Args:
-        elapsed: since the release, s.
-        rate: of the controller, Hz.
+        elapsed: time since the release, s.
+        rate: rate of the controller, Hz.
     """
     return elapsed + 0.5 / rate
 
 
 @dataclass(frozen=True)
 class SwingPlayer(SwingMachine):
-    """The law (a `TailLaw`).
+    """The law (a `TailLaw`) that plays a swing file.
 
     Args:
-        swing: the file.
-        settings: of the thesis' law, which finishes a swing that is given up; its mode is taken as
-            "swing". Its delay is waited on top of the file's.
+        swing: swing file to play.
+        settings: settings of the thesis' law, which finishes a swing that is given up; its mode is
+            taken as "swing". Its delay is added to the file's.
     """
 
     swing: SwingFile
@@ -154,7 +155,7 @@ class SwingPlayer(SwingMachine):
         return elapsed >= self.swing.knots.time_s[-1]
 
     def _advance(self, memory: SwingMemory, observation: Observation) -> SwingMemory:
-        """See `SwingMachine`; gives a swing up whose tail is too far from its knots."""
+        """See `SwingMachine`; gives up a swing whose tail is too far from its knots."""
         after = super()._advance(memory, observation)
         if not memory.state == after.state == SwingState.SWING:
             return after
@@ -164,7 +165,7 @@ class SwingPlayer(SwingMachine):
             memory.mirror * observation.roll_angle - float(point.roll_position),
             observation.pitch_angle - float(point.pitch_position),
         )
-        # An unknown angle counts as where it should be.
+        # A joint of unknown angle counts as being where it should be.
         if not any(abs(error) > LARGEST_ERROR for error in behind):
             return memory
         inside = -memory.turn * self.settings.hold_angle
@@ -216,10 +217,10 @@ class SwingPlayer(SwingMachine):
         return roll, pitch
 
     def _command(self, wanted: tuple[Any, Any, Any], gains: JointGains, state: Pair) -> FloatArray:
-        """Returns the position, rate, gains and torque for a joint at (rad, rad/s).
+        """Returns the position, rate, gains and torque for a joint at a state (rad, rad/s).
 
-        As much is taken from the torque that the motor, in its present state, gives no more than
-        the file's limit.
+        The torque is changed so that the motor, in its present state, gives no more than the
+        file's limit.
         """
         position, velocity, torque = map(float, wanted)
         of_gains = gains.kp * (position - state[0]) + gains.kd * (velocity - state[1])

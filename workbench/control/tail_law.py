@@ -1,5 +1,5 @@
-"""Protocol of every control law for the tail: what it sees of the station's signals, and what it
-gives.
+"""Protocol of every control law for the tail: the signals of the station that it sees, and its
+commands.
 
 No Drake.
 """
@@ -16,12 +16,12 @@ from aerodima.workbench.scenario.signal_table import IMU, STATUS, TAIL_STATE
 UNKNOWN_IMU = (math.nan,) * 9
 """Nine values of an IMU that is not known."""
 NO_COMMAND = np.zeros(5)
-"""Gains of zero: the motors are free."""
+"""Command with gains of zero: the motors are free."""
 NO_COMMAND.flags.writeable = False
 EPSILON = 1e-9
-"""s; a tick that falls on a limit up to rounding counts as having reached it."""
+"""Time within which a tick counts as having reached a limit, for rounding, s."""
 AGE_LIMIT = 0.1
-"""s; beyond this a signal counts as silent."""
+"""Age beyond which a signal counts as silent, s."""
 
 
 @dataclass(frozen=True)
@@ -29,17 +29,18 @@ class Observation:
     """Signals that a law sees at one tick. NaN means "not known".
 
     Args:
-        time: s.
-        yaw_rate: rad/s, positive to the left.
+        time: time of the tick, s.
+        yaw_rate: yaw rate of the car, rad/s, positive to the left.
         roll_angle: tail roll, rad, positive to the right.
         pitch_angle: tail pitch, rad.
-        planned_turn: +1 left, -1 right, from the start of the run on; 0 when no turn is announced.
-        imu_valid: the yaw rate is fresh and without fault.
-        roll_rate: of the tail, rad/s.
-        pitch_rate: of the tail, rad/s.
-        imu: (9), as `signal_table.IMU`.
-        speed: of the car, m/s.
-        steering_angle: commanded, rad, positive to the left.
+        planned_turn: announced turn, +1 left, -1 right, from the start of the run on; 0 when no
+            turn is announced.
+        imu_valid: whether the yaw rate is fresh and without fault.
+        roll_rate: rate of the tail's roll, rad/s.
+        pitch_rate: rate of the tail's pitch, rad/s.
+        imu: signals of the IMU (9), as `signal_table.IMU`.
+        speed: speed of the car, m/s.
+        steering_angle: commanded steering angle, rad, positive to the left.
     """
 
     time: float
@@ -99,8 +100,8 @@ def observe(
     *,
     steering_angle: float = math.nan,
 ) -> Observation:
-    """Returns what a law is given at `time` s; a signal that is older than `age_limit` s or has a
-    fault code is unknown.
+    """Returns the observation of a law at `time` s; a signal that is older than `age_limit` s or
+    has a fault code is unknown.
 
     A GPS is late by nature: its speed counts until its fault code is set. `speed` is None where
     there is none. `steering_angle` is the driver's command, rad.

@@ -46,8 +46,8 @@ def load_law(place: str, scenario: Scenario) -> TailLaw:
 
 
 def load_build(place: str) -> Any:
-    """Returns the function that a flag names, `my_diagram.py:build`, which adds what drives a car
-    to its diagram.
+    """Returns the function that a flag names, `my_diagram.py:build`, which adds the systems that
+    drive a car to its diagram.
 
     Raises:
         UserError: no such file or function, the file fails; names the place.

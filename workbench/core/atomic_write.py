@@ -1,7 +1,7 @@
-"""Atomic writing: a reader sees the old file or the whole new one, never a half.
+"""Atomic writing: a reader sees the old file or the whole new one, never a part of it.
 
-The content goes to a hidden neighbour of the target first, is forced to the disk, and then takes
-the name.
+The content first goes to a hidden file beside the target, which is forced to the disk and then
+takes the target's name.
 """
 
 import os
@@ -12,7 +12,7 @@ from aerodima.workbench.core.errors import UserError
 
 
 def refuse_existing(path: Path | None, force: bool, error: type[UserError]) -> None:
-    """Raise `error` when `path` is a folder, or exists and `force` is not set; None is no path."""
+    """Raise `error` if `path` is a folder, or exists and `force` is not set; None is let pass."""
     if path is None:
         return
     if path.is_dir():
@@ -35,13 +35,13 @@ def make_folder(folder: Path, error: type[UserError]) -> None:
 def write_atomically(
     path: Path, content: str | bytes | Callable[[Path], object], force: bool, error: type[UserError]
 ) -> Path:
-    """Write to a hidden neighbour of `path` and rename it to `path`.
+    """Write to a hidden file beside `path` and rename it to `path`.
 
     Args:
-        path: the final name; its folder is made when it is not there.
-        content: of the file, or a function that writes all of it to the path.
-        force: replace an existing file.
-        error: the class of the errors raised: path exists, folder unusable, disk full.
+        path: final path of the file; its folder is made when it is not there.
+        content: content of the file, or a function that writes all of it to the path it is given.
+        force: whether an existing file is replaced.
+        error: class of the errors raised: path exists, folder unusable, disk full.
     """
     refuse_existing(path, force, error)
     make_folder(path.parent, error)

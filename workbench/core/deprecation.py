@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 from typing_extensions import deprecated
 
 REMOVED_IN = "0.5"
-"""Version without the old names."""
+"""Version in which the old names are removed."""
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -17,7 +17,7 @@ def warn_renamed(old: str, new: str) -> None:
 
 
 def renamed(old: str, function: Function) -> Function:
-    """Makes a function under its old name; a call warns and says the new one."""
+    """Returns a function for use under its old name; a call warns and gives the new name."""
     return deprecated(_say_renamed(old, function.__name__))(function)
 
 

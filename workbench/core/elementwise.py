@@ -1,7 +1,7 @@
 """Functions of single numbers and of arrays alike.
 
-Floats go to `math` and the comparisons of Python, which is ten times as fast, and comparisons are
-three times as fast as `min` and `max`. All else goes to NumPy, whose functions
+Floats go to `math` and the comparisons of Python, which are ten times as fast as NumPy; comparisons
+are three times as fast as `min` and `max`. All else goes to NumPy, whose functions
 `car/reduced/compiled` records.
 """
 
@@ -48,8 +48,8 @@ def where(condition: Any, chosen: Any, other: Any) -> Any:
 
 
 def rotation_rows(quaternion: Any) -> tuple[Any, Any, Any]:
-    """Rows (3) of the rotation matrix of a quaternion w, x, y, z of any length; of arrays (n) each
-    entry is one (n).
+    """Returns the rows (3) of the rotation matrix of a quaternion w, x, y, z of any length; for
+    arrays (n) each entry is an array (n).
     """
     w, x, y, z = quaternion
     xx = x * x
@@ -69,7 +69,7 @@ def rotation_rows(quaternion: Any) -> tuple[Any, Any, Any]:
 
 
 def roll_pitch_yaw(rows: Any) -> tuple[Any, Any, Any]:
-    """Computes roll, pitch and yaw, rad, of the rows of a rotation matrix Rz(yaw) Ry(pitch)
+    """Computes roll, pitch and yaw, rad, from the rows of a rotation matrix Rz(yaw) Ry(pitch)
     Rx(roll); pitch is within a quarter turn.
     """
     up = rows[2]

@@ -4,8 +4,8 @@
 class UserError(Exception):
     """Wrong input from outside (file, flag, frame, port).
 
-    The command line prints it and exits with status 2. What a parser or a device says may have
-    several lines; the message is one.
+    The command line prints it and exits with status 2. A parser or a device may report several
+    lines; the message joins them into one.
     """
 
     def __init__(self, message: str = "") -> None:
@@ -36,7 +36,7 @@ class HardwareError(UserError):
 
 
 class EnsembleError(UserError, ValueError):
-    """An ensemble file is missing, malformed, of another schema, or one of its members is no
+    """An ensemble file is missing, malformed, of another schema, or one of its members is not a
     possible car.
     """
 
@@ -54,4 +54,4 @@ class SwingError(UserError, ValueError):
 
 
 class SweepError(UserError):
-    """A sweep cannot go on: a folder in use, a damaged or full one, a study that is none."""
+    """A sweep cannot go on: a folder is in use, damaged or full, or a study is invalid."""

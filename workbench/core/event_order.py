@@ -14,7 +14,7 @@ from pydrake.systems.framework import (
 )
 
 EVENT_OFFSET = 1e-9
-"""Share of the time by which one stage comes before the next."""
+"""Fraction of the elapsed time by which one stage comes before the next."""
 
 
 class EventPriority(IntEnum):
@@ -33,18 +33,19 @@ class EventPriority(IntEnum):
 
 
 def period_of(rate: float, stage: EventPriority) -> float:
-    """Period (s) to declare in Drake for a part of `stage` that acts `rate` times per second before
-    the plant steps.
+    """Returns the period (s) to declare in Drake for a part of `stage` that acts `rate` times per
+    second before the plant steps.
     """
     return (1.0 - stage * EVENT_OFFSET) / rate
 
 
 def row_period(rate: float, step: float) -> float:
-    """Period (s) of rows, `rate` Hz, that show a discrete plant before its step of `step` s.
+    """Returns the period (s) of rows, at `rate` Hz, that show a discrete plant before its step of
+    `step` s.
 
     Drake publishes before it updates. With a row every 1, 2, 4 ... steps, whose multiples have the
-    same bits, both have one instant: another one costs a second look for the next event, and what
-    drives the plant is calculated twice.
+    same bits, row and step share one instant: a second instant would cost another search for the
+    next event, and the inputs of the plant would be calculated twice.
     """
     steps = round(1.0 / (rate * step))
     shared = math.isclose(steps * rate * step, 1.0) and steps.bit_count() == 1
@@ -54,16 +55,16 @@ def row_period(rate: float, step: float) -> float:
 
 
 def nominal_time(time: float, rate: float) -> float:
-    """The instant k / rate that an event at `time` s stands for, s."""
+    """Returns the instant k / rate that an event at `time` s stands for, s."""
     return round(time * rate) / rate
 
 
 def step_instant(time: float, step: float) -> float | None:
-    """The instant (s) of the plant's step at `time`, with the bits that Drake computes; None
-    between two steps.
+    """Returns the instant (s) of the plant's step at `time`, with the bits that Drake computes;
+    None between two steps.
 
-    What publishes at the same bits shows what a row of `EventPriority.RECORD` would: the plant
-    before its step.
+    A system that publishes at exactly this instant shows what a row of `EventPriority.RECORD`
+    would: the plant before its step.
     """
     instant = round(time / step) * step
     return instant if math.isclose(instant, time, rel_tol=EVENT_OFFSET) else None
@@ -78,10 +79,10 @@ def declare_ticks(
     """Declares a discrete update at 0, 1/rate, 2/rate ... s.
 
     Args:
-        system: under construction.
-        rate: Hz.
-        stage: before the step of a discrete plant; None where no plant steps.
-        update: called with the context and the discrete values to be set.
+        system: system under construction.
+        rate: rate of the updates, Hz.
+        stage: stage before the step of a discrete plant; None where no plant steps.
+        update: function that is called with the context and the discrete values to be set.
     """
     if stage is None:
         system.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, update)
@@ -92,7 +93,7 @@ def declare_ticks(
 
 
 def priority_before(station: System, stage: EventPriority) -> EventPriority | None:
-    """The stage of a part beside this station; None beside one that has no plant to come before,
-    that of the car.
+    """Returns the stage of a part beside this station; None beside a station without a plant to
+    come before, that of the real car.
     """
     return stage if isinstance(station, Diagram) and station.HasSubsystemNamed("plant") else None

@@ -10,9 +10,10 @@ from pathlib import Path
 from aerodima.workbench.core.errors import UserError
 
 DISTRIBUTION = "aerodima-workbench"
-"""Name in `pyproject.toml`."""
+"""Name of the distribution in `pyproject.toml`."""
 ROOT = Path(__file__).resolve().parents[2]
-"""The checkout, or the package `aerodima` of an installed wheel; both have `constraints.txt`."""
+"""Folder of the checkout, or of the package `aerodima` of an installed wheel; both have
+`constraints.txt`."""
 _REQUIREMENT = re.compile(r"^([\w.-]+).*; extra == ['\"]([\w-]+)", re.MULTILINE)
 
 
@@ -20,10 +21,10 @@ def require(extra: str, subject: object, *modules: str, error: type[UserError] =
     """Raise an error with the command that installs an extra if one of its modules is missing.
 
     Args:
-        extra: one extra, or several with commas.
-        subject: what needs the modules, the beginning of the message.
-        modules: names as in `import`.
-        error: class of the error.
+        extra: name of one extra, or of several with commas.
+        subject: what needs the modules; the beginning of the message.
+        modules: names of the modules as in `import`.
+        error: class of the error raised.
     """
     for module in modules:
         if find_spec(module) is None:
@@ -31,7 +32,7 @@ def require(extra: str, subject: object, *modules: str, error: type[UserError] =
 
 
 def install_command(extra: str) -> str:
-    """Make the command that installs an extra with the tested versions, beside what is there.
+    """Make the command that adds an extra, with the tested versions, to what is installed.
 
     A checkout is named by its folder, and a wheel that came from a file by its address: pip finds
     the distribution by its name only if it came from an index.
@@ -44,7 +45,7 @@ def install_command(extra: str) -> str:
 
 
 def packages_of_extras() -> dict[str, list[str]]:
-    """Read from the installed metadata which distributions each extra brings, by its name."""
+    """Read from the installed metadata the distributions that each extra brings, by its name."""
     packages: dict[str, list[str]] = {}
     for package, extra in _REQUIREMENT.findall("\n".join(requires(DISTRIBUTION) or ())):
         packages.setdefault(extra, []).append(package)
@@ -52,6 +53,6 @@ def packages_of_extras() -> dict[str, list[str]]:
 
 
 def _address() -> str:
-    """Read the address of the installed wheel, ` @ URL` (PEP 610); empty for an index."""
+    """Read the address of the installed wheel, ` @ URL` (PEP 610); empty if it is from an index."""
     text = distribution(DISTRIBUTION).read_text("direct_url.json")
     return f" @ {json.loads(text)['url']}" if text else ""

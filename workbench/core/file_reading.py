@@ -1,6 +1,4 @@
-"""Files from outside: whatever a reader raises becomes one error, and no text is read without a
-limit.
-"""
+"""Files from outside: any failure of a reader becomes one error; texts are read up to a limit."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -13,11 +11,11 @@ from aerodima.workbench.core.errors import UserError
 Json = dict[str, Any]
 """A JSON object."""
 Facts = Mapping[str, Any]
-"""A JSON object that is read only."""
+"""A read-only JSON object."""
 MAX_TEXT = 32 * 2**20
 """Size of the largest scenario, mapping or other text that is read at once, bytes."""
 _MAX_REASON = 300
-"""Characters of a parser's own message that are repeated."""
+"""Number of characters of a parser's own message that an error repeats."""
 
 
 @contextmanager
@@ -26,8 +24,8 @@ def reading(
 ) -> Iterator[None]:
     """Turn every failure of a reader into one `error`: file, kind, reason and `remedy`.
 
-    Damaged files make parsers raise what they like: `zlib.error`, `struct.error`, MemoryError,
-    RecursionError. A `UserError` from within says more and passes.
+    Damaged files make parsers raise anything: `zlib.error`, `struct.error`, MemoryError,
+    RecursionError. A `UserError` from within says more and passes unchanged.
     """
     try:
         yield
@@ -42,7 +40,7 @@ def reading(
 
 
 def read_text(path: Path) -> str:
-    """Read a UTF-8 text; raises ValueError when it is longer than `MAX_TEXT`, as a device is."""
+    """Read a UTF-8 text; raises ValueError if it is longer than `MAX_TEXT`, as a device may be."""
     with open(path, "rb") as stream:
         content = stream.read(MAX_TEXT + 1)
     if len(content) > MAX_TEXT:
@@ -51,6 +49,6 @@ def read_text(path: Path) -> str:
 
 
 def read_json(path: Path, error: type[UserError]) -> Any:
-    """Read a JSON text; raises `error`, as `reading` does, for whatever is none."""
+    """Read a JSON text; raises `error`, as `reading` does, for anything that is not JSON."""
     with reading(path, "JSON", error):
         return json.loads(read_text(path))

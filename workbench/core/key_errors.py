@@ -1,4 +1,4 @@
-"""Errors about a key of a file: where it is, what is wrong, and the nearest key that is right."""
+"""Errors about a key of a file: where it is, what is wrong, and the nearest valid key."""
 
 import difflib
 import re
@@ -23,16 +23,16 @@ def nearest(name: str, known: Collection[str]) -> str:
 
 
 def require_unique(names: Sequence[object], what: str, error: type[Exception] = ValueError) -> None:
-    """Raise `error` where one of these is named twice; it would be taken for the other."""
+    """Raise `error` if a name occurs twice; one would be taken for the other."""
     for name in names:
         if names.count(name) > 1:
             raise error(f"{what} {str(name)!r}: duplicate; must be named once")
 
 
 def lines_of(report: ValidationError, model: Model) -> list[str]:
-    """Describe what is wrong with the data that a model refused, a line each."""
+    """Describe what is wrong with the data that a model refused, one line per error."""
     items: list[Any] = list(report.errors())
-    # A list whose entries are wrong is not called too short as well.
+    # A list whose entries are wrong is not reported as too short as well.
     outer = {item["loc"][:depth] for item in items for depth in range(len(item["loc"]))}
     return [
         _line(item, model)
@@ -82,8 +82,8 @@ def _nearest_key(place: Place, owners: list[Model]) -> str:
 
 
 def _models_at(model: Model, place: Place) -> list[Model]:
-    """Find the models that may hold the keys at a place: several where the file chooses and the
-    place does not say.
+    """Find the models that may hold the keys at a place: several where the file chooses a model and
+    the place does not show which.
     """
     models = [model]
     for part in place:

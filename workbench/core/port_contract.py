@@ -15,7 +15,7 @@ from aerodima.workbench.core.port_wiring import add_and_connect, concatenate
 Contract = Mapping[str, PortFields]
 """Fields of every port, by its name."""
 LAST_TIME = 1e9
-"""Until when a station tells the time, s."""
+"""Time up to which the clock of a simulated station runs, s."""
 
 
 def add_status(
@@ -29,10 +29,11 @@ def add_status(
     Its three systems, `clock`, `status_times` and `status`, work in C++.
 
     Args:
-        builder: of the station.
-        fields: of the port.
-        samples: fields that are the time since an instant, with the port (1) of the instant, s.
-        faults: fault codes that never change.
+        builder: diagram builder of the station.
+        fields: fields of the port `status`.
+        samples: names of the fields that hold the time since an instant, with the port (1) of that
+            instant, s.
+        faults: values of the fault codes, which never change, by field name.
     """
     constants = {"armed": 1.0, **(faults or {})}
     clock = TrajectorySource(
@@ -81,10 +82,10 @@ def require_ports(
     outputs: Contract,
     besides: tuple[str, ...] = (),
 ) -> None:
-    """Raises UserError unless the ports have names and sizes of the contract.
+    """Raises UserError unless the ports have the names and sizes of the contract.
 
     Args:
-        besides: endings of names that are free.
+        besides: endings of the names of ports that are not checked.
     """
     for kind, port_of, count, contract in (
         ("inputs", system.get_input_port, system.num_input_ports(), inputs),

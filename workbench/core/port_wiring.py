@@ -1,6 +1,4 @@
-"""Ports of systems: their values, state that they show, and connections; systems that convert to
-AutoDiffXd.
-"""
+"""Ports of systems: declaration, values, the state that they show, and connections."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
@@ -29,18 +27,18 @@ from aerodima.workbench.core.system_lifetime import weak_callback
 
 SystemT = TypeVar("SystemT", bound=System)
 PortSlice = OutputPort | tuple[OutputPort, Sequence[int]]
-"""What a port is made of: another port, or elements of one."""
+"""Part of a composed port: a whole other port, or a port with the indices of its elements."""
 
 
 def declare_spatial_forces(system: Any, calc: Callable[[Any, Any], None], T: Any = float) -> None:
     """Declares the output port `spatial_forces`, a list[ExternallyAppliedSpatialForce].
 
-    It depends on the input ports alone.
+    The port depends on the input ports alone.
 
     Args:
-        system: whose method `calc` is.
-        calc: called with a context and the value to be set.
-        T: scalar type.
+        system: system under construction.
+        calc: method of the system that is called with a context and the value to be set.
+        T: scalar type of the system.
     """
     make = Value[list[ExternallyAppliedSpatialForce_[T]]]
     tickets = {system.all_input_ports_ticket()}
@@ -53,11 +51,11 @@ def declare_output(
     """Declares a vector output port that depends on the input ports alone, or on the time too.
 
     Args:
-        system: whose method `calc` is.
-        name: of the port.
-        size: of its vector.
-        calc: called with a context and the vector to be set.
-        timed: whether it depends on the time.
+        system: system under construction.
+        name: name of the port.
+        size: size of the port's vector.
+        calc: method of the system that is called with a context and the vector to be set.
+        timed: whether the port depends on the time too.
     """
     tickets = {system.all_input_ports_ticket()}
     if timed:
@@ -66,7 +64,7 @@ def declare_output(
 
 
 def vector_of(port: InputPort | OutputPort, context: Context) -> FloatArray:
-    """Value (n,) of a vector port; of an input port an array that is not to be changed."""
+    """Returns the value (n,) of a vector port; the array of an input port must not be changed."""
     value: Any = port.Eval(context)
     return value
 
@@ -75,9 +73,9 @@ class DiscreteVector:
     """Declares a group of discrete state in a system, and reads and writes it.
 
     Args:
-        system: the system under construction.
-        initial: values (n,) of a default context.
-        output: name of an output port (n) that shows the group; it costs no Python when it is
+        system: system under construction.
+        initial: values (n,) in a default context.
+        output: name of an output port (n) that shows the group; no Python runs when the port is
             evaluated.
     """
 
@@ -91,7 +89,7 @@ class DiscreteVector:
         self._index = int(index)
 
     def read(self, context: Context) -> FloatArray:
-        """Values (n,); a view that is not to be changed."""
+        """Returns the values (n,) as a view that must not be changed."""
         values: Any = context.get_discrete_state(self._index).value()
         return values
 
@@ -120,12 +118,12 @@ def add_selector(
 ) -> System:
     """Adds one `Selector` whose named output ports are made of elements of other ports.
 
-    Its work is done in C++. An output depends on the ports of its own elements only.
+    It works in C++. An output depends on the ports of its own elements only.
 
     Args:
-        builder: in which the other ports are.
-        name: of the system.
-        outputs: of each output port, by its name, what it is made of, one after the other.
+        builder: diagram builder that holds the other ports.
+        name: name of the new system.
+        outputs: parts of each output port, by its name, joined in this order.
     """
     sources: list[OutputPort] = []
     ports = []
@@ -149,12 +147,12 @@ def add_selector(
 
 
 def concatenate(builder: DiagramBuilder, name: str, parts: Sequence[PortSlice]) -> OutputPort:
-    """Adds one system of that name; returns its vector port with these one after the other."""
+    """Adds one system of this name; returns its vector port, which joins the parts in order."""
     return add_selector(builder, name, {name: parts}).get_output_port()
 
 
 def constant(builder: DiagramBuilder, name: str, value: ArrayLike) -> OutputPort:
-    """Adds one system of that name; returns its vector port, which never changes."""
+    """Adds one system of this name; returns its vector port, which never changes."""
     return builder.AddNamedSystem(
         name, ConstantVectorSource(np.array(value, dtype=float))
     ).get_output_port()

@@ -12,7 +12,7 @@ from aerodima.workbench.core.ranges import NO_UNIT, check_range
 STANDARD_GRAVITY = 9.80665
 """Acceleration that a sensor calls 1 g, m/s2 (CGPM 1901)."""
 RATE_TOLERANCE = 1e-9
-"""Relative rounding of a rate of exactly 1/step, or of a delay of whole periods."""
+"""Relative tolerance for rounding in a rate of exactly 1/step or a delay of whole periods."""
 
 
 def quantity(unit: str, description: str, interval: str = "", **options: Any) -> Any:
@@ -22,7 +22,8 @@ def quantity(unit: str, description: str, interval: str = "", **options: Any) ->
         unit: SI unit as written in the YAML files, `1` when dimensionless.
         description: what the number is, in one line.
         interval: values allowed, in that unit, such as `(0, 30]`: above 0 and at most 30.
-        options: of pydantic's `Field`; a one-sided limit such as `gt`, `min_length`, `default`.
+        options: further options of pydantic's `Field`, such as a one-sided limit `gt`,
+            `min_length` or `default`.
     """
     if interval:
         options |= limits_of(interval)
@@ -41,7 +42,7 @@ class QuantityModel(BaseModel):
     """Frozen section of a scenario; unknown keys, NaN and foreign units are refused.
 
     A value is a plain number in the unit of the field or a text that repeats that unit, such as
-    `3.33 m/s`. Another unit is an error and not converted: a scenario has one reading.
+    `3.33 m/s`. Another unit is an error and is not converted: a scenario has one reading only.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
@@ -78,18 +79,18 @@ def unit_of(model: type[BaseModel], key: str) -> str:
 
 
 def angle_hint(unit: str) -> str:
-    """Tell what a degree is where the unit is rad; "" for other units."""
+    """Return a hint on the size of a degree where the unit is rad; "" for other units."""
     return "; 1 degree is 0.0174533 rad" if unit == "rad" else ""
 
 
 def check_rate(rate: float, step: float, name: str) -> None:
     """Raise ScenarioError unless 0 < rate <= 1/step: a plant that moves every `step` shows nothing
-    new earlier.
+    new in between.
 
     Args:
-        rate: Hz.
-        step: of the plant, s.
-        name: where the rate comes from, e.g. "imu.rate".
+        rate: rate that is checked, Hz.
+        step: time step of the plant, s.
+        name: name of the setting that holds the rate, e.g. "imu.rate".
     """
     check_range(name, rate, 0.0, math.inf, "Hz", above_low=True, error=ScenarioError)
     if rate * step > 1.0 + RATE_TOLERANCE:

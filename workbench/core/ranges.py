@@ -1,4 +1,4 @@
-"""Limits of a number from outside, without the library that reads files."""
+"""Check of the limits of a number from outside, without the library that reads files."""
 
 import math
 
@@ -21,12 +21,12 @@ def check_range(
     """Raise `error` unless `value` is finite and within [low, high].
 
     Args:
-        name: where the value comes from, e.g. "controller.swing_speed".
-        value: in the unit of the limits.
+        name: name of the setting that holds the value, e.g. "controller.swing_speed".
+        value: number that is checked, in the unit of the limits.
         low: smallest value allowed.
         high: largest value allowed; may be infinite.
-        unit: printed after the value.
-        above_low: refuse `low` itself.
+        unit: unit printed after the value.
+        above_low: whether `low` itself is refused.
         error: class of the error raised.
     """
     if math.isfinite(value) and low <= value <= high and not (above_low and value == low):

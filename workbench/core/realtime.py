@@ -1,8 +1,7 @@
-"""Real time on this computer: priority over ordinary programs, memory that stays in place, and no
-pauses of Python.
+"""Real time on this computer: priority over ordinary programs, locked memory, no pauses of Python.
 
-Nothing here asks for rights: limits are set by the user (docs/deployment.md), and what is not
-permitted is said.
+Nothing here asks for rights: the user sets the limits (docs/deployment.md), and what is not
+permitted is reported.
 """
 
 import contextlib
@@ -14,10 +13,10 @@ import sys
 import threading
 
 _IPC_LOCK = 14
-"""Capability to lock any amount of memory (linux/capability.h)."""
+"""Number of the capability to lock any amount of memory (linux/capability.h)."""
 _LOCK = 1 | 2 | 4
-"""MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT: pages stay once they were used; stacks that never grow cost
-nothing."""
+"""MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT: pages stay once they have been used; stacks that never grow
+cost nothing."""
 DRIVE_PRIORITY = 40
 """SCHED_RR priority of what a real computer runs; below the kernel's own threads for interrupts."""
 EMULATOR_PRIORITY = 30
@@ -30,11 +29,11 @@ _SWITCH_INTERVAL_OF_PYTHON = 0.005
 
 
 def prefer_realtime(priority: int) -> str:
-    """Give the calling thread, and those that it starts, SCHED_RR with `priority` (1 to 99) and
-    locks the memory.
+    """Give the calling thread, and those that it starts, SCHED_RR with `priority` (1 to 99), and
+    lock the memory.
 
     Returns:
-        What applies now, in words.
+        The scheduling and the locking that apply now, in words.
     """
     return f"{_set_priority(priority)}, {_lock_memory()}"
 
@@ -54,7 +53,7 @@ def is_realtime() -> bool:
 
 
 def permitted() -> tuple[bool, bool]:
-    """Tell whether real-time priority, and locked memory without a limit, may be had here.
+    """Tell whether real-time priority, and locked memory without a limit, are permitted here.
 
     Changes nothing.
     """
@@ -78,7 +77,7 @@ def _set_priority(priority: int) -> str:
 
 
 def _may_lock() -> bool:
-    """Tell whether memory may be locked without limit; one would fail allocations in mid-drive."""
+    """Tell whether memory may be locked without limit; a limit fails allocations in mid-drive."""
     if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         return True
     try:
@@ -99,7 +98,7 @@ def _lock_memory() -> str:
 
 
 def prefer_latency() -> None:
-    """Make threads give way sooner, and keep what exists out of garbage collection."""
+    """Make threads give way sooner, and keep existing objects out of garbage collection."""
     gc.collect()
     gc.freeze()
     sys.setswitchinterval(SWITCH_INTERVAL)

@@ -57,7 +57,7 @@ def published_rows(name: str) -> list[dict[str, str]]:
 
 @cache
 def published_table(name: str) -> pd.DataFrame:
-    """Read `models/published/NAME.csv` with numbers as such; do not change it in place."""
+    """Read `models/published/NAME.csv` with numbers parsed; do not change the table in place."""
     import pandas as pd
 
     return pd.read_csv(model_path(f"published/{name}.csv"))

@@ -1,4 +1,4 @@
-"""Base of all sensors: they sample at a rate, and show a sample a delay after it was taken."""
+"""Base of all sensors, which sample at a rate and show each sample a delay after it was taken."""
 
 import hashlib
 import math
@@ -14,38 +14,38 @@ from aerodima.workbench.core.quantity import RATE_TOLERANCE
 TURN = 2.0 * math.pi
 """One revolution, rad."""
 BLOCK = 64
-"""Samples drawn at once; part of the definition of the stream."""
+"""Number of samples drawn at once; part of the definition of the stream."""
 
 
 class SampledSensor(LeafSystem):
-    """A sensor that samples periodically and reports late; subclasses say what one sample is.
+    """A sensor that samples periodically and reports late; subclasses define what a sample is.
 
     Sample k is taken at k / rate and appears on the output at k / rate + delay, where it stays
     until the next one: whole periods of the delay are a queue in discrete state, the rest is the
     phase of the event that shows the sample, so the delay is exact and nothing is interpolated.
-    Before the run the robot is taken to have stood as it does at the initial time: the output then
-    holds the first sample, taken a delay ago.
+    The robot is assumed to have stood before the run as it does at the initial time: the output
+    then holds the first sample, taken a delay ago.
 
-    Before a discrete plant, sampling and appearing come first of all that happens at an instant,
-    and the plant's step last (`aerodima.workbench.core.event_order`): the sensor sees the plant
-    as it is at that instant, not one step later, and a controller that acts at that instant already
-    sees a sample without delay. Elsewhere sampling is an unrestricted update, which Drake runs
-    before the discrete updates of the same instant. An instant between two steps of a discrete
+    With a discrete plant, sampling and appearing come before all else at an instant but the wind,
+    and the plant's step comes last (`aerodima.workbench.core.event_order`): the sensor sees the
+    plant as it is at that instant, not one step later, and a controller that acts at that instant
+    already sees a sample without delay. Elsewhere sampling is an unrestricted update, which Drake
+    runs before the discrete updates of the same instant. An instant between two steps of a discrete
     plant shows the plant as it will be after the step that has begun.
 
     Output ports:
-        <outputs>: the newest sample that has appeared, cut into ports; cost nothing between
+        <outputs>: the newest sample that has appeared, split into ports; they cost nothing between
         samples.
-        sample_time (1): when it was taken, s.
+        sample_time (1): time at which that sample was taken, s.
 
     Attributes:
-        rate: Hz.
+        rate: sampling rate, Hz.
 
     Args:
-        name: of the system, e.g. "imu".
+        name: name of the system, e.g. "imu".
         outputs: name and size of the output ports, in the order of the numbers of a sample.
-        rate: above 0 Hz; a scenario holds it below 1/step of its plant.
-        delay: from 0 s on.
+        rate: sampling rate, above 0 Hz; in a scenario at most 1/step of its plant.
+        delay: time from taking a sample to showing it, 0 s or more.
         discrete: whether the plant is discrete.
     """
 
@@ -129,20 +129,20 @@ class SampledSensor(LeafSystem):
 class AngleEncoder(SampledSensor):
     """Encoder of one joint: its angle in steps, and the rate from the difference of two readings.
 
-    Subclasses say what is read. The rate is the difference between the reading and the one a window
-    earlier, by the shorter way round: it is right up to half a turn per window, resolves one step
-    per window, lags by half the window.
+    Subclasses define the reading. The rate comes from the difference between the reading and the
+    one a window earlier, by the shorter way round: it is right up to half a turn per window,
+    resolves one step per window, and lags by half the window.
 
     Input ports:
-        joint_angle (1): rad.
+        joint_angle (1): angle of the joint, rad.
     Output ports:
-        angle (1): rad.
-        rate (1): rad/s, mean over the window; 0 until it is filled.
-        sample_time (1): s, see `SampledSensor`.
+        angle (1): angle read by the encoder, rad.
+        rate (1): mean rate over the window, rad/s; 0 until the window is filled.
+        sample_time (1): time of the sample, s, see `SampledSensor`.
 
     Args:
         name, rate, delay, discrete: as for `SampledSensor`.
-        window: of the rate, s; rounded to whole samples, at least one.
+        window: time over which the rate is taken, s; rounded to whole samples, at least one.
     """
 
     def __init__(
@@ -179,7 +179,7 @@ class AngleEncoder(SampledSensor):
         return np.array([angle, rate])
 
     def take(self, context: Context, discrete_state: DiscreteValues) -> FloatArray:
-        """Take a sample; keeps the angle for the rate of later samples."""
+        """Take a sample and keep the angle for the rate of later samples."""
         row = super().take(context, discrete_state)
         self._past.write(discrete_state, np.concatenate((self._past.read(context)[1:], row[:1])))
         return row
@@ -194,9 +194,9 @@ class CounterNoise:
     calls does not matter.
 
     Args:
-        seed: of the run, 0 to 2**64 - 1.
-        name: of the sensor; another name gives an independent stream.
-        width: numbers per sample.
+        seed: seed of the run, 0 to 2**64 - 1.
+        name: name of the sensor; another name gives an independent stream.
+        width: count of numbers per sample.
     """
 
     def __init__(self, seed: int, name: str, width: int) -> None:
@@ -218,7 +218,7 @@ class CounterNoise:
         return np.array([self.at(index) for index in range(count)])
 
     def constant(self) -> FloatArray:
-        """Draw numbers (width,) of the whole run, such as a bias; independent of all samples."""
+        """Draw numbers (width,) for the whole run, such as a bias; independent of all samples."""
         return self._generator(0).standard_normal(self._width)
 
     def _generator(self, stream: int) -> np.random.Generator:

@@ -43,8 +43,8 @@ class Inertial:
 
     @classmethod
     def solid(cls, mass: float, shape: UnitInertia, com: Vector3 = (0.0, 0.0, 0.0)) -> "Inertial":
-        """Returns the inertia of a solid (kg) of a shape, such as `UnitInertia.SolidBox`, with its
-        middle at `com`, m.
+        """Returns the inertia of a solid with this mass (kg) and a shape such as
+        `UnitInertia.SolidBox`, centred at `com`, m.
         """
         xx, yy, zz = (mass * shape.get_moments()).tolist()
         return cls(mass, com, (xx, yy, zz))
@@ -59,8 +59,8 @@ class SdfModel:
     """One SDF model, editable by link, joint and element name.
 
     Args:
-        path: an SDF file with a single model.
-        digits: of the numbers that are set.
+        path: path of an SDF file with a single model.
+        digits: number of significant digits of the numbers that are set.
 
     Raises:
         ModelError: no such file, not XML, or no model in it.
@@ -128,7 +128,7 @@ class SdfModel:
         self, link: str, inertial: Inertial, position: Sequence[float], roll: float | None = None
     ) -> None:
         """Set mass and inertia of a link, its position (m) in the model frame and its roll (rad);
-        without one its orientation stays.
+        without a roll its orientation stays.
         """
         element = self._named("link", link)
         if roll is not None:
@@ -161,7 +161,7 @@ class SdfModel:
         colour: str | None = None,
         **sizes: Size,
     ) -> None:
-        """Add a visual of a colour (`0.9 0.7 0.2 1`), or without one a collision shape for
+        """Add a visual of a colour (`0.9 0.7 0.2 1`), or without a colour a collision shape for
         `set_contact`.
 
         Args:
@@ -185,7 +185,7 @@ class SdfModel:
     def set_contact(
         self, link: str, shape: str | None, stiffness: float, dissipation: float, friction: float
     ) -> None:
-        """Set point-contact stiffness (N/m), Hunt-Crossley dissipation (s/m), friction of
+        """Set point-contact stiffness (N/m), Hunt-Crossley dissipation (s/m) and friction of
         collision shapes.
         """
         values = dict(zip(_CONTACT, (stiffness, dissipation, friction, friction), strict=True))
@@ -222,7 +222,7 @@ class SdfModel:
         element.remove(self._child(element, "axis"))
 
     def remove_shapes(self, link: str, shape: str | None = None, kind: str = "*") -> None:
-        """Remove visuals and collision shapes of a link, or those of a name or of one kind."""
+        """Remove visuals and collision shapes of a link, or only those of one name or one kind."""
         for element in self._shapes(link, shape, kind):
             self._named("link", link).remove(element)
 

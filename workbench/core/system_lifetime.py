@@ -18,10 +18,10 @@ LeafSystem_: Any = vars(pydrake.systems.framework)["LeafSystem_"]
 
 
 class SystemParts:
-    """Base of what a `scalar_template` makes systems from: a `LeafSystem` of some scalar type.
+    """Base of the classes from which `scalar_template` makes a `LeafSystem` of some scalar type.
 
     A subclass has `declare(T, ...)`, which declares ports and state with the arguments of the
-    system, and `arguments(T)`, which gives those of the same system of scalar type T.
+    system, and `arguments(T)`, which gives the arguments of the same system of scalar type T.
     """
 
     if TYPE_CHECKING:
@@ -30,13 +30,13 @@ class SystemParts:
 
 
 def scalar_template(name: str, module: str, parts: type[SystemParts]) -> Any:
-    """Template of a system for T = float and AutoDiffXd (see `TemplateSystem`).
+    """Makes the template of a system for T = float and AutoDiffXd (see `TemplateSystem`).
 
     Args:
-        name: of the template.
+        name: name of the template.
         module: `__name__` of the caller. To find it by itself Drake reads the source of the whole
             call stack, which takes seconds where imports are nested deeply.
-        parts: of the system.
+        parts: class that declares the system.
     """
 
     def instantiation(T: Any) -> Any:
@@ -59,10 +59,10 @@ def scalar_template(name: str, module: str, parts: type[SystemParts]) -> Any:
 
 def weak_callback(calc: Callable[[Any, Any], None]) -> Callable[[Any, Any], None]:
     """Returns a bound method as the function of an output port that does not keep its system, and
-    the whole diagram, for ever.
+    the whole diagram, alive for ever.
 
     A port lives as long as its system. Drake 1.51 keeps the functions of all ports, 1.58 those of
-    abstract ones.
+    abstract ports.
     """
     method: Any = calc
     function = method.__func__
@@ -72,10 +72,10 @@ def weak_callback(calc: Callable[[Any, Any], None]) -> Callable[[Any, Any], None
 
 @contextmanager
 def break_reference_cycles(builder: DiagramBuilder) -> Iterator[None]:
-    """Lets a diagram go from memory, which nothing may use afterwards.
+    """Frees a diagram from memory after the block; nothing may use the diagram afterwards.
 
-    The cycles between the builder, its systems and their ports are those that Python cannot collect
-    up to Drake 1.51.
+    Up to Drake 1.51, Python cannot collect the cycles between the builder, its systems and their
+    ports.
     """
     try:
         yield

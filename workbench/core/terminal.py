@@ -1,8 +1,8 @@
-"""Lines for a terminal or a pipe that may take none: nothing waits for whoever reads them.
+"""Writes lines to a terminal or a pipe without waiting for whoever reads them.
 
 A terminal that is stopped (Ctrl-S) or a reader that no longer reads would hold up the program in
-`write`, and with it a car that is driven. Lines that are not taken wait for the next one, and for
-`_LAST_WAIT` at the end of the program.
+`write`, and with it a car that is driven. Lines that cannot be written yet are kept until the next
+line comes, and at the end of the program for at most `_LAST_WAIT`.
 """
 
 import atexit
@@ -17,17 +17,17 @@ from contextlib import suppress
 _LAST_WAIT = 2.0
 """Longest wait for a reader at the end of the program, s."""
 _POLL_PERIOD = 0.02
-"""Time between two attempts to write then, s."""
+"""Time between two attempts to write at the end of the program, s."""
 _CHUNK = 128
-"""Bytes that a terminal or a socket takes at once when it says that it takes some."""
+"""Number of bytes that a terminal or a socket accepts at once when it reports that it is ready."""
 _FLAGS = os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY
 _waiting = {"stdout": b"", "stderr": b""}
 _lock = threading.RLock()
 
 
 def say(text: str, err: bool = False) -> None:
-    """Writes a line to stdout or stderr and returns at once; one whose reader has gone, or
-    whose disk is full, is dropped.
+    """Writes a line to stdout or stderr and returns at once; the line is dropped if its reader has
+    gone or the disk is full.
     """
     name = "stderr" if err else "stdout"
     with _lock:
@@ -41,7 +41,7 @@ def say_error(text: str) -> None:
 
 
 def await_reader() -> None:
-    """Waits until all lines are taken, `_LAST_WAIT` at most."""
+    """Waits until all lines are written, for at most `_LAST_WAIT`."""
     end = time.monotonic() + _LAST_WAIT
     while any(_waiting.values()) and time.monotonic() < end:
         time.sleep(_POLL_PERIOD)
@@ -51,7 +51,7 @@ def await_reader() -> None:
 
 
 def _write(name: str) -> None:
-    """Writes what the reader of a stream takes now.
+    """Writes as many waiting bytes of a stream as its reader accepts now.
 
     The stream is opened anew: a flag that is set on its descriptor would be set for the shell too.
     """
@@ -60,11 +60,11 @@ def _write(name: str) -> None:
     _waiting[name] = b""
     try:
         number = stream.fileno()
-    except (OSError, ValueError, AttributeError):  # memory
+    except (OSError, ValueError, AttributeError):  # a stream in memory
         print(data.decode(), end="", file=stream, flush=True)
         return
     with suppress(OSError):  # the reader has gone, or the disk is full
-        if stat.S_ISREG(os.fstat(number).st_mode):  # takes everything, at its own place
+        if stat.S_ISREG(os.fstat(number).st_mode):  # accepts everything, at its own offset
             stream.flush()
             os.write(number, data)
             return
@@ -83,7 +83,7 @@ def _write(name: str) -> None:
 
 
 def _write_while_ready(number: int, data: bytes) -> bytes:
-    """Writes what a blocking descriptor takes without a wait; returns the rest."""
+    """Writes what a blocking descriptor accepts without waiting; returns the rest."""
     poll = select.poll()
     poll.register(number, select.POLLOUT)
     while data and poll.poll(0):

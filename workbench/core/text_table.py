@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 _ZERO_TOLERANCE = 1e-12
-"""Magnitude of a sum that is zero but for rounding; shown as 0."""
+"""Magnitude below which a value is zero but for rounding and is shown as 0."""
 
 
 def shown_value(value: Any) -> str:
@@ -19,7 +19,7 @@ def shown_value(value: Any) -> str:
 
 
 def value_rows(rows: Iterable[tuple[Any, Iterable[Any]]]) -> list[list[str]]:
-    """Format rows of a name and its values."""
+    """Format rows that each consist of a name and its values."""
     return [[str(name), *map(shown_value, values)] for name, values in rows]
 
 

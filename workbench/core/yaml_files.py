@@ -14,10 +14,11 @@ from aerodima.workbench.core.resources import models_dir
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
 MAX_DEPTH = 100
-"""Deepest nesting of mappings and lists; libyaml recurses, and ends the process at some 20,000."""
+"""Deepest nesting of mappings and lists; libyaml recurses, and at some 20,000 levels it ends the
+process."""
 MAX_NESTED_ALIASES = 20
-"""Most aliases within what other aliases repeat; 20 can stand for 1,600 times the text, and a few
-lines more for gigabytes."""
+"""Largest number of aliases within parts that other aliases repeat; 20 can expand to 1,600 times
+the text, and with a few lines more to gigabytes."""
 
 
 class StrictModel(BaseModel):
@@ -57,11 +58,11 @@ def find_file(
 ) -> Path:
     """Return the path itself, or the file of that name in a folder of `models/`.
 
-    A relative path is one from `start`, the folder of the file that names it; by default from the
-    working folder.
+    A relative path is resolved from `start`, the folder of the file that names it; by default from
+    the working folder.
 
     Raises:
-        UserError (of the class `error`): a bare name that is not there; names the nearest.
+        UserError (of the class `error`): no file has this bare name; the message gives the nearest.
     """
     path = start / name_or_path
     if path.suffix or path.name != str(name_or_path) or path.exists():
@@ -76,7 +77,7 @@ def find_file(
 
 
 def read_yaml(path: Path, error: type[UserError] = ScenarioError) -> Json:
-    """Read a YAML mapping; an empty file is an empty one.
+    """Read a YAML mapping; an empty file gives an empty mapping.
 
     Raises:
         UserError (of the class `error`): a missing file, bad syntax, a key named twice, another
@@ -93,9 +94,9 @@ def parse_yaml(text: str) -> Any:
     """Parse YAML text.
 
     Raises:
-        yaml.YAMLError: bad syntax, a key named twice, nested deeper than `MAX_DEPTH`, more
-            than `MAX_NESTED_ALIASES` aliases within anchors, a number of thousands of digits, a
-            date that is none.
+        yaml.YAMLError: bad syntax, a key named twice, nesting deeper than `MAX_DEPTH`, more
+            than `MAX_NESTED_ALIASES` aliases within anchors, a number of thousands of digits, an
+            impossible date.
     """
     _refuse_nesting(text)
     try:
@@ -105,11 +106,11 @@ def parse_yaml(text: str) -> Any:
 
 
 def _refuse_nesting(text: str) -> None:
-    """Raise yaml.YAMLError as `parse_yaml` says; only a text with many brackets, long lines or
-    aliases is looked through.
+    """Raise yaml.YAMLError for the nesting that `parse_yaml` refuses; only a text with many
+    brackets, long lines or aliases is searched.
     """
     brackets = text.count("[") + text.count("{")
-    longest = max(map(len, text.splitlines()), default=0)  # a level of a block takes a column
+    longest = max(map(len, text.splitlines()), default=0)  # a block level takes a column
     if brackets + longest < 10 * MAX_DEPTH and "*" not in text:
         return
     anchors: list[str | None] = []
@@ -143,11 +144,11 @@ def checked(
     *,
     schema: str | None = None,
 ) -> ModelT:
-    """Make a model of plain data; `schema` is what they must carry, if they must carry one.
+    """Make a model from plain data; `schema` is the schema that they must carry, None for any.
 
     Raises:
         UserError (of the class `error`): unknown or missing key, value not allowed, another schema;
-            names the place after `where`, the value and what is allowed.
+            the message gives the place after `where`, the value and what is allowed.
     """
     version = require_mapping(data, where, error).get("schema")
     if schema is not None and version != schema:

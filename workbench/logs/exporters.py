@@ -32,9 +32,9 @@ class SceneMessage(NamedTuple):
     """A message of a Foxglove schema, to be written beside the signals.
 
     Args:
-        time: s.
-        topic: name.
-        message: an object of a class of `foxglove_schemas_protobuf`.
+        time: time of the message, s.
+        topic: name of the topic.
+        message: object of a class of `foxglove_schemas_protobuf`.
     """
 
     time: float
@@ -52,12 +52,12 @@ def export_log(
     """Writes a run log as CSV or MCAP; returns the files written.
 
     Args:
-        run_log: the run.
-        path: to write.
-        form: of the file.
-        force: replace an existing file.
-        scene: for MCAP, what a viewer draws, such as `aerodima.workbench.view.foxglove_scene`
-            gives.
+        run_log: log of the run.
+        path: path of the file to be written.
+        form: format of the file.
+        force: whether existing files are replaced.
+        scene: for MCAP, messages that a viewer draws, such as those that
+            `aerodima.workbench.view.foxglove_scene` makes.
 
     Raises:
         LogError: a file exists and `force` is not set; MCAP without the package, or with negative
@@ -124,7 +124,7 @@ def _write_mcap(
 
 
 def _signals(writer: Any, topic: str, table: pd.DataFrame) -> Iterator[Stamped]:
-    """Makes the messages of a topic; times are kept in them too, as nanoseconds round them."""
+    """Makes the messages of a topic; they hold the times too, which nanoseconds round."""
     names = list(table.columns)
     properties = {name: {"type": ["number", "null"]} for name in names}
     schema = json.dumps({"type": "object", "properties": properties}).encode()

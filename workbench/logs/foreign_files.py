@@ -1,10 +1,10 @@
 """Logs in other programs' files as named columns of numbers: CSV, Parquet, MAT, MCAP, ROS bags.
 
-They are in whatever unit and rate they were written; `logs.importers` makes a run log of them. MAT
-files of version 5 to 7 are read with SciPy, of version 7.3, which is HDF5, with h5py (extra
-`logs`). Vectors become columns. A struct field is called `data.force`, the second column of a
-matrix `force(2)`, or its second row where a sample is a column, as Simulink's To File writes them.
-Objects such as `timeseries` are stored in a form that only MATLAB reads.
+They keep the units and rates in which they were written; `logs.importers` makes a run log of them.
+MAT files of version 5 to 7 are read with SciPy, those of version 7.3, which is HDF5, with h5py
+(extra `logs`). Vectors become columns. A struct field is called `data.force`, the second column of
+a matrix `force(2)`, or its second row where a sample is a column, as Simulink's To File writes
+them. Objects such as `timeseries` are stored in a form that only MATLAB reads.
 
 MCAP files (https://mcap.dev, extra `logs`) are read where their messages are JSON: a number becomes
 the column `<topic>.<field>`, one in a list `<topic>.<field>(1)`. The times at which a topic was
@@ -12,9 +12,9 @@ logged are the column `<topic>@log_time`, those at which it was published `<topi
 both s. The same holds for bags of ROS 1 and ROS 2, also in MCAP, which rosbags reads (extra
 `logs`). Elements of a list of structs or messages are the rows of one table.
 
-What is no number (text, objects, lists of any length) is listed as unreadable with the reason.
-Checksums of a file, where it has any, are compared. What a parser raises of a damaged file,
-`logs.importers` turns into one error.
+Columns that are not numbers (text, objects, lists of any length) are listed as unreadable with the
+reason. Checksums of a file, where it has any, are compared. `logs.importers` turns whatever a
+parser raises for a damaged file into one error.
 """
 
 import json
@@ -41,22 +41,22 @@ from aerodima.workbench.logs.mapping import CsvFormat, time_factor
 from aerodima.workbench.logs.mat_reading import is_version_7_3, read_struct
 
 Columns = dict[str, pd.Series]
-"""Values by the name of the column."""
+"""Values of each column by its name."""
 Texts = dict[str, str]
-"""Reason why it is unreadable, or name of the times, by the name of the column."""
+"""Reason why a column is unreadable, or name of its times, by the name of the column."""
 MAX_COLUMNS = 64
-"""A matrix with more columns than this (and than rows) has its channels in rows; a list with more
-numbers is a picture or a table of something else, not a log."""
+"""Largest number of channels. A matrix with more columns (and more than rows) has its channels in
+rows; a list with more numbers is a picture or a table of something else, not a log."""
 MAX_TEXT_LOG = 4 * 2**30
 """Size of the longest CSV that is read, bytes."""
 MAX_LENGTH_ERROR = 0.05
-"""How much the length of a quaternion may differ from 1."""
+"""Largest deviation of the length of a quaternion from 1."""
 NANOSECOND = 1e-9
 """One nanosecond, s."""
 _NAN = ("NaN", "nan", "NAN", "NA", "null", "")
-"""Texts that stand for a number that is not there."""
+"""Texts that stand for a missing number."""
 _VALUE = re.compile(r"[-+]?[\d.,]*\d[.,]?(e[-+]?\d+)?|nan|[-+]?inf|\d{4}-\d\d-\d\d.*", re.I)
-"""A number or a date."""
+"""Pattern of a number or a date."""
 _OBJECT = (
     "a MATLAB object or cell; save it as a struct of vectors (for a timeseries: its Time and Data)"
 )
@@ -67,10 +67,11 @@ class ForeignLog:
     """The columns of a file.
 
     Attributes:
-        path: the file, for messages.
-        columns: name to values; lengths may differ between columns of different rates.
-        time_of: name of the column with the times of a column, where the format knows it (MCAP).
-        unreadable: columns or topics that are there but cannot be read, with the reason.
+        path: path of the file, for messages.
+        columns: values of each column by its name; columns of different rates may differ in length.
+        time_of: name of the column with the times of each column, where the format has it (MCAP,
+            ROS bags).
+        unreadable: reason for each column or topic that is there but cannot be read, by its name.
     """
 
     path: str
@@ -96,7 +97,7 @@ class ForeignLog:
         unless the unit is their form (`%d.%m.%Y %H:%M:%S`), count since 1970, UTC.
 
         Raises:
-            LogError: as `numbers`; a cell that is no date of this form (names its row, from 1).
+            LogError: as `numbers`; a cell that is not a date of this form (names its row, from 1).
         """
         series = self._series(name)
         if series.dtype.kind == "m":
@@ -113,7 +114,7 @@ class ForeignLog:
     def combined(
         self, stamps: Mapping[str, Sequence[str]], quaternions: Mapping[str, Sequence[str]]
     ) -> Self:
-        """Adds the columns that are made of several, `Mapping.stamps` and `Mapping.quaternions`.
+        """Adds columns made of several others: `Mapping.stamps` and `Mapping.quaternions`.
 
         Raises:
             LogError: as `numbers`; a quaternion whose length is not 1 (names its row, from 1).
@@ -218,7 +219,7 @@ def read_csv(path: Path, form: CsvFormat) -> ForeignLog:
 
 
 def _refuse_values(path: Path, names: list[str]) -> None:
-    """Raises LogError when names are values: numbers and dates only, or one that is not a whole
+    """Raises LogError if names are values: only numbers and dates, or one that is not a whole
     number, as the name of a channel may be.
     """
     values = [name for name in names if _VALUE.fullmatch(name)]
@@ -272,15 +273,15 @@ def _vectors(name: str, value: NDArray) -> Columns:
     if value.ndim <= 1:
         return {name: pd.Series(np.atleast_1d(value))}
     if value.shape[1] > max(MAX_COLUMNS, value.shape[0]):
-        value = value.T  # a block To File of Simulink writes a sample a column
+        value = value.T  # Simulink's block To File writes each sample as a column
     return {f"{name}({number})": pd.Series(column) for number, column in enumerate(value.T, 1)}
 
 
 def _leaves(name: str, value: Any) -> Iterator[tuple[str, Any]]:
     """Walks over the leaves of a struct or message, with their names.
 
-    Of a list of structs a leaf is that of all of them. Numbers and vectors of one length become an
-    array; other elements of a list are numbered, `data.force(2)`.
+    A leaf of a list of structs joins that leaf of all of them. Numbers and vectors of one length
+    become an array; other elements of a list are numbered, `data.force(2)`.
     """
     if isinstance(value, np.ndarray) and value.dtype == object:
         value = value.ravel("F").tolist()
@@ -343,7 +344,7 @@ def read_mcap(path: Path) -> ForeignLog:
 
 
 def read_bag(path: Path) -> ForeignLog:
-    """Reads the columns of a ROS bag: a file of ROS 1, or of ROS 2 a file or the folder that holds
+    """Reads the columns of a ROS bag: a file of ROS 1, or for ROS 2 a file or the folder that holds
     its `metadata.yaml`. Types that the bag does not define are those of ROS 2 itself.
 
     Raises:
@@ -384,7 +385,7 @@ def _row(topic: str, message: Any, time: int) -> Json:
 
 
 def _refuse_lost(path: Path, count: int, written: int) -> None:
-    """Raises LogError unless as many messages are there as were written."""
+    """Raises LogError unless there are as many messages as were written."""
     if count != written:
         raise LogError(
             f"{path}: {count} messages are there of {written} that were written; it is damaged, "

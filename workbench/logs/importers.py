@@ -1,8 +1,7 @@
-"""Foreign files become a run log: columns renamed, units made SI, several sample rates put on one
-time grid.
+"""Foreign files become a run log: columns renamed, units made SI, rates put on one time grid.
 
 A column that was sampled at other times (GPS beside IMU) holds its last sample, as a control loop
-would have seen it. Nothing is filtered or filled in: gaps and NaN stay in the log and are reported,
+would have seen it. Nothing is filtered or filled in: gaps and NaN stay in the log and are reported;
 `aerodima.workbench.logs.signals` deals with them.
 """
 
@@ -63,7 +62,7 @@ _READERS: dict[str, Callable[[Path], ForeignLog]] = {
     "/": read_bag,
 }
 _LEFT_OUT = "left out"
-"""Begins the findings of columns that are not in the log."""
+"""Beginning of the findings about columns that are not in the log."""
 _REMEDY = "; is it cut off or damaged? Of a text: is it written as `csv` in the mapping says?"
 _EQUAL_TIMES = " (`time.repeated: first`, or last, in the mapping keeps one of equal times)"
 
@@ -80,14 +79,14 @@ def import_log(paths: Sequence[Path | str] | Path | str, mapping: Mapping) -> Im
     """Reads foreign files of one run.
 
     Args:
-        paths: one file, or several that share a clock; the columns of the second are called
-            `2:<name>` in the mapping.
-        mapping: which column is which.
+        paths: path of one file, or of several that share a clock or have `time.offsets`; the
+            columns of the second are called `2:<name>` in the mapping.
+        mapping: mapping that says which column is which.
 
     Raises:
-        LogError: a file cannot be read, the times are not increasing, no column is there; or all
-            at once what else is wrong: a needed column is missing, a cell is no number, a value
-            betrays a wrong unit, the scenario. Names file, column and time.
+        LogError: a file cannot be read, the times are not increasing, no column is there; or, all
+            at once, whatever else is wrong: a needed column is missing, a cell is not a number, a
+            value betrays a wrong unit, the scenario. Names file, column and time.
     """
     if isinstance(paths, str | Path):
         paths = [paths]
@@ -151,7 +150,7 @@ def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, F
     """Makes the table of a run log from foreign columns: SI units, one time grid, `time_s` first.
 
     Returns:
-        The table, findings, and what is wrong with columns, which the table lacks.
+        The table, findings, and problems of columns, which the table then lacks.
 
     Raises:
         LogError: the times cannot be read or are not increasing, no column is there.
@@ -205,8 +204,8 @@ def _column(
     grid: tuple[FloatArray, IntArray],
     findings: Findings,
 ) -> tuple[FloatArray, bool]:
-    """Puts one of our columns on the grid, times (s) and the rows that have them; says whether its
-    own times differ and it is held.
+    """Puts a column of the run log on the grid, times (s) and the rows that have them; also returns
+    whether its own times differ, so that it is held.
     """
     time, rows = grid
     source = mapping.columns[name]
@@ -261,8 +260,8 @@ def _column(
 def _times(
     foreign: ForeignLog, mapping: Mapping, name: str, unit: str, findings: Findings
 ) -> tuple[FloatArray, IntArray]:
-    """Reads a column of times, s, and the rows of the file that count: one of those with the same
-    time if the mapping says which.
+    """Reads a column of times, s, and the rows of the file that count: only one of those with the
+    same time if the mapping says which.
     """
     time = foreign.times(name, unit)
     for file, offset in mapping.time.offsets.items():
@@ -302,7 +301,7 @@ def _unused(foreign: ForeignLog, mapping: Mapping) -> Findings:
 
 
 def _scenario(mapping: Mapping) -> Json:
-    """Loads the car or the rig that a mapping names; of a rig without its experiment, which the
+    """Loads the car or the rig that a mapping names; a rig without its experiment, which the
     metadata state.
     """
     if mapping.scenario is None:

@@ -1,5 +1,4 @@
-"""Crash-safe journal of a run: batches with checksums on disk that become Parquet when the run
-ends well.
+"""Crash-safe journal of a run: batches with checksums that become Parquet when the run ends well.
 
 A Parquet file without its footer is unreadable, so a run that dies would be lost. The journal is
 appended in batches instead, each complete in itself: after a crash, or damage by others, every
@@ -46,9 +45,9 @@ from aerodima.workbench.logs.schema import (
 
 JOURNAL_SUFFIX = ".journal"
 _CHECKED = 4_000_000
-"""Bytes that `check` compares while the run goes on, the last ones: a minute of a drive."""
+"""Number of last bytes that `check` compares while the run goes on: a minute of a drive."""
 _SYNC_LIMIT = 30.0
-"""Time for the disk to confirm the last rows at the end of the run, s."""
+"""Time within which the disk confirms the last rows at the end of the run, s."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +55,8 @@ class Recovery:
     """Result of `recover`.
 
     Attributes:
-        path: the run log that was written.
-        rows: complete rows in it.
+        path: path of the run log that was written.
+        rows: number of complete rows in it.
         damage: sentences on what is damaged, missing or in doubt.
     """
 
@@ -88,18 +87,18 @@ class JournalWriter:
     disk to keep it, so that a power cut loses little and the loop never waits.
 
     One process writes a journal: it holds a lock, and a fork of it is refused. What it wrote stays
-    in memory, too (200 MB for a drive of an hour): `check` finds what others changed in the file
-    and writes it again, and the log is made of the copy.
+    in memory too (200 MB for a drive of an hour): `check` finds what others changed in the file and
+    writes it again, and the log is made from the copy.
 
     Attributes:
-        notes: what befell the journal; in the log as `journal_notes` of `extra`.
+        notes: sentences on what happened to the journal; in the log as `journal_notes` of `extra`.
 
     Args:
-        path: name of the Parquet file to be.
+        path: path of the Parquet file to be written.
         columns: names of the columns, in the order of the rows.
         metadata: metadata object, see `aerodima.workbench.logs.schema.run_metadata`.
-        force: replace an existing log, and a journal that an earlier run left behind.
-        rows_per_batch: rows in a record batch.
+        force: whether an existing log, and a journal left by an earlier run, are replaced.
+        rows_per_batch: number of rows in a full batch.
         flush_interval: age of a batch at which it goes to the operating system, s.
         sync_interval: time between two requests to the disk, s.
 
@@ -154,7 +153,7 @@ class JournalWriter:
             self.flush()
 
     def add_facts(self, facts: Facts) -> None:
-        """Adds to `extra` of the log what only the run's end knows; the journal goes without."""
+        """Adds facts known only at the run's end to `extra` of the log, not to the journal."""
         self._metadata["extra"] = {**self._metadata["extra"], **facts}
 
     def note(self, text: str) -> None:
@@ -193,11 +192,11 @@ class JournalWriter:
             self.note(f"{self.journal}: changed by somebody else; it is written again, all rows")
 
     def close(self) -> Path:
-        """Ends the journal, writes the Parquet file, removes the journal; returns the name of the
+        """Ends the journal, writes the Parquet file, removes the journal; returns the path of the
         Parquet file.
 
-        The rows come from the copy in memory: they are there also when the folder has been removed
-        or renamed.
+        The rows come from the copy in memory: they are there even if the folder has been removed or
+        renamed.
 
         Raises:
             LogError: the log cannot be written; the journal is kept.
@@ -236,7 +235,7 @@ class JournalWriter:
         return read_run_log(self.path)
 
     def abandon(self) -> Path:
-        """Flushes a run that failed and leaves its journal for `recover`; returns its name.
+        """Flushes a run that failed and leaves its journal for `recover`; returns its path.
 
         Raises:
             LogError: the disk did not take the last rows.
@@ -319,7 +318,7 @@ class JournalWriter:
         self._sync_due = time.monotonic() + self._sync_interval
 
     def _end(self) -> str:
-        """Writes the end mark and waits for the disk; returns, and notes, what it did not take."""
+        """Writes the end mark and waits for the disk; returns and notes a failure, if any."""
         self._writer = 0
         try:
             self.check(len(self._copy))
@@ -334,7 +333,7 @@ class JournalWriter:
 
 
 def _sync_disk(descriptor: int, answer: Future[None]) -> None:
-    """Asks the disk to keep a file, and hands over what it answers."""
+    """Asks the disk to keep a file, and hands over its answer."""
     try:
         os.fsync(descriptor)
         answer.set_result(None)
@@ -362,12 +361,12 @@ def recover(
 ) -> Recovery:
     """Writes the whole batches of a journal as a run log; the journal stays where it is.
 
-    What is not whole is named, and is in the log as `journal_notes` of `extra`.
+    Damaged or missing parts are named, also in the log as `journal_notes` of `extra`.
 
     Args:
-        journal: the journal, `run.parquet.journal`.
-        out_path: the run log to write; the journal's name without its suffix when not given.
-        force: replace an existing file.
+        journal: path of the journal, such as `run.parquet.journal`.
+        out_path: path of the run log to write; by default the journal's path without its suffix.
+        force: whether an existing file is replaced.
 
     Raises:
         LogError: nothing to rescue, `out_path` exists, or cannot be written.

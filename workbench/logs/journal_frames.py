@@ -3,7 +3,7 @@
 A frame is its kind, the identity of the run, the number of rows before it, the size of its content,
 the content, and the CRC-32 of all of these. The schema (`HEAD`, an Arrow schema with the metadata
 of the log) comes twice, so that one damaged place leaves one of them; rows (`ROWS`) are float64,
-row by row; `END` follows the last row of a run that ended in order.
+row by row; `END` follows the last row of a journal that was closed in order.
 
 Journals of version 0.3 and before are Arrow IPC streams, without checksums.
 """
@@ -95,7 +95,7 @@ def read_content(journal: bytes | bytearray, source: str) -> Content:
 
 
 def _read_stream(journal: bytes | bytearray, source: str) -> Content:
-    """Reads an Arrow stream, of which any byte may be wrong."""
+    """Reads an Arrow stream in which any byte may be wrong."""
     file = io.BytesIO(journal)
     batches: list[pa.RecordBatch] = []
     damage = [_UNCHECKED]

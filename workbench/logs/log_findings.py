@@ -1,8 +1,8 @@
 """Findings in a log: gaps, lost samples, dead sensors, and values that betray a wrong unit.
 
-A finding names column and time. What makes every later figure wrong (times that run back, a wrong
-unit) is an error; what conditioning can deal with (a gap, NaN) or a user must judge (a constant
-signal) is reported and kept.
+A finding names column and time. A fault that makes every later figure wrong (times that run back, a
+wrong unit) is an error; a fault that conditioning can deal with (a gap, NaN) or that a user must
+judge (a constant signal) is reported and kept.
 """
 
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ from aerodima.workbench.logs.signals import gaps_in, median_step
 from aerodima.workbench.scenario.signal_table import TIME
 
 MIN_SAMPLES = 32
-"""Fewer rows than this cannot be filtered and hold no experiment."""
+"""Smallest number of rows that can be filtered and hold an experiment."""
 STEP_RANGE = (1e-5, 1.0)
 """Median time step (s) of a plausible log; beyond it the unit of the times is wrong."""
 _SPEED = "speed_m_per_s"
@@ -35,8 +35,8 @@ RATE_OF = {
     "imu_acceleration_x_m_per_s2": _SPEED,
     "imu_acceleration_y_m_per_s2": _SIDEWAYS,
 }
-"""Rate column to the angle or speed that it is the derivative of (of the IMU: while the car is
-level and does not slide)."""
+"""Angle or speed whose derivative each rate column is (for the IMU: while the car is level and does
+not slide)."""
 MAX_MEDIAN_VERTICAL = 0.8
 """Largest plausible median of the vertical acceleration, m/s2: a car stays on the ground."""
 _MAX_OF_UNIT = {
@@ -48,17 +48,17 @@ _MAX_OF_UNIT = {
     "m/s2": 300.0,
     "rad": 2.1 * np.pi,
 }
-"""Largest plausible magnitudes. An angle stays within a turn, apart from `_MAX_ANGLES`."""
+"""Largest plausible magnitude by unit. An angle stays within a turn, apart from `_MAX_ANGLES`."""
 _MAX_ANGLES = {"yaw": 100.0, "sail": 100.0, "steering": 0.5 * np.pi}
-"""Word in the name of an angle -> its largest plausible magnitude, rad: two may pass a turn, and no
-road wheel stands across its car."""
+"""Largest plausible magnitude of an angle, rad, by a word in its name: yaw and sail may pass a
+turn, and no road wheel stands across its car."""
 _MEASURED = ("angle", "angular_velocity", "current", "force_", "torque_", "imu_", "tail_", "speed")
 
 
 @dataclass(frozen=True)
 class LogFinding:
-    """Something odd: column ("" when it concerns the file), time (s; None when it is not at a
-    time), and what it is.
+    """Something odd in a log: column ("" if it concerns the file), time (s; None if it has none),
+    and text that says what it is.
     """
 
     column: str
@@ -97,8 +97,8 @@ def nan_findings(time: FloatArray, column: str, values: FloatArray) -> list[LogF
 
 
 def table_findings(table: pd.DataFrame, kind: str) -> list[LogFinding]:
-    """Finds gaps, NaN, too few rows and constant measurements of a table whose times are sorted;
-    `kind` of the log.
+    """Finds gaps, NaN, too few rows and constant measurements in a table whose times are sorted;
+    `kind` is that of the log.
     """
     time = table[TIME].to_numpy(float)
     findings = gap_findings(time)
@@ -121,10 +121,10 @@ def table_findings(table: pd.DataFrame, kind: str) -> list[LogFinding]:
 def implausible_values(
     table: pd.DataFrame, units: Mapping[str, str], largest: Mapping[str, float | None]
 ) -> list[str]:
-    """Finds values that betray a wrong unit; says each column with its first one.
+    """Finds values that betray a wrong unit; names each column with its first such value.
 
     Args:
-        table: SI units.
+        table: table of the log in SI units.
         units: SI unit of each column.
         largest: largest plausible magnitude per column where the mapping states one.
     """
@@ -159,8 +159,9 @@ def inconsistent_rates(table: pd.DataFrame) -> list[str]:
     """Finds rates that are plainly not the derivative of their angle, accelerations that are not
     those of the car (other unit, other sign, or gravity in it), and a steering of the wrong sign.
 
-    Compared are the angle and the integral of the rate, without their straight lines (bias of a
-    gyro). Signals that have little to do with each other (noise, a car that rolls) are left alone.
+    The angle is compared with the integral of the rate, both without their straight lines (bias of
+    a gyro). Signals that have little to do with each other (noise, a car that rolls) are left
+    alone.
     """
     problems = []
     off = "(`check_rates: false` in the mapping turns this check off)"
@@ -187,7 +188,7 @@ def inconsistent_rates(table: pd.DataFrame) -> list[str]:
         if rate not in table or angle not in table:
             continue
         ratio = _rate_ratio(*table[[TIME, angle, rate]].to_numpy(float).T)
-        # A car that slides accelerates by other than its speed and yaw rate say.
+        # The acceleration of a car that slides does not follow from its speed and yaw rate.
         low, high = (0.3, 3.0) if "acceleration" in rate else (0.6, 1.6)
         if ratio is not None and not low <= ratio <= high:
             problems.append(
@@ -198,8 +199,8 @@ def inconsistent_rates(table: pd.DataFrame) -> list[str]:
 
 
 def _rate_ratio(time: FloatArray, angle: FloatArray, rate: FloatArray) -> float | None:
-    """Computes the factor between a rate and the derivative of its angle; None where they do not
-    tell.
+    """Computes the factor between a rate and the derivative of its angle; None where it cannot be
+    told.
     """
     good = np.isfinite(angle) & np.isfinite(rate)
     if np.count_nonzero(good) < MIN_SAMPLES:

@@ -38,8 +38,8 @@ def unit_factor(name: str, si: str, where: str) -> float:
     `si`.
 
     Args:
-        name: as written in a mapping file, `deg/s`; `Nm`, `°` and the like are understood too.
-        si: `Column.unit`; "" counts as `1`.
+        name: unit as written in a mapping file, `deg/s`; `Nm`, `°` and the like are understood too.
+        si: SI unit of a column, `Column.unit`; "" counts as `1`.
         where: place named in the message.
 
     Raises:
@@ -74,7 +74,7 @@ def unit_in_name(name: str) -> str:
 
 
 class ColumnSource(StrictModel):
-    """Where one of our columns comes from: SI value = scale * unit * (foreign value - zero)."""
+    """Source of a column of the run log: SI value = scale * unit * (foreign value - zero)."""
 
     from_: str | None = Field(
         None, alias="from", description="name of the foreign column", min_length=1
@@ -109,7 +109,7 @@ class ColumnSource(StrictModel):
 
 
 class TimeSource(StrictModel):
-    """The time of the log's rows."""
+    """Source of the times of the log's rows."""
 
     from_: str = Field(alias="from", description="foreign column with the times", min_length=1)
     unit: str = Field(
@@ -136,7 +136,7 @@ class MetadataValue(StrictModel):
 
 
 class CsvFormat(StrictModel):
-    """How a text file is written."""
+    """Format of a text file."""
 
     delimiter: str = Field(
         default=",", description="between cells; `\\t` for tabulators", min_length=1, max_length=1
@@ -157,7 +157,7 @@ class CsvFormat(StrictModel):
 
 
 class ScenarioSource(StrictModel):
-    """The car and what was driven, or the rig: a name or file, and overrides such as
+    """The car and its manoeuvre, or the rig: a name or file, and overrides such as
     `manoeuvre.speed=4`.
     """
 
@@ -166,7 +166,7 @@ class ScenarioSource(StrictModel):
 
 
 class Mapping(StrictModel):
-    """A mapping file."""
+    """Content of a mapping file."""
 
     schema_: Literal["aerodima/log-mapping/1"] = Field(
         alias="schema", description="schema of the file"
@@ -224,7 +224,7 @@ class Mapping(StrictModel):
 
     @property
     def folder(self) -> Path:
-        """Folder of its file; the working folder without one."""
+        """Folder of the mapping file; the working folder for a mapping without a file."""
         return self._folder
 
     @property
@@ -238,8 +238,8 @@ class Mapping(StrictModel):
         return facts
 
     def unit_factor(self, name: str) -> float:
-        """Looks up the SI value of one foreign unit of our column `name`; LogError where there is
-        no such column or unit.
+        """Looks up the SI value of the foreign unit of column `name` of the run log; LogError if
+        there is no such column or unit.
         """
         known = known_columns()
         if name == TIME:

@@ -1,4 +1,4 @@
-"""MAT files, read by a process of its own: some damaged ones make SciPy or the HDF5 library crash.
+"""MAT files, read by a separate process: some damaged ones make SciPy or the HDF5 library crash.
 
 `python -m aerodima.workbench.logs.mat_reading FILE` writes what is in it to stdout, pickled.
 """
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 MAX_DEFLATION = 1032
-"""Most bytes that a compressed one of HDF5 stands for."""
+"""Largest number of bytes that one compressed byte of HDF5 stands for."""
 MAX_UNSTORED = 2**24
 """Size of the largest HDF5 dataset that is read although the file holds less of it, bytes."""
 _TIMEOUT = 600.0
@@ -20,11 +20,11 @@ _TIMEOUT = 600.0
 
 
 def read_struct(path: Path) -> dict[str, Any]:
-    """Reads the variables of a file: of version 7.3 as `_content` gives them, of others as SciPy's
-    `loadmat` does with simplified cells.
+    """Reads the variables of a file: those of version 7.3 as `_content` gives them, others as
+    SciPy's `loadmat` does with simplified cells.
 
     Raises:
-        ValueError: what the library says of a damaged file, or that it crashed.
+        ValueError: the library reports a damaged file, or crashed.
     """
     command = [sys.executable, "-P", "-m", __name__, str(path)]  # -P: no module of the folder
     reader = subprocess.run(command, capture_output=True, timeout=_TIMEOUT, check=False)
@@ -51,8 +51,8 @@ def _content(dataset: Any, follow: bool = True) -> Any:
     References, of which cells and struct arrays are made, become a list of what they lead to; those
     behind a reference are not followed.
 
-    It keeps MATLAB's order of the numbers, so that rows and columns are exchanged. ValueError for
-    one that states a size which the bytes in the file cannot have.
+    HDF5 keeps MATLAB's order of the numbers, so rows and columns are exchanged. ValueError for a
+    dataset that states a size which the bytes in the file cannot have.
     """
     if hasattr(dataset, "items"):
         return {name: _content(value, follow) for name, value in dataset.items()}

@@ -1,6 +1,4 @@
-"""Writes the signals of a diagram into a run log while it runs: through a journal into a file, or
-into memory.
-"""
+"""Writes the signals of a running diagram into a run log: through a journal, or in memory."""
 
 from __future__ import annotations
 
@@ -37,8 +35,8 @@ Signals = list[tuple[OutputPort, list[str]]]
 
 
 class MemoryLog:
-    """Does without a file what `JournalWriter` does: takes rows within a `with` block; after it
-    there is the log.
+    """Does without a file what `JournalWriter` does: takes rows within a `with` block, after which
+    it makes the log.
     """
 
     def __init__(self, columns: Sequence[str], metadata: Facts) -> None:
@@ -57,7 +55,7 @@ class MemoryLog:
         self._rows.append(row.copy())
 
     def add_facts(self, facts: Facts) -> None:
-        """Adds to `extra` of the log what only the end of the run knows."""
+        """Adds facts to `extra` of the log that are known only at the end of the run."""
         self._metadata["extra"] = {**self._metadata["extra"], **facts}
 
     def run_log(self) -> RunLog:
@@ -74,13 +72,13 @@ class RowSink(Protocol):
     """Takes the rows of a recorder."""
 
     def append(self, row: np.ndarray) -> None:
-        """Takes one row, whose array is used again."""
+        """Takes one row, whose array the recorder uses again."""
 
 
 def open_log(
     path: str | Path | None, columns: Sequence[str], metadata: Facts, force: bool
 ) -> LogSink:
-    """Opens a journal that becomes the log `path`, or rows in memory without one.
+    """Opens a journal that becomes the log `path`, or rows in memory without a path.
 
     Raises:
         LogError: as `JournalWriter`.
@@ -93,7 +91,8 @@ def open_log(
 class OpenBuilder(DiagramBuilder):
     """A builder that can be asked for what was exported and connected.
 
-    Attributes: exported: output ports by the names under which they were exported.
+    Attributes:
+        exported: output ports by the names under which they were exported.
     """
 
     def __init__(self) -> None:
@@ -111,15 +110,15 @@ class OpenBuilder(DiagramBuilder):
         """Lists ports that were exported, or logged by `LogVectorOutput`, with the columns that
         they fill.
 
-        The name of the export, or of the logger (`set_name`), has the columns' names with their
-        units, such as `x_m,y_m`; with one name for several elements their numbers follow it. A
+        The name of the export, or of the logger (`set_name`), gives the columns' names with their
+        units, such as `x_m,y_m`; one name for several elements is followed by their numbers. A
         logger without a name takes those of system and port.
 
         Args:
-            taken: columns that are there already.
+            taken: names of the columns that are there already.
 
         Raises:
-            UserError: a port with another number of names than elements, a column that is there
+            UserError: a port has another number of names than elements, or a column is there
                 already.
         """
         ports = list(self.exported.items())
@@ -153,21 +152,21 @@ class RunRecorder(LeafSystem):
     """Appends one row per period to a journal or list; costs nothing between rows.
 
     Input ports:
-        one vector per recorded port, in the order they are given.
+        one vector per recorded port, in the order in which they are given.
 
     Args:
         journal: open journal, or other sink, whose columns are `time_s` and then those of the
             ports, in order.
-        signals: the recorded ports with the names of their columns.
-        rate: rows per second, Hz.
-        step: of a discrete plant, s, as of a simulated car: a row has what sensors and controllers
-            did at its instant (`row_period`); without, a row has what stood on the ports before its
-            instant.
-        with_samples: beside a plant that moves continuously, write in the discrete update of the
-            instant. Drake publishes before it updates, so a publish event sees the samples of the
-            period before; the update sees those of its own instant, since sensors sample in
-            unrestricted updates, which come first. The row of the time at which a simulation ends
-            is written when it runs a little longer.
+        signals: recorded ports with the names of their columns.
+        rate: rate of the rows, Hz.
+        step: time step of a discrete plant, s, such as a simulated car: a row has what sensors and
+            controllers did at its instant (`row_period`). None: a row has what stood on the ports
+            before its instant.
+        with_samples: whether rows are written in the discrete update of the instant, for a plant
+            that moves continuously. Drake publishes before it updates, so a publish event sees the
+            samples of the period before; the update sees those of its own instant, since sensors
+            sample in unrestricted updates, which come first. The row of the time at which a
+            simulation ends is written when it runs a little longer.
     """
 
     def __init__(
@@ -228,7 +227,7 @@ class RunRecorder(LeafSystem):
 
 
 def port_sources(builder: DiagramBuilder, system: System) -> dict[str, OutputPort]:
-    """Maps the name of an input port of a system -> the output port that is connected to it."""
+    """Maps the name of each connected input port of a system to the output port that feeds it."""
     sources = {}
     for (target, port), (source, output) in builder.connection_map().items():
         if target is system:

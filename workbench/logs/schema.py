@@ -1,10 +1,8 @@
-"""The run log: one run in one Parquet file, its signals as columns and its provenance in the file's
-metadata.
+"""The run log: one run in one Parquet file, signals as columns and provenance as metadata.
 
 Columns are float64 (`aerodima.workbench.scenario.signal_table`). The metadata are one JSON object
 under the key `aerodima`: schema, scenario (resolved), seed, versions, created, kind, extra. Two
-runs of the same scenario and seed have equal signals, bit for bit; `created` is all that may
-differ.
+runs of the same scenario and seed have equal signals, bit for bit; only `created` may differ.
 """
 
 import json
@@ -42,21 +40,21 @@ SCHEMA = "aerodima/run-log/1"
 METADATA_KEY = b"aerodima"
 _TAIL_TRUTH = frozenset(names_of(CAR_TRUTH["tail_truth"]))
 PLANT_RUN = "plant_run"
-"""Kind of a log that `observe` wrote: of any plant, with the columns of
+"""Kind of a log of any plant that `observe` wrote, with the columns of
 `aerodima.workbench.car.ground_truth`."""
 TAIL_LAW = "tail_law"
 """Key in `extra` of a run whose tail followed a law that the scenario does not name: the name of
 its class."""
 DIAGRAM = "diagram"
-"""Key in `extra` of a run that a diagram of one's own drove, in place of driver and tail law: its
-function's name."""
+"""Key in `extra` of a run that a user's own diagram drove, in place of driver and tail law: the
+name of its function."""
 DRIVEN_BY = "driven_by"
 """Key in `extra` of a run that did not follow the manoeuvre of its scenario: who steered, such as
 `hand (MANUAL)`."""
 
 
 class _Scenario(TypedDict, total=False):
-    """Keys that are read of every scenario; it has others, too."""
+    """Keys that are read from every scenario, which has others too."""
 
     tail: Json | None
 
@@ -80,13 +78,14 @@ class RunLog:
 
     Attributes:
         table: one row per log time, float64 columns; the first is `time_s`.
-        scenario: the resolved scenario.
+        scenario: resolved scenario as plain data.
         seed: seed of every random number of the run.
-        versions: of the project, Drake, Python and NumPy.
-        kind: what was logged: `car_run` a run of the car, `plant_run` one of another plant.
+        versions: versions of the project, Drake, Python and NumPy.
+        kind: kind of log, such as `car_run` for a run of the car and `plant_run` for one of another
+            plant.
         created: ISO time of the start of the run.
         extra: further facts, for example `tail_mass_kg` (kg).
-        source: name of the file it came from, for messages; empty for a run in memory.
+        source: name of the file that the log came from, for messages; empty for a run in memory.
     """
 
     table: pd.DataFrame
@@ -115,7 +114,7 @@ class RunLog:
 
     @property
     def has_tail(self) -> bool:
-        """Says whether the car had a tail; a log that does not say is taken to have one."""
+        """Says whether the car had a tail; a log that does not say counts as one with a tail."""
         return scenario_has_tail(self.scenario)
 
     def signal(self, name: str) -> FloatArray:
@@ -200,8 +199,8 @@ def run_metadata(
 
 @cache
 def software_versions() -> dict[str, str]:
-    """Looks up the versions that a run depends on, of the installed distributions, once in a
-    process: Drake is not imported.
+    """Looks up the versions of the installed distributions that a run depends on, once in a
+    process; Drake is not imported.
     """
     versions = {"python": platform.python_version(), "numpy": np.__version__}
     for key, distribution in (("project", "aerodima-workbench"), ("drake", "drake")):
@@ -237,7 +236,7 @@ def write_run_log(run_log: RunLog, path: Path | str, force: bool = False) -> Pat
 
 def write_table(table: pa.Table, metadata: Facts, path: Path, force: bool) -> Path:
     """Writes an Arrow table of float64 columns with this metadata object; see `write_run_log`."""
-    from aerodima.workbench.core.atomic_write import write_atomically  # who reads a log writes none
+    from aerodima.workbench.core.atomic_write import write_atomically  # not for readers of logs
 
     refuse_missing(table.column_names, metadata, str(path))
     # Without marks of missing values: they would stand in the head of a page, outside its checksum.
@@ -289,7 +288,7 @@ def read_run_log(path: Path | str) -> RunLog:
 
 
 def encode_metadata(metadata: Facts) -> bytes:
-    """Writes the JSON of a metadata object; LogError when something in it is NaN, infinite or not
+    """Writes the JSON of a metadata object; LogError if something in it is NaN, infinite or not
     JSON.
     """
     try:
@@ -319,11 +318,11 @@ def _journal_hint(path: Path) -> str:
 
 
 def refuse_missing(names: Iterable[str], metadata: Facts, source: str) -> None:
-    """Raises LogError when a log of this kind and scenario must have a column that is not there.
+    """Raises LogError if a column is missing that a log of this kind and scenario must have.
 
     A `car_run` has every sensor column that is not optional; if it has one truth column it has all
-    of them, apart from those of the tail when the car has none. A rig log needs time and angle:
-    what its force sensor did not give, a fit goes without. Other kinds need their time. Further
+    of them, apart from those of the tail when the car has none. A rig log needs time and angle: a
+    fit does without what its force sensor did not give. Other kinds need their time. Further
     columns are welcome.
     """
     present = set(names)

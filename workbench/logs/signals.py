@@ -1,14 +1,13 @@
-"""Signal tools for logs: checks, zero-phase low pass, resampling, headings without jumps, and
-conditioning.
+"""Signal tools for logs: checks, zero-phase low pass, resampling, headings, and conditioning.
 
-The tools take times (s, shape (n,)) and a signal of the same shape. What is wrong in a log (NaN,
-unsorted time, a gap) is an error that names the column and the time; nothing is dropped or filled
-in silently. No Drake.
+The tools take times (s, shape (n,)) and a signal of the same shape. Faults of a log (NaN, unsorted
+time, a gap) are errors that name the column and the time; nothing is dropped or filled in silently.
+Drake is not needed.
 
-Conditioning makes a log fit for identification: a run log in, a new one out, which says in its
-metadata (`extra.conditioning`) what was done. Gaps and lost samples become straight lines, the
-drift of a sensor goes, a low pass takes noise away; other columns than those named stay as they
-are.
+Conditioning makes a log fit for identification: it takes a run log and returns a new one, which
+says in its metadata (`extra.conditioning`) what was done. Gaps and lost samples become straight
+lines, the drift of a sensor is removed, a low pass reduces noise; columns other than those named
+stay as they are.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -25,14 +24,15 @@ from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.scenario.signal_table import TIME
 
 GAP_FACTOR = 1.5
-"""A step longer than this many median steps is a gap."""
+"""Number of median steps beyond which a step is a gap."""
 _SAME_TIME = 1e-9
-"""A sample this much after a time (fraction of the log's length) belongs to it."""
+"""Time by which a sample may follow an instant and still belong to it, as a fraction of the log's
+length."""
 _JITTER = 0.01
-"""Steps that differ by more than this fraction of the mean one are resampled before filtering."""
+"""Fraction of the mean step by which steps may differ before they are resampled for filtering."""
 Interval = tuple[float, float]
 MIN_REST_SAMPLES = 10
-"""Samples that a resting part has at least."""
+"""Smallest number of samples in the resting parts of a log."""
 REST = "rest_s"
 """Key in a log's `extra`: first and last time of its rest phase, s; a cut moves it with the times
 of the log."""
@@ -57,11 +57,11 @@ class LowPass:
 
 
 IMU_FILTER = LowPass(order=2, cutoff_hz=5.0)
-"""IMU signals of the car."""
+"""Filter of the car's IMU signals."""
 GPS_FILTER = LowPass(order=2, cutoff_hz=1.0)
-"""GPS speed of the car."""
+"""Filter of the car's GPS speed."""
 RIG_FILTER = LowPass(order=6, cutoff_hz=20.0)
-"""Rig signals."""
+"""Filter of the rig's signals."""
 
 
 def check_time(time: FloatArray, column: str = TIME) -> None:
@@ -85,14 +85,14 @@ def check_time(time: FloatArray, column: str = TIME) -> None:
 
 
 def gaps_in(time: FloatArray) -> IntArray:
-    """Finds the rows of times (n,) with a gap behind them: a step longer than `GAP_FACTOR` median
+    """Finds the rows of times (n,) that a gap follows: a step longer than `GAP_FACTOR` median
     steps.
     """
     return np.flatnonzero(np.diff(time) > GAP_FACTOR * median_step(time))
 
 
 def median_step(time: FloatArray) -> float:
-    """Returns the median of the steps between times (n,), s; 0 of a single time."""
+    """Returns the median of the steps between times (n,), s; 0 for a single time."""
     if len(time) < 2:
         return 0.0
     return float(np.median(np.diff(time)))
@@ -121,8 +121,8 @@ def check_signals(
     sample.
 
     Args:
-        time: s, shape (n,).
-        signals: column name to samples, shape (n,) each.
+        time: times of the samples, s, shape (n,).
+        signals: samples of each column by its name, shape (n,) each.
         largest_step: longest step that is not a gap, s; 1.5 median steps by default.
     """
     check_time(time)
@@ -193,9 +193,9 @@ def hold_last(time: FloatArray, sample_time: FloatArray, samples: FloatArray) ->
 
 
 def stated_rest(run_log: RunLog) -> Interval | None:
-    """Reads the rest phase that the metadata of a log state; None without.
+    """Reads the rest phase that the metadata of a log state; None if they state none.
 
-    LogError when it is not two times.
+    LogError if it is not two times.
     """
     stated = run_log.stated(REST, 2)
     return (stated[0], stated[1]) if stated else None
@@ -230,8 +230,8 @@ def fill_gaps(run_log: RunLog, longest: float) -> RunLog:
     their last value.
 
     Raises:
-        LogError: a longer one (names column and time), NaN before the first or after the last
-            number of a column, or `longest` is no length.
+        LogError: a longer gap (names column and time), NaN before the first or after the last
+            number of a column, or `longest` is negative or not finite.
     """
     if not 0.0 <= longest < np.inf:
         raise LogError(f"{run_log.name}: gaps of {longest:g} s cannot be filled; must be >= 0 s")
@@ -279,12 +279,12 @@ def remove_drift(
     """Subtracts the line through the resting parts from each column.
 
     Args:
-        run_log: without NaN in these columns.
-        columns: to change.
+        run_log: log without NaN in these columns.
+        columns: names of the columns that are changed.
         rest: parts in which the true signal is the same, s. Two parts, before and after the motion,
             determine the slope far better than one.
-        level: `zero`: the true signal is zero at rest (a zeroed sensor, no wind); `keep`: only the
-            slope goes, the value at the first resting time stays (wind at rest).
+        level: `zero` if the true signal is zero at rest (a zeroed sensor, no wind); `keep` removes
+            only the slope, and the value at the first resting time stays (wind at rest).
 
     Raises:
         LogError: no rest, NaN, fewer than ten resting samples.
@@ -328,7 +328,7 @@ def low_pass_columns(run_log: RunLog, columns: Sequence[str], design: LowPass) -
 
 
 def conditioning_notes(run_log: RunLog) -> list[str]:
-    """Lists what was done to a log before, a line each."""
+    """Lists the conditioning that was done to a log, one line each."""
     return [
         str(note)
         for entry in run_log.extra.get("conditioning", [])
@@ -337,7 +337,7 @@ def conditioning_notes(run_log: RunLog) -> list[str]:
 
 
 def earlier_shift(run_log: RunLog) -> float:
-    """Says by how much version 0.2 made a log's times earlier when it cut the log, s."""
+    """Returns the time (s) by which version 0.2 shifted a log to earlier times when it cut it."""
     return float(
         sum(entry.get("time_shift_s", 0.0) for entry in run_log.extra.get("conditioning", []))
     )
@@ -353,7 +353,7 @@ def _conditioned(run_log: RunLog, table: pd.DataFrame, notes: list[str]) -> RunL
 
 @contextmanager
 def naming(name: str) -> Iterator[None]:
-    """Puts the name of a log before the errors about it that have it not."""
+    """Puts the name of a log before the errors about it that lack it."""
     try:
         yield
     except (LogError, FitError) as error:

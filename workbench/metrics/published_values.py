@@ -6,13 +6,14 @@ from typing import Any, Literal
 from aerodima.workbench.core.resources import published_rows
 
 SAMPLE_TIMES = {"simulated": 0.001, "physical": 0.01}
-"""Time between the samples that the printed roll sums were made of, s: inferred, not published
+"""Time between the samples that the printed roll sums were made from, s: inferred, not published
 (ERRATA E35)."""
 
 Platform = Literal["simulated", "physical"]
 
 FILTERED = "filtered_"
-"""Prefix of the columns of metrics from the signals of the physical rows; others have none."""
+"""Prefix of the columns of metrics from signals like those of the physical rows; others have
+none."""
 
 _ROLL_SUM = "integral_of_roll_rate_as_printed"
 
@@ -56,7 +57,7 @@ class PublishedValues:
         configuration: `tailless` or `tailed`.
         metrics: the eight metrics; the roll integral in rad is the printed sum times the inferred
             sample time.
-        source: the table it stands in.
+        source: table of the thesis that holds the row.
     """
 
     platform: Platform

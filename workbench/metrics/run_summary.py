@@ -1,5 +1,4 @@
-"""Summary of a run for tables and plots over many runs, and the published figures that stand beside
-it.
+"""Summary of a run for tables and plots over many runs, and the published figures beside it.
 
 Everything comes from the run log. `RunSummary` is small and pickles, so a worker process can send
 it.
@@ -29,15 +28,15 @@ from aerodima.workbench.scenario.ensemble import BUILT
 TAILS = "tails"
 """Key in `extra` of a `plant_run`: name and body of each tail force."""
 STOP = ("stop_time_s", "stop_reason")
-"""Keys in `extra` of a drive of the car that was stopped before its end: when, s after its start,
-and why. A drive that came to its end has the reason alone."""
+"""Keys in `extra` of a drive of the car that was stopped before its end: time of the stop, s after
+the start, and its reason. A drive that reached its end has the reason alone."""
 KM_PER_H = 3.6
-"""km/h per m/s."""
+"""Speed of 1 m/s in km/h."""
 PUBLISHED_RUNS: dict[tuple[str, int], tuple[tuple[Platform, str], ...]] = {
     ("none", 12): (("simulated", "tailless"), ("physical", "tailless")),
     ("swing", 16): (("simulated", "tailed"),),
 }
-"""(tail mode, commanded speed in whole km/h) -> published rows made so. The thesis stepped the
+"""Published rows for each tail mode and commanded speed in whole km/h. The thesis stepped the
 speed in whole km/h (ERRATA E37); its tailed car swung the tail. The physical tailed row (6.10 m/s)
 is faster than any run of the demo."""
 MODE_WORDS = {
@@ -47,7 +46,7 @@ MODE_WORDS = {
     "designed": "designed tail swings",
     "optimised": "optimised swing",
 }
-"""Tail mode -> how it is named on pages, in the order of tables."""
+"""Name of each tail mode on pages, in the order of tables."""
 
 
 def tails_of(run_log: RunLog) -> list[tuple[str, str]]:
@@ -75,7 +74,7 @@ def plant_tilt(run_log: RunLog) -> FloatArray | None:
 
 
 def plant_air(run_log: RunLog) -> FloatArray | None:
-    """Returns forces of the air on all tails, sum of their magnitudes, N, (n,); None without a
+    """Returns the sum of the magnitudes of the air's forces on all tails, N, (n,); None without a
     tail.
     """
     forces = [air_force(run_log, name) for name, _ in tails_of(run_log)]
@@ -85,9 +84,7 @@ def plant_air(run_log: RunLog) -> FloatArray | None:
 
 
 def of_plants(run_logs: Sequence[RunLog]) -> bool:
-    """Returns whether these are runs that `observe` logged; LogError when some are and some are
-    not.
-    """
+    """Returns whether `observe` logged these runs; LogError if it logged some but not all."""
     plants = [run_log.kind == PLANT_RUN for run_log in run_logs]
     if any(plants) and not all(plants):
         car = run_logs[plants.index(False)].name
@@ -163,7 +160,7 @@ def plant_metrics(run_log: RunLog) -> dict[str, float | str | None]:
 
 
 def metrics_of_runs(run_logs: Sequence[RunLog]) -> list[Json]:
-    """Returns a flat row of metrics per run: of the car (`RunMetrics.as_row`), or of other plants
+    """Returns a flat row of metrics per run, of the car (`RunMetrics.as_row`) or of other plants
     (`plant_metrics`).
 
     The row of a drive that was stopped begins with `STOP`. That of a `car_log` begins with
@@ -204,15 +201,15 @@ class RunSummary:
     """One run in numbers.
 
     Attributes:
-        name: of the log, without its ending.
-        tail_mode: see `tail_mode_of`.
-        commanded_speed: m/s.
-        metrics: outcome and metrics.
+        name: name of the log, without its ending.
+        tail_mode: tail mode, see `tail_mode_of`.
+        commanded_speed: commanded speed, m/s.
+        metrics: outcome and metrics of the run.
         window: start and end of the turn, s.
-        impulses: of the tail about the heading axis, over the window; None without tail or without
-            its ground truth.
-        trigger_time: when the controller began to swing, s; None when it never did.
-        swing_end_time: when the swing was over, s; None when it was not within the run.
+        impulses: impulses of the tail about the heading axis, over the window; None without a tail
+            or without its ground truth.
+        trigger_time: time at which the controller began to swing, s; None if it never did.
+        swing_end_time: time at which the swing was over, s; None if it did not end within the run.
         peak_gyro: largest yaw rate into the turn that the IMU reported in the window, rad/s.
     """
 
@@ -298,7 +295,7 @@ def summarise(run_log: RunLog, name: str) -> RunSummary:
 
 
 def published_for(summary: RunSummary) -> dict[Platform, PublishedValues]:
-    """Returns the published rows that were made as this run was, by platform."""
+    """Returns the published rows with the tail mode and the speed of this run, by platform."""
     kilometres_per_hour = KM_PER_H * summary.commanded_speed
     whole = round(kilometres_per_hour)
     if not math.isclose(kilometres_per_hour, whole, abs_tol=0.02):

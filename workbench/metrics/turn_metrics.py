@@ -1,12 +1,11 @@
-"""Metrics of a run: the eight of the thesis, raw and filtered, and whether the car stayed on its
-wheels.
+"""Metrics of a run: the eight of the thesis, raw and filtered, and whether the car stayed upright.
 
 Everything is computed from the log alone. The eight metrics come twice, from the signals that the
 thesis took for its simulated car (`RunMetrics.raw`) and for the real one (`RunMetrics.filtered`);
-all else from the ground truth if the log has it, otherwise from the sensors (`RunMetrics.source`).
-Signs are turned so that the turn is positive (`aerodima.workbench.car.turn_signals`), so left
-and right turns are measured alike. Definitions: design section 10, thesis section 3.3 and eqs
-7.1-7.7.
+all else comes from the ground truth if the log has it, otherwise from the sensors
+(`RunMetrics.source`). Signs are turned so that the turn is positive
+(`aerodima.workbench.car.turn_signals`), so left and right turns are measured alike. Definitions:
+design section 10, thesis section 3.3 and eqs 7.1-7.7.
 """
 
 import math
@@ -41,14 +40,15 @@ class Outcome:
         result: `flipped` if the tilt passed 75 degrees at any time, or the run ended beyond 20
             degrees with fewer than four wheels loaded (without wheel loads in the log: beyond 20
             degrees); else `survived`, or `unknown` where the log has no attitude.
-        clean: survived, and neither cage nor tail touched the ground, nor the board from the start
-            of the turn on; None when the log cannot tell.
+        clean: whether the car survived, and neither cage nor tail touched the ground, nor the board
+            from the start of the turn on; None when the log cannot tell.
         max_tilt_rad: largest tilt of the body's z axis, rad.
         end_tilt_rad: tilt at the end, rad.
-        end_wheels_loaded: wheels on the ground at the end; None without wheel loads.
-        touched: which of them did.
-        board_before_turn_s: how long the anti-ramp board was on the ground before the turn, where
-            it is meant to be while the car gathers speed, s; None when the log cannot tell.
+        end_wheels_loaded: number of wheels on the ground at the end; None without wheel loads.
+        touched: names of those of cage, board and tail that touched the ground, the board only from
+            the start of the turn on.
+        board_before_turn_s: time for which the anti-ramp board was on the ground before the turn,
+            where it is meant to be while the car gathers speed, s; None when the log cannot tell.
     """
 
     result: Literal["flipped", "survived", "unknown"]
@@ -67,18 +67,18 @@ class RunMetrics:
     "From the turn on" = from the steering command to the end of the log.
 
     Attributes:
-        source: `truth` or `sensors`: the signals used, but for `filtered`.
+        source: signals used for all but `filtered`, `truth` or `sensors`.
         direction: side of the turn.
         raw: the eight metrics as Tables 7.1 and 7.2 have them: motion at the IMU's place at up to
             1000 Hz, unfiltered.
-        filtered: the eight as Tables 7.3 and 7.4 have them: from what the car's IMU and GPS report,
-            at 100 Hz, after the zero-phase filters used for the car (IMU 5 Hz, GPS 1 Hz, second
-            order).
-        outcome: whether it stayed upright.
+        filtered: the eight metrics as Tables 7.3 and 7.4 have them: from what the car's IMU and GPS
+            report, at 100 Hz, after the zero-phase filters used for the car (IMU 5 Hz, GPS 1 Hz,
+            second order).
+        outcome: end of the run, such as whether the car stayed upright.
         peak_roll_rad: largest roll outwards from the turn on, rad.
         two_wheel_time_s: time with fewer than three wheels loaded from the turn on, s; None without
             wheel loads.
-        heading_change_rad: heading once the car has settled (`settling`), else at the end of the
+        heading_change_rad: heading once the car has settled (`settled_row`), else at the end of the
             log, less heading at the start of the turn, into the turn, rad.
         tail_torque_peak_n_m: largest torque of either tail motor from the turn on, N m; None when
             not logged.
@@ -104,7 +104,7 @@ class RunMetrics:
 
     def like(self, platform: Platform) -> TurnMetrics:
         """Returns the eight metrics from the signals that the published rows of a platform were
-        made of.
+        made from.
         """
         return self.filtered if platform == "physical" else self.raw
 
@@ -136,7 +136,7 @@ class RunMetrics:
 
 
 def metrics_of(run_log: RunLog) -> RunMetrics:
-    """Returns all metrics of a run; those of a column of nothing but NaN are NaN.
+    """Returns all metrics of a run; those of a column that holds only NaN are NaN.
 
     Raises:
         LogError: a column or scenario key is missing, NaN, unsorted time or a gap, the log ends
@@ -182,8 +182,8 @@ def turn_metrics(signals: TurnSignals, filtered: bool = False) -> TurnMetrics:
     run of the integrated outward roll rate.
 
     Args:
-        signals: of a run, sign turned.
-        filtered: apply the car's zero-phase filters to the whole run first.
+        signals: signals of a run, with signs such that the turn is positive.
+        filtered: whether the car's zero-phase filters are applied to the whole run first.
     """
 
     def prepared(name: str, column: FloatArray) -> FloatArray:
@@ -227,11 +227,11 @@ def outcome_from(
     """Returns the outcome from the histories themselves.
 
     Args:
-        time: s, shape (n,).
+        time: times of the samples, s, shape (n,).
         tilt: angle of the body's z axis from the world's, rad, shape (n,).
         wheel_loads: vertical force on each wheel, N, shape (n, 4).
         ground_contact: force on cage, board and tail, N, shape (n, 3).
-        turn_start: s; before it the board may touch the ground.
+        turn_start: start of the turn, s; before it the board may touch the ground.
     """
     check_time(time)
     end_tilt = float(tilt[-1])

@@ -8,17 +8,17 @@ from aerodima.workbench.scenario.rig_scenario import MaxonParameters
 
 
 class MaxonMotor(LeafSystem):
-    """Current to torque on the bar: torque = -k_t N current, since a positive current pushes the
-    tail upstream.
+    """Turns current into torque on the bar: torque = -k_t N current, since a positive current
+    pushes the tail upstream.
 
     The current loop is taken as ideal inside the limit of the amplifier. The reflected rotor
     inertia is part of the plant (cheetah_rig.sdf). A NaN in the command gives no current.
 
     Input ports:
-        current_command (1): A.
+        current_command (1): commanded current, A.
     Output ports:
-        torque (1): N m along the joint axis; positive swings downstream.
-        current (1): A, after the limit.
+        torque (1): torque along the joint axis, N m; positive swings downstream.
+        current (1): current after the limit, A.
     """
 
     def __init__(self, settings: MaxonParameters):
@@ -29,7 +29,7 @@ class MaxonMotor(LeafSystem):
         declare_output(self, "current", 1, self._calc_current)
 
     def current(self, command: float) -> float:
-        """Current that flows at a command, A."""
+        """Returns the current that flows at a command, A."""
         limit = self._settings.current_limit
         return float(np.clip(np.nan_to_num(command), -limit, limit))
 

@@ -38,16 +38,17 @@ from aerodima.workbench.rig.rig_model import (
 from aerodima.workbench.scenario.rig_scenario import RigScenario
 
 Torque = Callable[[float, float], float]
-"""Angle (rad) and rate (rad/s) to torque about the motor axis, N m."""
+"""Function of angle (rad) and rate (rad/s) that returns a torque about the motor axis, N m."""
 Motion = Callable[[float, float, float], float]
-"""Angle (rad), rate (rad/s) and torque of the motor (N m) to acceleration, rad/s2."""
+"""Function of angle (rad), rate (rad/s) and torque of the motor (N m) that returns the
+acceleration, rad/s2."""
 UPRIGHT_MARGIN = math.radians(0.5)
-"""A tail that hangs straight within this has its lift to the root, on whichever side of 0 an
+"""Angle from straight down within which a tail has its lift to the root, on whichever side of 0 an
 encoder reads it, rad."""
 _UNIT_DRAG = PolarLaw(1.0, 0.0)
-"""Drag alone, with a coefficient of 1."""
+"""Law of drag alone, with a coefficient of 1."""
 _UNIT_LIFT = PolarLaw(0.0, 1.0, lift_blend=0.0)
-"""Lift alone, with a coefficient of 1."""
+"""Law of lift alone, with a coefficient of 1."""
 
 
 @dataclass(frozen=True)
@@ -55,10 +56,10 @@ class AeroStrip:
     """Sections on a straight body of the pendulum.
 
     Attributes:
-        law: force of the air on a section.
+        law: force law of a section.
         layout: sections along the body.
-        root: distance of its origin down the bar from the pivot, m.
-        tilt: its axis from the bar's, positive downstream, rad.
+        root: distance of the body's origin down the bar from the pivot, m.
+        tilt: angle of the body's axis from the bar's, positive downstream, rad.
     """
 
     law: SectionLaw
@@ -69,19 +70,20 @@ class AeroStrip:
 
 @dataclass(frozen=True)
 class PendulumModel:
-    """Everything that does not change in a swing.
+    """Properties of the pendulum that do not change in a swing.
 
     Attributes:
-        mass: of all that swings, kg.
-        inertia: about the motor axis without added mass, rotor included, kg m2.
-        weight_sine, weight_cosine: weight torque = sine x sin(angle) + cosine x cos(angle), N m.
-        part_distances: of the parts that carry the added mass from the pivot, m; empty for the bare
-            bar.
+        mass: mass of all that swings, kg.
+        inertia: inertia about the motor axis without added mass, rotor included, kg m2.
+        weight_sine, weight_cosine: coefficients of the weight torque = sine x sin(angle) +
+            cosine x cos(angle), N m.
+        part_distances: distances of the parts that carry the added mass from the pivot, m; empty
+            for the bare bar.
         strips: bar and tail in the wind; empty for the bare bar.
-        jet: of the tunnel.
-        wind_speed: in its downstream direction, m/s.
-        density: of the air, kg/m3.
-        pivot: p_WP (3), m.
+        jet: jet of the tunnel.
+        wind_speed: speed of the wind in the jet's downstream direction, m/s.
+        density: density of the air, kg/m3.
+        pivot: position p_WP of the pivot (3), m.
     """
 
     mass: float
@@ -102,9 +104,9 @@ class PendulumModel:
         """Makes the pendulum of a rig.
 
         Args:
-            scenario: of the rig.
-            law: of the tail; that of the scenario by default.
-            sections: of the tail; `aero.sections` by default.
+            scenario: scenario of the rig.
+            law: law of the tail; that of the scenario by default.
+            sections: number of sections of the tail; `aero.sections` by default.
         """
         swinging = _swinging_inertia(scenario)
         strips = _strips(scenario, law, sections)
@@ -140,14 +142,14 @@ class PendulumModel:
 
     @property
     def min_added_mass(self) -> float:
-        """Added mass per part that takes away all inertia, kg; what there is lies above it."""
+        """Added mass per part that takes away all inertia, kg; the true one lies above it."""
         return -self.inertia / self.added_arms
 
     def total_inertia(self, mass_per_part: float) -> float:
-        """Inertia with added mass, kg m2.
+        """Returns the inertia with added mass, kg m2.
 
         Raises:
-            FitError: it is not above zero; names the least mass that is possible.
+            FitError: the inertia is not above zero; names the least mass that is possible.
         """
         total = self.inertia + mass_per_part * self.added_arms
         if total <= 0.0:
@@ -159,13 +161,13 @@ class PendulumModel:
         return total
 
     def weight_torque(self, angle: float) -> float:
-        """Torque of the weight about the motor axis at an angle (rad), N m."""
+        """Returns the torque of the weight about the motor axis at an angle (rad), N m."""
         return self.weight_sine * math.sin(angle) + self.weight_cosine * math.cos(angle)
 
 
 def _swinging_inertia(scenario: RigScenario) -> SpatialInertia:
-    """Inertia of the robot's tail, or of the hanging bar with the tail of the experiment, about the
-    pivot, W axes.
+    """Returns the inertia of the robot's tail, or of the hanging bar with the tail of the
+    experiment, about the pivot, W axes.
     """
     if scenario.is_robot:
         return robot_tail_properties(scenario.robot_tail).about_origin()
@@ -182,7 +184,7 @@ def _swinging_inertia(scenario: RigScenario) -> SpatialInertia:
 def _strips(
     scenario: RigScenario, law: SectionLaw | None, sections: int | None
 ) -> tuple[AeroStrip, ...]:
-    """Strips that the wind meets, the tail last; none on the bare bar."""
+    """Returns the strips that the wind meets, the tail last; none on the bare bar."""
     if scenario.experiment.kind == "bar_swing":
         return ()
     if law is None:
@@ -230,7 +232,7 @@ def section_airflow(
 def strip_load(
     pendulum: PendulumModel, strip: AeroStrip, angle: float, rate: float
 ) -> tuple[float, ...]:
-    """Force of the air on a strip (3), N, and its moment about the pivot (3), N m, in W axes."""
+    """Returns the air's force on a strip (3), N, and its moment about the pivot (3), N m, in W."""
     (y, z), line, distances, areas = section_airflow(pendulum, strip, angle, rate)
     if areas[0] == 0.0:
         return (0.0,) * 6
@@ -239,10 +241,10 @@ def strip_load(
 
 
 def air_torque(scenario: RigScenario, law: SectionLaw | None = None) -> Torque | None:
-    """Torque of the air on tail and bar; None for the bare bar.
+    """Returns the torque of the air on tail and bar; None for the bare bar.
 
     Args:
-        law: of the tail; that of the scenario by default.
+        law: law of the tail; that of the scenario by default.
     """
     pendulum = PendulumModel.from_scenario(scenario, law)
     strips = pendulum.strips
@@ -256,12 +258,12 @@ def air_torque(scenario: RigScenario, law: SectionLaw | None = None) -> Torque |
 
 
 def friction_torque(coulomb: float, viscous: float, tanh_gain: float) -> Torque:
-    """`joint_friction` as a torque of the motion."""
+    """Returns `joint_friction` as a function of angle and rate."""
     return lambda angle, rate: joint_friction(rate, coulomb, viscous, tanh_gain)
 
 
 def known_friction(scenario: RigScenario) -> Torque:
-    """The friction that the scenario states for its bar, or its robot's tail."""
+    """Returns the friction that the scenario states for its bar, or its robot's tail."""
     known = scenario.joint_friction
     return friction_torque(known.coulomb, known.viscous, known.tanh_gain)
 
@@ -269,11 +271,12 @@ def known_friction(scenario: RigScenario) -> Torque:
 def equation_of_motion(
     pendulum: PendulumModel, torques: Sequence[Torque], added_mass: float = 0.0
 ) -> Motion:
-    """Acceleration under weight, some torques and the motor.
+    """Returns the acceleration under weight, some torques and the motor, as a function.
 
     Args:
-        torques: of air, friction and a motor that reacts to the state.
-        added_mass: of each part, kg.
+        pendulum: pendulum that moves.
+        torques: torques of air, friction and a motor that reacts to the state.
+        added_mass: added mass of each part, kg.
 
     Raises:
         FitError: the inertia is not above zero.
@@ -293,12 +296,12 @@ def equation_of_motion(
 
 @dataclass(frozen=True)
 class StaticBalance:
-    """A held rig with a cheetah tail: what the support bears of its weight and of the wind.
+    """A held rig with a cheetah tail: the loads of weight and wind on its support.
 
     Attributes:
-        scenario: masses, places, air.
-        pendulum: with three strips of one section each, since a steady wind is the same all along:
-            the bar, and the tail with a unit of drag and with a unit of lift.
+        scenario: scenario with masses, places and air.
+        pendulum: pendulum with three strips of one section each, since a steady wind is the same
+            all along: the bar, and the tail with a unit of drag and with a unit of lift.
     """
 
     scenario: RigScenario
@@ -322,8 +325,8 @@ class StaticBalance:
         return self.scenario.maxon.torque_constant
 
     def hanging(self, angle: float) -> tuple[FloatArray, float]:
-        """Reactions (6: N, N m) and the torque about the motor axis (positive downstream, N m) of
-        the weight alone.
+        """Returns reactions (6: N, N m) and the torque about the motor axis (positive downstream,
+        N m) of the weight alone.
         """
         torque = self.pendulum.weight_torque(angle)
         x, y, _ = self.pendulum.pivot
@@ -336,13 +339,13 @@ class StaticBalance:
         return np.array([0.0, 0.0, standing + swinging, about_x, about_y, 0.0]), torque
 
     def wind_effect(self, angle: float, wind_speed: float, psi: float) -> FloatArray:
-        """Computes what the wind adds: rows bar, unit C_D and unit C_L of the tail; columns
-        reactions (6) and axis torque.
+        """Computes the loads that the wind adds: rows bar, unit C_D and unit C_L of the tail;
+        columns reactions (6) and axis torque.
 
         Args:
-            angle: rad; a tail that hangs within half a degree of straight down has its lift to the
-                root.
-            wind_speed: m/s.
+            angle: angle of the rig, rad; a tail that hangs within half a degree of straight down
+                has its lift to the root.
+            wind_speed: speed of the wind, m/s.
             psi: direction of the wind, rad.
         """
         pendulum = replace(self.pendulum, jet=rig_jet(self.scenario, psi), wind_speed=wind_speed)
@@ -368,6 +371,6 @@ class StaticBalance:
     def holding_current(
         self, angle: float, wind_speed: float, cd: float, cl: float, psi: float
     ) -> float:
-        """The current that holds the tail still, A."""
+        """Returns the current that holds the tail still, A."""
         wind = float(np.array([1.0, cd, cl]) @ self.wind_effect(angle, wind_speed, psi)[:, 6])
         return (self.pendulum.weight_torque(angle) + wind) / self.torque_constant

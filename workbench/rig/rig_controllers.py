@@ -16,15 +16,16 @@ class CurrentController(LeafSystem):
     it go.
 
     current = hold + kp (angle - goal) + kd rate, since a positive current pushes upstream. `hold`
-    is the current that holds the goal in the wind, so that the rest is a rest. The motor limits it.
+    is the current that holds the goal in the wind, so that the tail stays at rest there. The motor
+    limits the current.
 
     Input ports:
-        rig_state (2): angle rad, rate rad/s, as the encoder reports them.
+        rig_state (2): angle, rad, and rate, rad/s, as the encoder reports them.
     Output ports:
-        current_command (1): A, held between samples.
+        current_command (1): commanded current, A, held between samples.
 
     Args:
-        scenario: goal, gains, times.
+        scenario: scenario with goal, gains and times.
         hold_start: current that holds the start angle, A.
         hold_target: current that holds the target, A.
     """
@@ -62,7 +63,7 @@ class TailCommander(LeafSystem):
         tail_command (5): position rad, velocity rad/s, kp N m/rad, kd N m s/rad, torque N m.
 
     Args:
-        scenario: angles, gains, times.
+        scenario: scenario with angles, gains and times.
         hold_torque: torque that holds the start angle, N m; fed forward during the rest only.
     """
 

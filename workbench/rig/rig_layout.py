@@ -12,20 +12,20 @@ from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.scenario.rig_scenario import MountParameters, RigScenario
 
 DOWN = (0.0, 0.0, -1.0)
-"""Direction in world axes."""
+"""Downward direction in world axes."""
 UPSTREAM = (0.0, 1.0, 0.0)
 """Direction in world axes against the wind, which blows to -y."""
 
 
 def pivot_position(mount: MountParameters) -> FloatArray:
-    """p_WP: the point of the motor axis above the bar (3), m."""
+    """Returns p_WP, the point of the motor axis above the bar (3), m."""
     return np.array(
         [mount.com_x + mount.pivot_x, mount.com_y + mount.pivot_y, mount.com_z + mount.pivot_z]
     )
 
 
 def rig_jet(scenario: RigScenario, psi: float | None = None) -> Jet:
-    """The tunnel's jet as the rig stands in it, its wind turned by psi (rad), by default psi3."""
+    """Makes the jet as the rig stands in it, its wind turned by psi (rad), by default psi3."""
     tunnel = scenario.tunnel
     if psi is None:
         psi = tunnel.psi3
@@ -34,8 +34,8 @@ def rig_jet(scenario: RigScenario, psi: float | None = None) -> Jet:
 
 
 def rig_law(scenario: RigScenario) -> tuple[SectionLaw, float | None]:
-    """Force law of the tail under test, and the relative speed (m/s) up to which it was shown to
-    hold.
+    """Returns the force law of the tail under test, and the relative speed (m/s) up to which it was
+    shown to hold, None for constant coefficients of the scenario.
     """
     aero = scenario.aero
     experiment = scenario.experiment
@@ -62,12 +62,12 @@ def _measured_law(name: str, lift_blend: float) -> tuple[SectionLaw, float | Non
 
 
 def tail_layout(scenario: RigScenario, sections: int | None = None) -> SectionLayout:
-    """Sections over the whole tail under test, in the frame of the body `tail`; the jet cuts them
-    to its exposed part.
+    """Makes sections over the whole tail under test, in the frame of the body `tail`; the jet cuts
+    them to its exposed part.
 
     Args:
-        scenario: with a tail.
-        sections: equal parts; `aero.sections` by default.
+        scenario: scenario with a tail.
+        sections: number of equal parts; `aero.sections` by default.
     """
     number = sections or scenario.aero.sections
     if scenario.is_robot:
@@ -79,13 +79,13 @@ def tail_layout(scenario: RigScenario, sections: int | None = None) -> SectionLa
 
 
 def bar_layout(scenario: RigScenario) -> SectionLayout:
-    """The bar as one section, in the frame of the body `bar`."""
+    """Makes the bar as one section, in the frame of the body `bar`."""
     bar = scenario.bar
     return _hanging_strip(0.0, bar.tail_distance, bar.width, 1)
 
 
 def _hanging_strip(start: float, length: float, width: float, number: int) -> SectionLayout:
-    """Equal sections of a strip that hangs down and faces the wind."""
+    """Makes equal sections of a strip that hangs down and faces the wind."""
     return SectionLayout.strip(
         start=start, length=length, width=width, number=number, axis_B=DOWN, normal_B=UPSTREAM
     )

@@ -18,8 +18,8 @@ RIG_COLUMN_NAMES = tuple(names_of(rig_columns()))
 
 
 def rig_log_metadata(scenario: RigScenario, **facts: Any) -> Json:
-    """Metadata of a rig log: kind, and in `extra` tail, axis, wind speed, offsets, current sampling
-    and more facts.
+    """Makes the metadata of a rig log: kind, and in `extra` tail, axis, wind speed, offsets,
+    current sampling and more facts.
     """
     experiment = scenario.experiment
     extra = {
@@ -34,7 +34,7 @@ def rig_log_metadata(scenario: RigScenario, **facts: Any) -> Json:
 
 
 def known_truth(scenario: RigScenario) -> dict[str, float]:
-    """Gives the values that the fits of a simulated log should find, by their names; without the
+    """Returns the values that the fits of a simulated log should find, by their names; without the
     holding current.
     """
     experiment = scenario.experiment
@@ -49,7 +49,7 @@ def known_truth(scenario: RigScenario) -> dict[str, float]:
 
 
 def static_coefficients(scenario: RigScenario) -> Pair:
-    """C_D and C_L at the wind speed and the angle of attack of a static hold."""
+    """Returns C_D and C_L at the wind speed and the angle of attack of a static hold."""
     speed = scenario.experiment.wind_speed
     tunnel = scenario.tunnel
     sine = abs(math.sin(scenario.experiment.angle + tunnel.misalignment))

@@ -1,4 +1,4 @@
-"""The rigs' SDF models (models/rig) with the numbers of a scenario, and where their parts are.
+"""The rigs' SDF models (models/rig) with the numbers of a scenario, and the places of their parts.
 
 Link frames: `mount` at W, the force sensor's point; `bar` (or the robot's `tail`) on the motor
 axis; the cheetah `tail` at its root. Everything hangs along -z at angle zero. Signs: design
@@ -24,27 +24,28 @@ from aerodima.workbench.scenario.tail_parameters import TailParameters
 CHEETAH_RIG_SDF = "rig/cheetah_rig.sdf"
 ROBOT_RIG_SDF = "rig/robot_rig.sdf"
 DIGITS = 12
-"""Digits of the numbers in these models, which a comparison of motions to 1e-9 needs."""
+"""Digits of the numbers in these models; a comparison of motions to 1e-9 needs as many."""
 
 
 def mount_properties(mount: MountParameters) -> Inertial:
-    """The mounting structure, in W."""
+    """Returns mass and inertia of the mounting structure, in W."""
     moments = (mount.inertia_xx, mount.inertia_yy, mount.inertia_zz)
     products = (mount.inertia_xy, mount.inertia_xz, mount.inertia_yz)
     return Inertial(mount.mass, (mount.com_x, mount.com_y, mount.com_z), moments, products)
 
 
 def bar_properties(bar: BarParameters) -> Inertial:
-    """The bar, from the pivot."""
+    """Returns mass and inertia of the bar, placed from the pivot."""
     moments = (bar.inertia_xx, bar.inertia_yy, bar.inertia_zz)
     return Inertial(bar.mass, (0.0, 0.0, -bar.com_distance), moments)
 
 
 def cheetah_tail_properties(tail: CheetahTailParameters) -> Inertial:
-    """A cheetah tail, from its root, with m L^2 / 12 about its centre of mass.
+    """Returns mass and inertia of a cheetah tail, placed from its root, with m L^2 / 12 about its
+    centre of mass.
 
-    The inertia of Table 4.2 cannot be about that point (ERRATA E10). About its own axis that of an
-    elliptic cylinder, which no experiment on the rig feels.
+    The inertia of Table 4.2 cannot be about that point (ERRATA E10). About its own axis the tail
+    has the inertia of an elliptic cylinder, which no experiment on the rig feels.
     """
     across = tail.mass * tail.length**2 / 12
     along = tail.mass * (tail.major_axis**2 + tail.minor_axis**2) / 16
@@ -52,7 +53,9 @@ def cheetah_tail_properties(tail: CheetahTailParameters) -> Inertial:
 
 
 def robot_tail_properties(tail: TailParameters) -> Inertial:
-    """The robot's rod and sail, a plate without thickness, as one body from the motor axis."""
+    """Returns mass and inertia of the robot's rod and sail, a plate without thickness, as one body
+    placed from the motor axis.
+    """
     sail_mass = tail.mass * tail.sail_mass_fraction
     rod_mass = tail.mass - sail_mass
     across = rod_mass * tail.length**2 / 12
@@ -64,7 +67,7 @@ def robot_tail_properties(tail: TailParameters) -> Inertial:
 
 
 def cheetah_rig_sdf(scenario: RigScenario) -> SdfModel:
-    """Mount and bar, with the tail of the experiment if it has one."""
+    """Makes the model of mount and bar, with the tail of the experiment if it has one."""
     model = SdfModel(model_path(CHEETAH_RIG_SDF), DIGITS)
     model.place_link("mount", mount_properties(scenario.mount), (0.0, 0.0, 0.0), 0.0)
     pivot = pivot_position(scenario.mount)
@@ -91,7 +94,7 @@ def cheetah_rig_sdf(scenario: RigScenario) -> SdfModel:
 
 
 def robot_rig_sdf(scenario: RigScenario) -> SdfModel:
-    """Mount and the robot's tail on its AK70-10."""
+    """Makes the model of the mount and the robot's tail on its AK70-10."""
     model = SdfModel(model_path(ROBOT_RIG_SDF), DIGITS)
     tail = scenario.robot_tail
     motor = scenario.robot_motor

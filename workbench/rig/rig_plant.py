@@ -56,8 +56,8 @@ class RigPlant:
     """The plant of a rig inside a builder, with everything that acts on it but the motor.
 
     Attributes:
-        plant: finalised, continuous.
-        scene_graph: for a viewer.
+        plant: finalised continuous plant.
+        scene_graph: scene graph for a viewer.
         tail_force: aerodynamic system of the tail; None for the bare bar.
         motor_torque: input port of the motor's torque (1), N m, along the joint axis.
         wrench: port (6) of the wrench of the support on the rig at W: force N, torque N m, in W
@@ -76,9 +76,9 @@ class RigReaction:
     """Acceleration and reactions of the rig at one state and torque.
 
     Attributes:
-        acceleration: of the angle, rad/s2.
-        wrench: of the support on the rig at W, W axes (6): F_x, F_y, F_z N, T_x, T_y, T_z N m.
-            Hanging still F_z = m g.
+        acceleration: acceleration of the angle, rad/s2.
+        wrench: wrench of the support on the rig at W, W axes (6): F_x, F_y, F_z N, T_x, T_y,
+            T_z N m. F_z = m g when the rig hangs still.
     """
 
     acceleration: float
@@ -145,11 +145,11 @@ class Rig:
     """A rig as a diagram that is built once and evaluated many times.
 
     Attributes:
-        scenario: of the rig.
-        plant: of the diagram.
+        scenario: scenario of the rig.
+        plant: plant of the diagram.
 
     Args:
-        scenario: which rig, tail, wind and coefficients.
+        scenario: scenario that names rig, tail, wind and coefficients.
 
     Raises:
         ModelError: see `add_rig_plant`.
@@ -170,13 +170,13 @@ class Rig:
         self._acceleration = self.plant.get_generalized_acceleration_output_port()
 
     def reaction(self, angle: float, rate: float, torque: float) -> RigReaction:
-        """Acceleration and wrench at a state and a motor torque; friction and air as in the
+        """Returns acceleration and wrench at a state and a motor torque; friction and air as in the
         scenario.
 
         Args:
-            angle: rad, positive downstream.
-            rate: rad/s.
-            torque: of the motor on bar or tail along the joint axis, N m; positive swings
+            angle: angle of the rig, rad, positive downstream.
+            rate: rate of that angle, rad/s.
+            torque: torque of the motor on bar or tail along the joint axis, N m; positive swings
                 downstream.
 
         Raises:
@@ -187,9 +187,9 @@ class Rig:
         return RigReaction(float(acceleration[0]), np.array(vector_of(self._wrench, self._context)))
 
     def torque_of(self, current: float) -> float:
-        """Motor torque along the joint axis (N m) at a current (A); positive pushes upstream.
+        """Returns the motor torque along the joint axis (N m) at a current (A).
 
-        UserError beyond the limit of the motor.
+        A positive current pushes upstream. UserError beyond the limit of the motor.
         """
         scenario = self.scenario
         if scenario.is_robot:
@@ -200,10 +200,10 @@ class Rig:
         return -current * current_constant(scenario)
 
     def holding_current(self, angle: float) -> float:
-        """Motor current that holds an angle, A.
+        """Returns the motor current that holds an angle, A.
 
         Raises:
-            UserError: it is beyond the limit of the motor, or the angle outside its range.
+            UserError: the current is beyond the limit of the motor, or the angle outside its range.
         """
         free = self.reaction(angle, 0.0, 0.0).acceleration
         torque = -free * float(self.plant.CalcMassMatrix(self._plant_context)[0, 0])
@@ -238,7 +238,7 @@ class Rig:
 
 
 def current_constant(scenario: RigScenario) -> float:
-    """Torque per ampere at the joint, N m/A; a positive current pushes upstream."""
+    """Returns the torque per ampere at the joint, N m/A; a positive current pushes upstream."""
     return scenario.robot.torque_constant if scenario.is_robot else scenario.maxon.torque_constant
 
 
@@ -248,7 +248,7 @@ class SupportWrench(LeafSystem):
     Input ports:
         reaction_forces: list[SpatialForce], from the plant.
     Output ports:
-        wrench (6): of the support on the rig at W, W axes: force N, torque N m.
+        wrench (6): wrench of the support on the rig at W, W axes: force N, torque N m.
 
     Args:
         joint: index of the weld between world and mount, whose child frame is W.
@@ -273,11 +273,11 @@ class SpanwiseBalance(LeafSystem):
     tail's axis only.
 
     The added mass is a body welded to the tail. On a pendulum its only acceleration along the axis
-    is the centripetal one, so a push of that size makes the wrench exact, without a degree of
-    freedom more.
+    is the centripetal one, so a push of that size makes the wrench exact, without one more degree
+    of freedom.
 
     Input ports:
-        plant_state (2): angle and rate.
+        plant_state (2): angle, rad, and rate, rad/s.
     Output ports:
         spatial_forces: list[ExternallyAppliedSpatialForce], one on the body of the added mass.
     """

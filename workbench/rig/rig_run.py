@@ -28,7 +28,7 @@ from aerodima.workbench.scenario.rig_scenario import RigScenario
 from aerodima.workbench.scenario.signal_table import RIG_PORTS, RIG_TRUTH
 
 INTEGRATOR = "runge_kutta3"
-"""With a fixed step: 7e-7 rad after a second at 1 ms, on tables with kinks."""
+"""Integrator, with a fixed step: 7e-7 rad of error after a second at 1 ms, on tables with kinks."""
 
 
 def run_rig(
@@ -42,9 +42,9 @@ def run_rig(
 
     Args:
         scenario: resolved rig scenario.
-        log: the Parquet file to be; None keeps the log in memory.
-        force: replace an existing log.
-        view: of a swing.
+        log: path of the Parquet file to write; None keeps the log in memory.
+        force: whether to replace an existing log.
+        view: live view of a swing.
 
     Raises:
         UserError: the tail leaves its range, holding takes too much current, unwritable or existing
@@ -82,7 +82,7 @@ def run_rig(
 def assemble_rig(
     scenario: RigScenario, meshcat: Meshcat | None = None
 ) -> tuple[DiagramBuilder, Diagram]:
-    """Station and the controller of the experiment, connected; the controller stands outside the
+    """Connects the station and the controller of the experiment; the controller stands outside the
     station.
     """
     builder = DiagramBuilder()
@@ -107,7 +107,7 @@ def assemble_rig(
 
 
 def _range_check(scenario: RigScenario, station: Diagram) -> Check:
-    """Refuses a tail that leaves its range."""
+    """Makes a check that refuses a tail outside of its range."""
     limit = scenario.mount.angle_limit
     state = station.GetOutputPort("rig_state")
 

@@ -1,10 +1,10 @@
 """Sensors of the rig: the six-axis force sensor under it, the current of its motor, and its
 encoder.
 
-Reading = wrench - offset + bias + drift t + noise, clipped at the range. The offset is what the
-sensor was zeroed at (Table 4.4): add it to a reading. Table 4.8 is an accuracy, so it makes a bias
-per log; the noise of a sample is a hundredth of it (design section 11). Bias and drift are drawn
-once per log from its seed.
+Reading = wrench - offset + bias + drift t + noise, clipped at the range. The offset is the wrench
+at which the sensor was zeroed (Table 4.4): add it to a reading. Table 4.8 is an accuracy, so it
+makes a bias per log; the noise of a sample is a hundredth of it (design section 11). Bias and drift
+are drawn once per log from its seed.
 """
 
 import math
@@ -20,19 +20,19 @@ from aerodima.workbench.core.sampled import AngleEncoder, CounterNoise, SampledS
 from aerodima.workbench.scenario.rig_scenario import ForceSensorParameters, RigEncoderParameters
 
 AXES = 6
-"""F_x, F_y, F_z (N), T_x, T_y, T_z (N m), in this order everywhere."""
+"""Number of axes: F_x, F_y, F_z (N), T_x, T_y, T_z (N m), in this order everywhere."""
 
 
 @dataclass(frozen=True)
 class SensorErrors:
-    """The errors of one log.
+    """The errors of a sensor in one log.
 
     Attributes:
-        offset: what the sensor was zeroed at (n), N and N m.
-        bias: constant part (n), N and N m.
-        drift: change per second (n), N/s and N m/s.
+        offset: wrench at which the sensor was zeroed (n), N and N m.
+        bias: constant error (n), N and N m.
+        drift: change of the error per second (n), N/s and N m/s.
         noise: standard deviation of a sample (n), N and N m.
-        limits: of the range, to either side (n), N and N m.
+        limits: limits of the range, to either side (n), N and N m.
         stream: noise of the samples, n numbers each.
     """
 
@@ -46,18 +46,20 @@ class SensorErrors:
     def readings(
         self, values: FloatArray, time: FloatArray | float, noise: FloatArray
     ) -> FloatArray:
-        """Readings (..., n) of true values at times (..., 1), s; numbers (..., n) of the stream."""
+        """Returns readings (..., n) of true values at times (..., 1), s, with numbers (..., n) of
+        the stream as noise.
+        """
         shifted = values - self.offset + self.bias + self.drift * time
         return np.clip(shifted + self.noise * noise, -self.limits, self.limits)
 
     def first_readings(self, values: FloatArray, count: int, rate: float) -> FloatArray:
-        """The first readings of a log at once (count, n): the same numbers as a `RigSensor` gives
-        one by one.
+        """Returns the first readings of a log at once (count, n): the same numbers as a `RigSensor`
+        gives one by one.
 
         Args:
-            values: true ones (n), or one row per sample (count, n).
-            count: samples, taken at k / rate.
-            rate: Hz.
+            values: true values (n), or one row per sample (count, n).
+            count: number of samples, taken at k / rate.
+            rate: rate of the samples, Hz.
         """
         return self.readings(values, np.arange(count)[:, None] / rate, self.stream.first(count))
 
@@ -65,7 +67,7 @@ class SensorErrors:
 def force_errors(
     settings: ForceSensorParameters, offsets: Sequence[float], seed: int
 ) -> SensorErrors:
-    """The errors that a seed gives a log of the force sensor."""
+    """Draws the errors of the force sensor in one log from a seed."""
     accuracy = np.array(settings.accuracies)
     bias = CounterNoise(seed, "force_sensor_bias", AXES).constant()
     drift = CounterNoise(seed, "force_sensor_drift", AXES).constant()
@@ -80,7 +82,7 @@ def force_errors(
 
 
 def current_errors(noise: float, seed: int) -> SensorErrors:
-    """Errors of the logged current: white noise alone, A."""
+    """Makes the errors of the logged current: white noise alone, A."""
     none = np.zeros(1)
     stream = CounterNoise(seed, "maxon_current", 1)
     return SensorErrors(none, none, none, np.array([noise]), np.array([math.inf]), stream)
@@ -90,15 +92,16 @@ class RigSensor(SampledSensor):
     """The force sensor, or that of the motor's current, as a system.
 
     Input ports:
-        value (n): true one; of the force sensor the wrench of the support on the rig at W, W axes.
+        value (n): true value; for the force sensor the wrench of the support on the rig at W, W
+            axes.
     Output ports:
-        reading (n): of the force sensor force N, torque N m; of the current A.
-        sample_time (1): s, see `SampledSensor`.
+        reading (n): reading of the sensor; force N and torque N m, or current A.
+        sample_time (1): time of the sample, s, see `SampledSensor`.
 
     Args:
-        name: of the system.
-        rate: Hz.
-        errors: of the log.
+        name: name of the system.
+        rate: rate of the samples, Hz.
+        errors: errors of the sensor in the log.
     """
 
     def __init__(self, name: str, rate: float, errors: SensorErrors) -> None:
@@ -114,15 +117,15 @@ class RigSensor(SampledSensor):
 
 
 def quantise(angle: float, count: float) -> float:
-    """The angle of the nearest count; zero is a count."""
+    """Returns the angle of the nearest count; zero is a count."""
     return round(angle / count) * count
 
 
 class RigEncoder(AngleEncoder):
-    """Angle by counts.
+    """Encoder of the rig, which measures the angle in counts.
 
     Args:
-        settings: rate Hz, window of the rate s.
+        settings: parameters of the encoder: sampling rate, Hz, and window of the angle's rate, s.
         count: angle of one count, rad.
     """
 

@@ -1,7 +1,7 @@
 """The simulated rig behind its ports: plant with motor and sensors (design section 9).
 
-The robot-tail rig takes a command of its AK70-10, the cheetah rig a current. What no real rig could
-report has names that end in `_truth`.
+The robot-tail rig takes a command for its AK70-10, the cheetah rig a current. The names of ports
+that no real rig could have end in `_truth`.
 """
 
 from pydrake.geometry import Meshcat, MeshcatVisualizer
@@ -29,7 +29,7 @@ from aerodima.workbench.scenario.signal_table import RIG_STATUS
 
 
 def make_rig_station(scenario: RigScenario, meshcat: Meshcat | None = None) -> Diagram:
-    """The station of a rig scenario as a diagram.
+    """Makes the station of a rig scenario as a diagram.
 
     Ports: in `tail_command` (5) of the robot-tail rig or `current_command` (1) of the cheetah rig;
     out `rig_state` (2), `motor_current` (1), `force_torque` (6), `status` (7), and
@@ -37,8 +37,8 @@ def make_rig_station(scenario: RigScenario, meshcat: Meshcat | None = None) -> D
     `tail_sections_truth` (4 per section).
 
     Args:
-        scenario: what to simulate.
-        meshcat: shows the rig live.
+        scenario: scenario to simulate.
+        meshcat: Meshcat that shows the rig live.
 
     Raises:
         ModelError: a model does not load with the numbers of the scenario.
@@ -81,8 +81,8 @@ def make_rig_station(scenario: RigScenario, meshcat: Meshcat | None = None) -> D
 
 
 Drive = tuple[System, OutputPort, OutputPort]
-"""Motor with the ports `torque` and `current`; reported angle and rate (2); when that sample was
-taken (1), s."""
+"""Motor with the ports `torque` and `current`; port of the reported angle and rate (2); port of the
+time of that sample (1), s."""
 
 
 def _add_maxon(builder: DiagramBuilder, scenario: RigScenario, state: OutputPort) -> Drive:

@@ -20,19 +20,20 @@ from aerodima.workbench.scenario.rig_scenario import RigScenario
 def simulate_static_log(
     scenario: RigScenario, rig: Rig | None = None, calm: Rig | None = None
 ) -> RunLog:
-    """The log of a static hold, with a rest without wind in front when `experiment.wind_off` asks
-    for one.
+    """Simulates the log of a static hold, which begins with a rest without wind when
+    `experiment.wind_off` asks for one.
 
     The wind is there at once after the rest, and the motor holds the angle throughout.
 
     Args:
-        scenario: `experiment.kind` must be `static`; its seed gives bias, drift and noise.
-        rig: of the same scenario, when there is one already.
-        calm: the same without wind, likewise; asked only for a rest.
+        scenario: scenario whose `experiment.kind` is `static`; its seed gives bias, drift and
+            noise.
+        rig: rig of the same scenario, when there is one already.
+        calm: the same rig without wind, likewise; it is needed only for a rest.
 
     Returns:
-        A log whose `extra` has, beside what every rig log has, `truth` (cd, cl, psi3, current in
-        A), `true_wrench` in the wind (6), `bias` (6, N and N m), `exposed`, and after a rest
+        A log whose `extra` has, beside the entries of every rig log, `truth` (cd, cl, psi3, current
+        in A), `true_wrench` in the wind (6), `bias` (6, N and N m), `exposed`, and after a rest
         `rest_s`, its first and last time.
 
     Raises:
@@ -77,6 +78,6 @@ def simulate_static_log(
 
 
 def _hold(rig: Rig, angle: float) -> tuple[float, FloatArray]:
-    """Current (A) that holds an angle (rad), and the wrench of the support then (6)."""
+    """Returns the current (A) that holds an angle (rad), and the support's wrench then (6)."""
     current = rig.holding_current(angle)
     return current, rig.reaction(angle, 0.0, rig.torque_of(current)).wrench

@@ -17,10 +17,10 @@ _DIFFERENCE = 1e-6
 def runge_kutta_step(
     motion: Motion, q: float, w: float, step: float, motor: float, rise: float
 ) -> Pair:
-    """Angle and rate one step (s) on, by the classical Runge-Kutta method.
+    """Returns angle and rate one step (s) later, by the classical Runge-Kutta method.
 
     Args:
-        motion: acceleration of angle, rate and motor torque.
+        motion: acceleration as a function of angle, rate and motor torque.
         q, w: angle (rad) and rate (rad/s) at the beginning of the step.
         motor: mean torque during the step, N m.
         rise: change of that torque over the step, N m.
@@ -49,14 +49,17 @@ def simulate_swing(
     ramp: Sequence[float] | None = None,
     added_mass: float = 0.0,
 ) -> ArrayPair:
-    """Angles and rates (count each) at 0, step, 2 step, ... s.
+    """Simulates a swing; returns angles and rates (count each) at 0, step, 2 step, ... s.
 
     Args:
-        torques: of air, friction and a motor that reacts to the state.
-        start: angle and rate.
-        motor: mean torque during each step (count - 1), N m.
-        ramp: its change over the step (count - 1), N m.
-        added_mass: of each part, kg.
+        pendulum: pendulum that swings.
+        torques: torques of air, friction and a motor that reacts to the state.
+        start: angle, rad, and rate, rad/s, at the beginning.
+        step: length of a step, s.
+        count: number of instants.
+        motor: mean torque of the motor during each step (count - 1), N m.
+        ramp: change of that torque over each step (count - 1), N m.
+        added_mass: added mass of each part, kg.
 
     Raises:
         FitError: the inertia is not above zero, or the motion diverges.
@@ -86,8 +89,8 @@ def torque_response(
     """Differentiates the angles (n) by the torque during each step (n - 1): an n x (n - 1) matrix,
     rad / N m.
 
-    Linear about a motion: the one-step maps are differentiated by finite differences and multiplied
-    up.
+    The result is linear about a motion: the one-step maps are differentiated by finite differences
+    and multiplied up.
     """
     equation = equation_of_motion(pendulum, torques, added_mass)
     states = np.array(motion).T

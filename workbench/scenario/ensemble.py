@@ -1,4 +1,4 @@
-"""Ensembles: the cars that are left possible after a calibration, each weighted by its probability.
+"""Ensembles: the cars that a calibration leaves possible, each weighted by its probability.
 
 A file of `models/calibration` (schema `aerodima/ensemble/1`) holds the members as parameters that
 differ from `models/parameters`, the best of them, and how they were made. A study that runs over an
@@ -28,9 +28,9 @@ ENSEMBLE_SCHEMA = "aerodima/ensemble/1"
 Value = float | int | bool | str
 
 BUILT = "built"
-"""`tail.name` of the tail of the parameter files."""
+"""Value of `tail.name` in the parameter files."""
 _MOUNT = ("tail.mount_x", "tail.mount_height")
-"""Keys of the tail that belong to the car, whatever tail stands on it."""
+"""Keys of the tail that belong to the car, whatever tail it carries."""
 
 
 @pydantic_dataclass(frozen=True, config=ConfigDict(extra="forbid", allow_inf_nan=False))
@@ -38,9 +38,9 @@ class Member:
     """One car of an ensemble.
 
     Attributes:
-        name: within its ensemble.
+        name: name of the member within its ensemble.
         weight: share of the probability; a file's weights are divided by their sum.
-        values: `section.key` -> value, in the unit of the parameter.
+        values: value of each parameter `section.key`, in its unit.
     """
 
     name: Annotated[str, Field(min_length=1, max_length=80)]
@@ -60,7 +60,7 @@ class Member:
     def settings_on(self, scenario: str | Path) -> tuple[str, ...]:
         """List overrides for a scenario of that name or path, such as `car.com_height=0.25`.
 
-        Another tail than the built one keeps its own size and mass.
+        A tail other than the built one keeps its own size and mass.
         """
         is_built = load_scenario(scenario).tail.name == BUILT
         return tuple(
@@ -71,8 +71,8 @@ class Member:
 
 
 class Split(NamedTuple):
-    """Cars that laws are chosen on, cars that they are judged on, and cars held out for a
-    benchmark; none in two parts.
+    """Cars on which laws are chosen, cars on which they are judged, and cars held out for a
+    benchmark; no car is in two parts.
     """
 
     training: tuple[Member, ...]
@@ -85,12 +85,12 @@ class Ensemble:
     """Weighted members and where they come from.
 
     Attributes:
-        name: of the ensemble.
-        members: in the order of the file.
-        best: the member nearest to the middle. `models/parameters` have that of `simulated`, the
-            scenario `field` that of `physical`.
+        name: name of the ensemble.
+        members: members in the order of the file.
+        best: member nearest to the middle. `models/parameters` hold that of `simulated`, the
+            scenario `field` holds that of `physical`.
         provenance: how the file was made (method, seed, targets, versions), as plain data.
-        path: the file.
+        path: path of the ensemble file.
     """
 
     name: str
@@ -110,8 +110,8 @@ class Ensemble:
         return float(1.0 / np.sum(self.weights**2))
 
     def resample(self, number: int) -> tuple[Member, ...]:
-        """Draw `number` members by weight that stand for all: systematic resampling in the order of
-        the file.
+        """Draw `number` members by weight to stand for all, by systematic resampling in the order
+        of the file.
 
         A member that is drawn k times has the weight k / number. All members are returned, with
         their own weights, if there are no more than `number`.
@@ -131,7 +131,7 @@ class Ensemble:
         )
 
     def split(self, seed: int) -> Split:
-        """Split the members but the best, which is the nominal car, into three parts.
+        """Split the members except the best, which is the nominal car, into three parts.
 
         They are drawn by weight without replacement and assigned round-robin: the first cars of a
         part, however many, stand for the ensemble with equal weights.
@@ -163,8 +163,8 @@ def load_ensemble(name_or_path: str | Path = "physical") -> Ensemble:
     """Load an ensemble by path, or by name from `models/calibration`.
 
     Raises:
-        EnsembleError: missing, of another schema, unknown parameter, value out of range, weights
-            that are no weights; names the file, the member, the value and what is allowed.
+        EnsembleError: missing file, another schema, unknown parameter, value out of range, invalid
+            weights; names the file, the member, the value and what is allowed.
     """
     path = find_file(name_or_path, "calibration", "ensemble", EnsembleError)
     data = read_yaml(path, EnsembleError)

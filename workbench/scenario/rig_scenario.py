@@ -1,5 +1,4 @@
-"""Scenario of a wind-tunnel rig: every number of mount, motors, sensors and air, and of the
-experiment.
+"""Scenario of a wind-tunnel rig: numbers of mount, motors, sensors, air and experiment.
 
 A scenario file holds only what differs from `models/parameters/rig`; `load_rig_scenario` resolves
 it. The robot's tail, its motor and friction, gravity and air are the same as on the car. Frame W:
@@ -71,7 +70,7 @@ class BarParameters(QuantityModel):
 
 
 class CheetahTailParameters(QuantityModel):
-    """A cheetah tail (thesis Table 4.2) and the readings that the force sensor was zeroed at with
+    """A cheetah tail (thesis Table 4.2) and the readings at which the force sensor was zeroed with
     it (Table 4.4).
     """
 
@@ -167,11 +166,11 @@ class ForceSensorParameters(QuantityModel):
 
 
 class RigUncertaintyParameters(QuantityModel):
-    """Standard deviations of the rig's constants and of its instruments' errors: what every
-    interval of a fit holds.
+    """Standard deviations of the rig's constants and of its instruments' errors, which every
+    interval of a fit includes.
 
-    A key of zero says that the constant is exact. `wind_speed` and `encoder_gain` are parts of
-    their value.
+    A value of zero means that the constant is exact. `wind_speed`, `encoder_gain` and `force_gain`
+    are relative to their value.
     """
 
     mount_mass: float = quantity("kg", "of mount.mass", "[0, 1]")
@@ -342,19 +341,19 @@ class RigScenario(ScenarioFile):
 
     @property
     def cheetah_tail(self) -> CheetahTailParameters:
-        """The tail of the experiment."""
+        """Cheetah tail of the experiment."""
         return (self.tail_1, self.tail_2, self.tail_3)[self.experiment.tail - 1]
 
     @property
     def joint_friction(self) -> FrictionParameters:
-        """Friction of the swinging joint: of the bar's, or of the robot's motor."""
+        """Friction of the swinging joint, either the bar's or that of the robot's motor."""
         return self.robot_friction if self.is_robot else self.friction
 
     @property
     def sensor_offsets(self) -> tuple[float, ...]:
-        """Readings that the force sensor was zeroed at (6), N and N m: add them to a reading.
+        """Readings (6) at which the force sensor was zeroed, N and N m: add them to a reading.
 
-        Zeros on the bare bar and with the robot's tail, for which none are published.
+        They are zero on the bare bar and with the robot's tail, for which none are published.
         """
         return self.cheetah_tail.offsets if self.has_cheetah_tail else (0.0,) * 6
 

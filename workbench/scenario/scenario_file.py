@@ -1,7 +1,7 @@
 """Parameter and scenario files of car and rig: read, overridden and checked.
 
 A parameter file holds the numbers of one section, each with unit and source (design section 3); a
-scenario file what differs from them.
+scenario file holds what differs from them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,8 +36,8 @@ PARAMETER_SCHEMA = "aerodima/parameters/1"
 
 
 class ParameterEntry(StrictModel):
-    """One number of `models/parameters` with its unit, its source, and the reason of what was
-    assumed or chosen; an assumed one has a prior range.
+    """One value of `models/parameters` with its unit, its source, and a reason if it was assumed or
+    chosen; an assumed value has a prior range.
     """
 
     value: float | int | bool | str
@@ -66,12 +66,12 @@ def load_parameter_file(
     """Read a parameter file: value, unit and source of every number.
 
     Args:
-        path: the file.
-        model: of its numbers, which must then all be there, in its units; None for a file that has
-            none.
+        path: path of the parameter file.
+        model: model of the section, all of whose keys the file must hold in the model's units; None
+            for a file without a model.
 
     Raises:
-        ScenarioError: names file, key and what is allowed.
+        ScenarioError: the file is wrong; names file, key and what is allowed.
     """
     data = read_yaml(path)
     if data.pop("schema", None) != PARAMETER_SCHEMA:
@@ -95,8 +95,8 @@ def load_section(path: Path, model: type[ModelT]) -> ModelT:
     """Read a parameter file into its model.
 
     Args:
-        path: the file.
-        model: of its numbers, with their units and ranges.
+        path: path of the parameter file.
+        model: model of the section, with units and ranges of its numbers.
 
     Raises:
         ScenarioError: as `load_parameter_file`; or a value is out of range.
@@ -118,18 +118,18 @@ class ScenarioFile(StrictModel):
     default_name: ClassVar[str]
     """Name of a run whose scenario gives none."""
     example: ClassVar[str]
-    """A setting, for the message about a malformed one."""
+    """Example of a setting, for the message about a malformed one."""
     rates: ClassVar[tuple[str, ...]]
     """Keys of rates, Hz, that must not be above 1/step."""
     parameter_folder: ClassVar[str] = "parameters"
     """Folder of `models/` with one file per section."""
     shared_with_car: ClassVar[Mapping[str, str]] = {}
-    """Section of another scenario -> section of the car, whose file it has."""
+    """Section of the car whose parameter file a section uses, by the name of the latter."""
     retired: ClassVar[Mapping[str, set[str]]] = {}
-    """Section -> keys that resolved scenarios of earlier versions hold (logs, swing files) and none
-    needs any more."""
+    """Keys, by section, that resolved scenarios of earlier versions hold (logs, swing files) and
+    that are no longer needed."""
     renamed: ClassVar[Mapping[str, Mapping[str, str]]] = {}
-    """Section -> key of an earlier version -> its name now."""
+    """Present names of keys of earlier versions, by section and old name."""
 
     schema_: str = Field(alias="schema")
     name: str = Field(description="what the run is called in reports", min_length=1, max_length=80)
@@ -143,7 +143,7 @@ class ScenarioFile(StrictModel):
         return self
 
     def _require_at_most(self, key: str, limit: str) -> None:
-        """Raise ValueError if the magnitude of a key is above its limit, another key."""
+        """Raise ValueError if the magnitude of a key is above that of another key, its limit."""
         value, largest = attrgetter(key, limit)(self)
         self._require(abs(value) <= largest + 1e-9, key, f"<= {limit}, {largest:.9g}")
 
@@ -162,7 +162,7 @@ class ScenarioFile(StrictModel):
 
     @classmethod
     def sections(cls) -> dict[str, type[BaseModel]]:
-        """List section name -> model; each has a parameter file."""
+        """Return the model of each section by its name; each section has a parameter file."""
         return {
             name: field.annotation
             for name, field in cls.model_fields.items()
@@ -197,14 +197,14 @@ class ScenarioFile(StrictModel):
 
     @classmethod
     def parameters(cls, section: str) -> dict[str, ParameterEntry]:
-        """Read the file of a section, checks unit and source of every number and that none is
+        """Read the file of a section; check unit and source of every number, and that none is
         missing.
         """
         return load_parameter_file(cls.parameter_path(section), cls.sections()[section])
 
     @classmethod
     def defaults(cls) -> dict[str, Json]:
-        """Read section -> key -> value of `models/parameters`."""
+        """Read the values of `models/parameters` by section and key."""
         defaults = {}
         for section, model in cls.sections().items():
             path = cls.parameter_path(section)
@@ -220,7 +220,7 @@ class ScenarioFile(StrictModel):
         Args:
             overrides: nested plain data; a resolved scenario is accepted too.
             where: file or flag named in error messages.
-            settings: `section.key=value`, over the overrides.
+            settings: settings `section.key=value`, which replace values of the overrides.
 
         Raises:
             ScenarioError: unknown key, wrong unit, value out of range, NaN; names the place, the
@@ -236,12 +236,12 @@ class ScenarioFile(StrictModel):
         """Load a scenario by path, or by name from `models/scenarios`, with overrides such as
         `car.com_height=0.21`.
 
-        A file may name a scenario as its `base`, of which it then holds only what differs: a name,
-        or a path from its own folder.
+        A file may name a scenario as its `base`, by a name or by a path from its own folder; it
+        then holds only what differs from that scenario.
 
         Args:
-            name_or_path: a YAML file, or the name of a scenario that ships.
-            settings: overrides, `section.key=value`.
+            name_or_path: path of a YAML file, or name of a scenario that ships.
+            settings: overrides of the form `section.key=value`.
 
         Raises:
             ScenarioError: no such file or name; or as `from_dict`.
@@ -294,7 +294,7 @@ class ScenarioFile(StrictModel):
 
         Args:
             data: content of a scenario file; changed in place.
-            setting: `section.key=value`, or `key=value` for a key of the scenario itself.
+            setting: text `section.key=value`, or `key=value` for a key of the scenario itself.
         """
         path, separator, text = setting.partition("=")
         *sections, key = path.strip().split(".")
@@ -319,7 +319,7 @@ class ScenarioFile(StrictModel):
 
     @classmethod
     def _with_new_keys(cls, overrides: Json) -> Json:
-        """Rename the keys of earlier versions, and drop those retired; other data stay.
+        """Rename the keys of earlier versions, and drop retired keys; other data stay.
 
         Only a whole section can hold a retired key: in a file that names single keys it is an
         error.
@@ -353,5 +353,5 @@ def merged(below: Facts, above: Facts) -> Json:
 
 @lru_cache(maxsize=128)
 def _read_values(path: Path, model: type[BaseModel], _changed: int) -> Json:
-    """Read key -> value of a parameter file once, until it changes: that costs 5 % of a run."""
+    """Read the values of a parameter file, again only if it changes: that costs 5 % of a run."""
     return {key: entry.value for key, entry in load_parameter_file(path, model).items()}

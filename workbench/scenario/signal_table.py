@@ -1,5 +1,4 @@
-"""The signals of car and rig in one table: ports, their fields, and the columns that they fill in a
-log.
+"""The signals of car and rig in one table: ports, their fields, and their columns in a log.
 
 The simulated and the real station have the same vector ports (design section 9). A column's name
 ends in its unit; a rate reads `rad_per_s`, a moment `n_m`, a number without unit has none. Columns
@@ -43,11 +42,11 @@ class Column:
     """One column of a run log.
 
     Attributes:
-        name: exact.
-        unit: "" for a pure number.
-        meaning: in words.
-        optional: came after logs were written without it; where it is not in a file it is read as
-            NaN.
+        name: exact name of the column.
+        unit: unit of the column; "" for a pure number.
+        meaning: meaning of the column in words.
+        optional: whether logs were written before the column existed; where it is not in a file it
+            is read as NaN.
     """
 
     name: str
@@ -83,17 +82,17 @@ def _status_fields(sources: Sequence[str]) -> tuple[str, ...]:
 
 
 STEERING_ANGLE = PortFields("SteeringAngle", ("steering_angle",))
-"""rad, positive to the left."""
+"""Steering command, rad, positive to the left."""
 THROTTLE = PortFields("Throttle", ("throttle",))
-"""-1 to 1."""
+"""Throttle command, -1 to 1."""
 TAIL_COMMAND = PortFields("TailCommand", ("position", "velocity", "kp", "kd", "torque"))
-"""One tail motor in MIT mode: rad, rad/s, N m/rad, N m s/rad, N m."""
+"""Command to one tail motor in MIT mode: rad, rad/s, N m/rad, N m s/rad, N m."""
 TAIL_STATE = PortFields(
     "TailState", ("pitch_angle", "roll_angle", "sail_angle", "pitch_rate", "roll_rate", "sail_rate")
 )
-"""rad and rad/s, as the encoders report them."""
+"""Angles (rad) and rates (rad/s) as the encoders report them."""
 TAIL_TORQUE = PortFields("TailTorque", ("pitch", "roll"))
-"""N m, as the motors report it."""
+"""Torques as the motors report them, N m."""
 IMU = PortFields(
     "ImuSample",
     (
@@ -103,14 +102,14 @@ IMU = PortFields(
         *(f"{what}_{axis}" for what in ("gyro", "acceleration") for axis in _AXES),
     ),
 )
-"""rad; rad/s; m/s2 without gravity. All in body axes."""
+"""Attitude, rad; angular rate, rad/s; acceleration without gravity, m/s2. All in body axes."""
 SPEED = PortFields("Speed", ("speed",))
-"""m/s, horizontal."""
+"""Horizontal speed, m/s."""
 STATUS = PortFields("Status", _status_fields(STATUS_SOURCES))
-"""Per source: age of its newest sample in s, fault code (0 = none). Armed: 0 or 1."""
+"""Age of the newest sample (s) and fault code (0 = none) of each source; armed is 0 or 1."""
 PLANNED_TURN = PortFields("PlannedTurn", ("planned_turn",))
-"""The turn that the driver announces, from the start of the run on: +1 left, -1 right, 0 none. Goes
-from the driver to the tail controller."""
+"""The turn that the driver announces to the tail controller, from the start of the run on: +1 left,
+-1 right, 0 none."""
 RIG_STATUS = PortFields("RigStatus", _status_fields(RIG_STATUS_SOURCES))
 """Status of the rig; its fields are like those of `STATUS`."""
 
@@ -182,8 +181,8 @@ roll_estimate_rad | rad | roll angle from the on-board estimator
 [roll_rate_estimate]
 roll_rate_estimate_rad_per_s | rad/s | roll rate from the on-board estimator
 """)
-"""Port of driver, tail controller, station or roll estimator -> its columns: what a run on the real
-car has too. Sensor columns hold their last sample."""
+"""Columns of each port of driver, tail controller, station or roll estimator, which a run on the
+real car has too. Sensor columns hold their last sample."""
 
 CAR_TRUTH = _ports("""
 [body_truth]
@@ -215,7 +214,7 @@ drive_power_truth_w | W | mechanical power of the drive
 [wind_truth]
 wind_{x,y,z}_truth_m_per_s | m/s | velocity of the air, W axes, {}
 """)
-"""Port of a simulated station -> its columns. A car without a tail has no `tail_truth`, a run
+"""Columns of each port of a simulated station. A car without a tail has no `tail_truth`, a run
 without wind no `wind_truth`."""
 
 RIG_PORTS = _ports("""
@@ -228,7 +227,7 @@ current_a | A | motor current, positive pushes the tail upstream
 force_{x,y,z}_n | N | force reading, W axes, {}
 torque_{x,y,z}_n_m | N m | torque reading at W, W axes, {}
 """)
-"""Port of a rig's station -> its columns. W has its origin at the force sensor's point, z up, x
+"""Columns of each port of a rig's station. W has its origin at the force sensor's point, z up, x
 along the motor axis; the wind blows towards -y."""
 
 RIG_TRUTH = _ports("""
@@ -241,7 +240,7 @@ torque_{x,y,z}_truth_n_m | N m | torque of the support on the rig at W, W axes, 
 [motor_torque_truth]
 motor_torque_truth_n_m | N m | torque of the motor
 """)
-"""Port of a simulated rig -> its columns in the log of a swing."""
+"""Columns of each port of a simulated rig in the log of a swing."""
 
 
 def names_of(columns: Iterable[Column]) -> list[str]:

@@ -27,9 +27,9 @@ from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
 SCHEMA = "aerodima/swing/1"
 
 _LIMIT_MARGIN = 1e-6
-"""Rounding by which a value may lie beyond its limit, rad or N m."""
+"""Rounding by which a value may lie beyond its limit, rad, rad/s or N m."""
 _SAMPLES_PER_INTERVAL = 16
-"""Points between two knots at which the curve is checked."""
+"""Number of points per interval of the knots at which the curve is checked."""
 
 Samples = Annotated[tuple[float, ...], Field(strict=False, min_length=2)]
 Direction = Literal["left", "right"]
@@ -47,7 +47,7 @@ def _from_zero(times: tuple[float, ...]) -> tuple[float, ...]:
 
 
 Times = Annotated[Samples, AfterValidator(_from_zero)]
-"""s, since the release."""
+"""Times since the release, s."""
 
 
 class _Strict(StrictModel):
@@ -140,11 +140,11 @@ class Trigger(_Strict):
 
     kind: Literal["yaw_rate", "steering", "time"] = "yaw_rate"
     threshold_rad_per_s: float | None = Field(None, gt=0)
-    """Yaw rate into the planned turn, rad/s; of kind yaw_rate."""
+    """Yaw rate into the planned turn, rad/s; for kind yaw_rate only."""
     threshold_rad: float | None = Field(None, gt=0)
-    """Steering command into the planned turn, rad; of kind steering."""
+    """Steering command into the planned turn, rad; for kind steering only."""
     delay_s: float = Field(0.0, ge=0)
-    """Time from the trigger, of kind time from the announcement, to the release, s."""
+    """Time from the trigger, or for kind time from the announcement, to the release, s."""
 
     @model_validator(mode="after")
     def _has_threshold(self) -> Self:
@@ -158,33 +158,34 @@ class Provenance(_Strict):
     """Origin of the swing."""
 
     source: str
-    """Table or command that made it."""
+    """Table or command that the swing comes from."""
     scenario: str | None = None
-    """Scenario it was made with."""
+    """Scenario that the swing was made with."""
     seed: int | None = Field(None, ge=0)
     """Seed of the solver's starts."""
     settings: Annotated[tuple[str, ...], Field(strict=False)] = ()
     """Overrides of that scenario."""
     options: dict[str, float | int | str] = Field(default_factory=dict)
-    """Options of the command that made it."""
+    """Options of the command that made the swing."""
     found: dict[str, float | int | str] = Field(default_factory=dict)
     """Results of that command, such as peak_roll_rad; names end in their unit."""
     solver_log: str | None = None
-    """File of the solver's log."""
+    """Name of the file with the solver's log."""
     versions: dict[str, str] = Field(default_factory=dict)
     """Versions of project, drake, python, numpy."""
 
 
 class SwingFile(_Strict):
-    """A swing.
+    """Content of a swing file.
 
-    `car` holds the parameters it was made for, as `section.key` of a scenario in SI units.
+    `car` holds the parameters of the car that the swing was made for, as `section.key` of a
+    scenario in SI units.
     """
 
     schema_: str = Field(SCHEMA, alias="schema")
     name: str = Field(min_length=1, max_length=80)
     direction: Direction
-    """Turn that the knots are written for."""
+    """Turn direction that the knots are written for."""
     trigger: Trigger
     knots: Knots
     gains: Gains
@@ -236,7 +237,7 @@ def read_swing(path: Path | str) -> SwingFile:
 
 
 def swing_from_dict(data: Any, where: str = "swing") -> SwingFile:
-    """Make a swing of plain data; `where` is the file named in errors (SwingFileError)."""
+    """Make a swing from plain data; `where` is the file named in errors (SwingFileError)."""
     return checked(SwingFile, data, where, SwingFileError, schema=SCHEMA)
 
 
@@ -252,7 +253,7 @@ def car_mismatches(swing: SwingFile, scenario: Facts) -> list[str]:
     """List how the car of a resolved scenario differs from the one that the swing was made for.
 
     Args:
-        swing: the file; a swing without `car` fits any car.
+        swing: content of the swing file; a swing without `car` fits any car.
         scenario: resolved scenario as a dict.
     """
     lines = []
@@ -268,7 +269,7 @@ def car_mismatches(swing: SwingFile, scenario: Facts) -> list[str]:
 
 @dataclass(frozen=True)
 class SwingPoint:
-    """Tail commands at one time or at many; each has the shape of the times asked for. rad, rad/s,
+    """Tail commands at one time or many, each of the shape of the times asked for; rad, rad/s,
     N m.
     """
 
@@ -288,9 +289,10 @@ def swing_at(swing: SwingFile, time: ArrayLike, direction: Direction | None = No
     last: rates and torques are then zero.
 
     Args:
-        swing: the file.
-        time: s, any shape.
-        direction: turn to make; when it is not the one the file was made for, roll is mirrored.
+        swing: content of the swing file.
+        time: times since the release, s, any shape.
+        direction: turn to make, None for that of the file; roll is mirrored if it is not the turn
+            that the file was made for.
     """
     t = np.asarray(time, dtype=np.float64)
     times = np.asarray(swing.knots.time_s)
@@ -324,10 +326,10 @@ def hermite(
     """Interpolate value and derivative by cubic Hermite polynomials; at rest outside the knots.
 
     Args:
-        t: s, any shape.
-        times: of the knots, s, strictly increasing, shape (n,).
-        position: at the knots, shape (n,).
-        velocity: at the knots, per second, shape (n,).
+        t: times at which to interpolate, s, any shape.
+        times: times of the knots, s, strictly increasing, shape (n,).
+        position: values at the knots, shape (n,).
+        velocity: derivatives at the knots, per second, shape (n,).
     """
     i = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
     h = times[i + 1] - times[i]
@@ -345,9 +347,10 @@ def cubic(
     """Evaluate a cubic between two knots and its derivative; arrays of any shape.
 
     Args:
-        share: of the interval that has gone by, 0 to 1.
+        share: part of the interval that has gone by, 0 to 1.
         h: length of the interval, s.
-        positions, velocities: at its two ends.
+        positions: values at the two ends of the interval.
+        velocities: derivatives at the two ends, per second.
     """
     rise = positions[1] - positions[0]
     start = h * velocities[0]

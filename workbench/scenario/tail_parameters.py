@@ -13,7 +13,7 @@ from aerodima.workbench.core.quantity import QuantityModel, quantity
 from aerodima.workbench.core.resources import models_dir
 
 CONSTANT = "constant"
-"""Value of `tail.coefficients` with which `tail.normal_force_coefficient` holds."""
+"""Value of `tail.coefficients` for which `tail.normal_force_coefficient` applies."""
 COEFFICIENT_ENDINGS = (".yaml", ".yml", ".csv")
 SAIL_LAWS = ("normal_force", "two_sided")
 """Laws of coefficient files that know the normal of a sail (`SectionLaw.knows_normal`)."""
@@ -24,13 +24,13 @@ SHELL_DEPTH = 0.5
 
 
 class SailShape(NamedTuple):
-    """One of the shapes of thesis 5.2, as far as the text has it.
+    """Sail shape of thesis 5.2, as far as the text describes it.
 
     Attributes:
-        depth: of the shell over its width.
-        board: whether a backing board stands behind it.
-        coefficients: embedded set of Table 2.1 for it; None where the thesis has its coefficient in
-            a picture only.
+        depth: depth of the shell over its width.
+        board: whether a backing board stands behind the shell.
+        coefficients: embedded set of Table 2.1 for the shape; None for the built sail, and where
+            the thesis has the coefficient in a picture only.
     """
 
     depth: float
@@ -51,7 +51,7 @@ SAIL_SHAPES = {
 }
 """The built sail (a half cylinder with caps and board, with the coefficient of the published model)
 and eight shapes of the flow simulation: FT, HC and HCEC each without and with backing board, and
-two after parachutes."""
+two modelled on parachutes."""
 
 
 class TailParameters(QuantityModel):
@@ -117,19 +117,19 @@ class TailParameters(QuantityModel):
 
     @property
     def board_share(self) -> float:
-        """Backing board along the wind over the sail's width; 0 for a shape without."""
+        """Length of the backing board along the wind over the sail's width; 0 without a board."""
         return self.sail_board_share if SAIL_SHAPES[self.sail_shape].board else 0.0
 
     @property
     def sail_front(self) -> float:
-        """Plane of the sail's opening ahead of the bearing, m; the board ends `sail_depth` behind
-        that plane.
+        """Distance of the plane of the sail's opening ahead of the bearing, m; the board ends
+        `sail_depth` behind that plane.
         """
         return (self.shell_share / 2 - self.sail_shell_offset) * self.sail_width
 
     @property
     def sail_depth(self) -> float:
-        """Shell and board together along the wind, m."""
+        """Length of shell and board together along the wind, m."""
         return (self.shell_share + self.board_share) * self.sail_width
 
     @property

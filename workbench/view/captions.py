@@ -30,8 +30,8 @@ class Caption:
     """Title of a replay.
 
     Attributes:
-        name: of the scenario.
-        facts: commanded speed and tail mode, or the tail law of one's own.
+        name: name of the scenario.
+        facts: commanded speed and tail mode, or the user's own tail law.
         outcome: how the run ended, in words; empty for a plant that does not start upright.
         result: `survived`, `flipped`, or `unknown` for a log that ends before its turn does.
     """
@@ -117,11 +117,11 @@ class Reading:
     """A number that is shown at each moment of a replay.
 
     Attributes:
-        label: before it; may be empty.
-        unit: after it, with its space.
-        values: shape (n,).
-        digits: behind the point.
-        width: characters that are kept free for it.
+        label: text before the number; may be empty.
+        unit: unit after the number, with its space.
+        values: number in each row of the log, shape (n,).
+        digits: number of digits after the decimal point.
+        width: number of characters that are kept free for the number.
     """
 
     label: str
@@ -137,8 +137,8 @@ class Reading:
 
 
 def readings(run_log: RunLog) -> list[Reading]:
-    """Reads off for a car speed over ground and roll, positive to the right; for other plants
-    speed, tilt, force of the air.
+    """Reads speed over ground and roll (positive to the right) of a car; speed, tilt and force of
+    the air of other plants.
     """
     if run_log.kind != PLANT_RUN:
         along, left = (run_log.signal(f"velocity_{axis}_truth_m_per_s") for axis in "xy")

@@ -1,9 +1,8 @@
-"""A Matplotlib figure as plain panels, from which a page draws the same figure so that one can zoom
-in it.
+"""A Matplotlib figure as plain panels, from which a page draws it so that a reader can zoom.
 
 Every figure is drawn once, with Matplotlib; `chart_panels` reads its lines, error bars, stripes and
 ticks. A line whose x increases and that has a name becomes a series, whose values are read at the
-mouse; all else is drawn below as it is.
+mouse; all else is drawn below it as it is.
 """
 
 import math
@@ -28,11 +27,11 @@ from aerodima.workbench.core.file_reading import Json
 _PIXELS_PER_INCH = 82
 """Pixels of a panel per inch of the figure."""
 _MIN_HEIGHT = 120
-"""Least height of a panel, pixels."""
+"""Smallest height of a panel, pixels."""
 _PIXELS_PER_POINT = 1.33
 """Pixels per point of line widths and marks."""
 _MIN_SAMPLES = 3
-"""Fewest points of a line that is drawn as a series."""
+"""Smallest number of points of a line that is drawn as a series."""
 _NOTHING = ("None", "none", "")
 """Matplotlib's names of the line style and the marker that draw nothing."""
 
@@ -40,14 +39,14 @@ _NOTHING = ("None", "none", "")
 def chart_panels(figure: Figure) -> Json:
     """Reads a figure for `charts.js`, ready for JSON.
 
-    Axes are linear, marks become discs, words inside a panel a note above it.
+    Axes are linear, marks become discs, words inside a panel become a note above it.
 
     Returns:
-        title, columns, keys (of the figure's legends), and cells: row, column and the panels one
-        below the other.
+        The title, the number of columns, the keys of the figure's legends, and cells, each with
+        row, column and its panels one below the other.
 
     Raises:
-        TypeError: a panel has something else than lines, error bars and stripes.
+        TypeError: a panel has something other than lines, error bars and stripes.
     """
     cells: dict[tuple[int, int], Json] = {}
     keys = [key for legend in figure.legends for key in _keys(legend)]
@@ -188,7 +187,7 @@ def _area(patch: Patch, axes: Axes) -> Json:
 
 def _placed(vertices: Any, transform: Transform, axes: Axes) -> Json:
     """Reads where vertices (n, 2) are; along an axis whose coordinates are not those of the data,
-    at which edge of the panel.
+    reads at which edge of the panel they are.
     """
     outline = _outline(vertices)
     in_data = transform.contains_branch_seperately(axes.transData)
@@ -221,6 +220,6 @@ def _keys(legend: Legend) -> list[Json]:
 
 
 def _numbers(values: Iterable[float], digits: int = 6) -> list[float | None]:
-    """Rounds to as many digits as a chart can show; None for what is not finite."""
+    """Rounds to as many digits as a chart can show; None for values that are not finite."""
     numbers = (float(f"{value:.{digits}g}") for value in values)
     return [number if math.isfinite(number) else None for number in numbers]

@@ -1,10 +1,9 @@
-"""The motion of a real car, reckoned from its sensors, so that its log is replayed like that of a
-simulated one.
+"""The motion of a real car, reckoned from its sensors, so that its log can be replayed.
 
 The heading is that of the IMU, the path is the speed integrated along it; roll and pitch are the
-IMU's, and the car is lifted so that no wheel and no corner of its box is below the ground. No slip,
-and the errors add up: a picture of what happened, not a measurement of where. Forces are not known
-and not drawn.
+IMU's, and the car is lifted so that no wheel and no corner of its box is below the ground. Slip is
+left out, and the errors add up: a picture of what happened, not a measurement of where. Forces are
+not known and not drawn.
 """
 
 from dataclasses import replace
@@ -36,19 +35,19 @@ _JOINTS = {
     "car_front_left_steering_q": "steering_command_rad",
     "car_front_right_steering_q": "steering_command_rad",
 }
-"""Plant position -> the signal that it is taken from, where it was logged."""
+"""Signal from which each of these plant positions is taken, where it was logged."""
 
 
 def replayable(run_log: RunLog) -> RunLog:
     """Returns the log itself if it holds the motion of every joint, otherwise one with the motion
     reckoned from the sensors.
 
-    Needed are `speed_m_per_s`, a heading (`imu_yaw_rad`, or `imu_gyro_z_rad_per_s` to integrate)
-    and the scenario. Roll and pitch count as zero, a tail joint as at rest in its first position,
-    when they were not logged.
+    This needs `speed_m_per_s`, a heading (`imu_yaw_rad`, or `imu_gyro_z_rad_per_s` to integrate)
+    and the scenario. If not logged, roll and pitch count as zero, and a tail joint counts as at
+    rest in its first position.
 
     Raises:
-        LogError: one of these is missing, NaN, gap or unsorted time in a column that is used.
+        LogError: one of these is missing; NaN, a gap or unsorted time in a column that is used.
     """
     columns = run_log.table.columns
     if run_log.kind == PLANT_RUN or columns.str.startswith(PLANT_POSITION_PREFIX).any():

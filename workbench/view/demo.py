@@ -1,6 +1,4 @@
-"""The demo: a swerve of several cars in step and the thesis' own turn: logs, table, replays and
-page in one folder.
-"""
+"""The demo: a swerve of several cars in step and the thesis' own turn, on a page in one folder."""
 
 import json
 import math
@@ -48,9 +46,9 @@ DEMO_SCHEMA = "aerodima/demo/3"
 PAGE = "index.html"
 SUMMARY = "summary.csv"
 MARK = "demo.json"
-"""This file says of which scenarios a folder's logs are, and whether the demo is finished."""
+"""File with the scenarios of a folder's logs, and whether the demo is finished."""
 FINISHED = "finished"
-"""Key in that file."""
+"""Key in that file of a finished demo."""
 _METRICS = {
     "speed_m_per_s": ("speed at the start of the turn", "m/s"),
     "max_yaw_rate_rad_per_s": ("largest yaw rate", "rad/s"),
@@ -61,7 +59,7 @@ _METRICS = {
     "average_kohut_deg_m_per_s2": ("mean Kohut", "deg m/s²"),
     "roll_integral_rad": ("roll integral", "rad"),
 }
-"""Published metric -> its words and its unit on the page."""
+"""Words and unit on the page for each published metric."""
 
 Turns = tuple[tuple[str, float], ...]
 """Tail mode and commanded speed, m/s, of several turns."""
@@ -72,12 +70,12 @@ class DemoPlan:
     """Turns that are run, and those of them that are shown in full.
 
     Args:
-        turns: tail mode, of `none`, `held`, `swing`, `designed` (scenarios `turn_<mode>`), and
-            commanded speed, m/s.
-        shown: turns with a replay.
-        seed: of every run.
-        opening: whether the page begins with the swerve of `models/swerve/shown.yaml`, a run more
-            for each candidate.
+        turns: tail mode `none`, `held`, `swing` or `designed` (scenarios `turn_<mode>`) and
+            commanded speed (m/s) of each turn that is run.
+        shown: turns that have a replay.
+        seed: seed of every run.
+        opening: whether the page begins with the swerve of `models/swerve/shown.yaml`, which adds a
+            run for each candidate.
     """
 
     turns: Turns = (
@@ -94,10 +92,10 @@ class DemoRun:
 
     Attributes:
         name: tail mode and speed in m/s.
-        scenario: resolved.
-        log: Parquet file.
-        replay: HTML file; None for a run that has none of its own.
-        opening: the candidate that it shows at the beginning of the page; empty for a run of the
+        scenario: resolved scenario as plain data.
+        log: path of the Parquet file.
+        replay: path of the HTML file; None for a run without a replay of its own.
+        opening: candidate that the run shows at the beginning of the page; empty for a run of the
             published turn.
     """
 
@@ -118,16 +116,16 @@ def make_demo(
 ) -> Path:
     """Runs the demo and writes its page; returns the path of the page.
 
-    A demo that was interrupted goes on where it stopped when it is asked for again: finished logs
-    of the same scenario and versions are kept.
+    A demo that was interrupted goes on where it stopped when it is made again: finished logs of the
+    same scenario and versions are kept.
 
     Args:
-        out: folder; made when it is not there.
-        plan: what to run; the swerve, and the thesis' turn on both sides of its two flips, by
-            default.
-        workers: processes.
-        force: make a finished demo again, or write among other files.
-        progress: receives lines of progress.
+        out: folder of the demo; made when it is not there.
+        plan: turns to run; by default the swerve, and the thesis' turn on both sides of its two
+            flips.
+        workers: number of worker processes.
+        force: whether a finished demo is made again, or files are written among others.
+        progress: function that receives lines of progress.
 
     Raises:
         UserError: workers out of range; the folder holds a finished demo, another one's logs or
@@ -184,7 +182,7 @@ def _opening_runs(out: Path, seed: int) -> list[DemoRun]:
 
 
 def do_run(run: DemoRun) -> RunSummary:
-    """Makes log and replay of a run as far as they are missing, and measures the run."""
+    """Makes log and replay of a run if they are missing, and summarises the run."""
     if run.log.exists():
         try:
             log = read_run_log(run.log)
@@ -199,7 +197,7 @@ def do_run(run: DemoRun) -> RunSummary:
         from aerodima.workbench.batch.simulation import simulate
         from aerodima.workbench.scenario.scenario import scenario_from_dict
 
-        journal_path(run.log).unlink(missing_ok=True)  # of a demo that was killed
+        journal_path(run.log).unlink(missing_ok=True)  # left by a killed demo
         log = simulate(scenario_from_dict(run.scenario), run.log)
     if run.replay is not None and not run.replay.exists():
         write_replay_html(log, run.replay)
@@ -207,7 +205,7 @@ def do_run(run: DemoRun) -> RunSummary:
 
 
 def _claimed(out: Path, runs: Sequence[DemoRun], force: bool) -> RowStore:
-    """Makes the folder this demo's, or says why it must not be."""
+    """Claims the folder for this demo, or raises UserError that says why it must not."""
     scenarios = {run.name: run.scenario for run in runs}
     identity = {"schema": DEMO_SCHEMA, "versions": software_versions(), "scenarios": scenarios}
     store = RowStore(out / MARK, identity, force=force, alone=True)
@@ -335,7 +333,7 @@ def provenance(runs: Mapping[str, DemoRun]) -> Section:
     was made of.
 
     Args:
-        runs: name -> run, of at least one.
+        runs: runs by their names, at least one.
     """
     logs = [read_run_log(run.log) for run in runs.values()]
     versions = {item for log in logs for item in log.versions.items()}

@@ -29,8 +29,8 @@ STYLE = Path(__file__).with_name("figures.mplstyle")
 
 
 styled = partial(matplotlib.rc_context, fname=STYLE)
-"""Applies the settings of all figures in a block, or as a decorator; settings of a notebook outside
-are left as they are."""
+"""Applies the settings of all figures in a block, or as a decorator; a notebook's settings outside
+stay as they are."""
 
 
 def new_figure(
@@ -50,7 +50,7 @@ def png(figure: Figure) -> bytes:
     """Draws the figure as PNG, the same bytes for the same figure (no time stamp, no version in
     it).
 
-    The canvas is asked itself: `Figure.savefig` draws every figure twice, once only to lay it out.
+    It uses the canvas directly: `Figure.savefig` draws every figure twice, once only to lay it out.
     """
     buffer = io.BytesIO()
     previous_dpi = figure.get_dpi()

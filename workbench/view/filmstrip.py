@@ -1,6 +1,6 @@
 """A run as a strip of five pictures in one PNG, with time, speed and roll or tilt under each.
 
-The moments tell the run: before, at the start of the turn, at its peak, on the way back, after. Of
+The moments tell the run: before, at the start of the turn, at its peak, on the way back, after. For
 a tail that swings, the way over the top is shown in place of the way back.
 """
 
@@ -29,13 +29,13 @@ _AFTER = 0.75
 _TIPPING = np.radians(35.0)
 """Tilt from which a car is shown as tipping, rad."""
 _ASIDE = np.radians(20.0)
-"""Roll of a tail that is on one side, rad; one that plays about the middle passes over nothing."""
+"""Roll beyond which a tail is on one side, rad; small motions about the middle do not count."""
 _MIN_DISTANCE = 0.05
-"""Shortest time between two pictures, s, where the run leaves the room."""
+"""Shortest time between two pictures, s, if the run is long enough."""
 FRAME = (440, 470)
 """Width and height of one picture, pixels."""
 _GAP = 8
-"""Width between two pictures, pixels."""
+"""Width of the gap between two pictures, pixels."""
 _TITLE = 52
 """Height of the title, pixels."""
 _LABEL = 84
@@ -47,7 +47,7 @@ _DPI = 100
 
 
 def key_frames(run_log: RunLog) -> dict[str, int]:
-    """Chooses the moments of a strip, what happens there -> row of the log, in the order of time;
+    """Chooses the moments of a strip: rows of the log by what happens there, in the order of time;
     evenly spread for a log that ends before its turn does.
     """
     time = run_log.time
@@ -128,7 +128,7 @@ def _first(signals: TurnSignals, condition: BoolArray, otherwise: float) -> floa
 
 
 def _spread(times: FloatArray, first: float, last: float) -> FloatArray:
-    """Moves ordered times (s) inside the log, and apart as far as it has room."""
+    """Moves ordered times (s) into the log, and apart as far as there is room."""
     shifts = min(_MIN_DISTANCE, (last - first) / times.size) * np.arange(times.size)
     apart = np.maximum.accumulate(np.maximum(times - shifts, first))
     return np.minimum(apart, last - shifts[-1]) + shifts
@@ -138,8 +138,9 @@ def write_strip(run_log: RunLog, path: Path | str, *, force: bool = False) -> Pa
     """Writes the strip of a run; equal runs give equal bytes with one driver.
 
     Args:
-        run_log: the run.
-        path: the PNG file; refused when it exists, unless `force`.
+        run_log: log of the run.
+        path: path of the PNG file.
+        force: whether an existing file is replaced; it is refused otherwise.
 
     Raises:
         UserError: the file exists or cannot be written, or there is no renderer (`check_renderer`).

@@ -17,13 +17,13 @@ from aerodima.workbench.view.viewer import WORLD
 Colour = tuple[float, float, float]
 """Red, green and blue from 0 to 1."""
 WHEEL_COLOUR = (0.10, 0.55, 0.25)
-"""Red, green, blue from 0 to 1: force of the ground on a wheel."""
+"""Colour of the force of the ground on a wheel."""
 AIR_COLOUR = (0.85, 0.25, 0.10)
-"""Red, green, blue from 0 to 1: force of the air on a tail."""
+"""Colour of the force of the air on a tail."""
 WHEEL_SCALE = 0.02
 """Length of the arrow of a wheel, m per N: a wheel at rest carries about 15 N."""
 SHOWN_LENGTH = 0.015
-"""Arrows shorter than this (m) are left out."""
+"""Length below which an arrow is left out, m."""
 SHAFT_RADIUS = 0.007
 """Radius of the shaft of an arrow, m."""
 HEAD_RADIUS = 0.018
@@ -37,10 +37,10 @@ class ForceArrow:
     """One force over the run.
 
     Attributes:
-        name: of the force.
-        colour: red, green, blue from 0 to 1.
-        points: where it acts in W, m, shape (n, 3).
-        lengths: the arrow, force times scale, W axes, m, shape (n, 3).
+        name: name of the force.
+        colour: red, green and blue of the arrow, from 0 to 1.
+        points: points of W where the force acts, m, shape (n, 3).
+        lengths: vectors of the arrow, force times scale, W axes, m, shape (n, 3).
     """
 
     name: str
@@ -55,7 +55,7 @@ class ForceArrow:
 
 
 def wheel_arrows(run_log: RunLog) -> list[ForceArrow]:
-    """Makes an arrow per wheel whose contact is in the log, a row per row of the log."""
+    """Makes an arrow per wheel whose contact is in the log, one row per row of the log."""
     arrows = []
     for wheel in WHEELS:
         if f"wheel_contact_{wheel}_x_truth_m" in run_log.table:
@@ -73,10 +73,10 @@ def air_arrow(
     root: FloatArray,
     tip: FloatArray,
 ) -> ForceArrow:
-    """Makes the arrow of the air on a tail, a row per row of the log.
+    """Makes the arrow of the air on a tail, one row per row of the log.
 
     Args:
-        tail: its name.
+        tail: name of the tail.
         scale: length of the arrow, m per N.
         force, moment, root, tip: see `point_on_axis`.
     """
@@ -90,14 +90,15 @@ def point_on_axis(
     """Finds the point of the tail's axis that is nearest to the line of action of a force.
 
     The line of action is q + s F with q = F x M / F.F, where M is the moment about the world
-    origin. A point r + t u of the axis is nearest to it where (r + t u - q) is perpendicular to
-    both lines. Without a force, or where it acts along the axis, it is the middle of the tail;
-    beyond the ends it is the end.
+    origin. A point r + t u of the axis is nearest to this line where (r + t u - q - s F) is
+    perpendicular to both lines. Without a force, or for a force along the axis, the result is the
+    middle of the tail; beyond an end it is that end.
 
     Args:
-        force: F in W, N, shape (n, 3).
-        moment: M about Wo, W axes, N m, shape (n, 3).
-        root, tip: ends of the tail in W, m, shape (n, 3).
+        force: force F in W, N, shape (n, 3).
+        moment: moment M about Wo, W axes, N m, shape (n, 3).
+        root: root of the tail in W, m, shape (n, 3).
+        tip: tip of the tail in W, m, shape (n, 3).
     """
     axis = tip - root
     square = _dot(force, force)
@@ -120,7 +121,7 @@ class DrawnArrow:
     """An arrow in Meshcat: a shaft that is stretched and a head, made once and then moved.
 
     Attributes:
-        path: of the arrow in Meshcat.
+        path: path of the arrow in Meshcat.
     """
 
     path: str
@@ -140,8 +141,8 @@ class DrawnArrow:
 
         Args:
             scene: Meshcat, or an animation.
-            point: foot in W, m, shape (3,).
-            length: from foot to point of the arrow, W axes, m, shape (3,); not zero.
+            point: foot of the arrow in W, m, shape (3,).
+            length: vector from foot to tip of the arrow, W axes, m, shape (3,); not zero.
             frame: number of the frame of an animation.
         """
         whole = float(np.linalg.norm(length))

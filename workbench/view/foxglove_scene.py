@@ -29,7 +29,7 @@ from aerodima.workbench.view.scene_shapes import plant_shapes, scene_bodies, sha
 from aerodima.workbench.view.viewer import area_around
 
 POSES = "/tf"
-"""Topic of the poses: a message `FrameTransforms` each."""
+"""Topic of the poses: one message `FrameTransforms` per frame."""
 BODIES = "/scene/bodies"
 """Topic of the bodies: `SceneUpdate`."""
 FORCES = "/scene/forces"
@@ -43,7 +43,7 @@ def foxglove_scene(run_log: RunLog) -> Iterator[SceneMessage]:
     """Makes the messages of a run in the order of their times, 50 frames a second.
 
     Args:
-        run_log: the run.
+        run_log: log of the run.
 
     Raises:
         LogError: the log cannot be replayed (see `replayable`).
@@ -132,7 +132,7 @@ def _poses(
 
 
 def _forces(arrows: list[ForceArrow], row: int, time: float) -> Any:
-    """Makes the arrows of a row; takes one away that is too short."""
+    """Makes the arrows of a row; removes an arrow that is too short."""
     from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletion
     from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 

@@ -1,9 +1,8 @@
-"""A simulated car that somebody drives: sliders, keys and gamepad of a Meshcat page, in simulated
-time.
+"""A simulated car that somebody drives with sliders, keys or the gamepad of a Meshcat page.
 
-No device, no bus and no arming: the diagram is that of `simulate`, with a schedule that asks the
-driver instead of the clock. The run never skips: on a slow computer simulated time passes more
-slowly, and the page shows how slowly.
+There is no device, no bus and no arming: the diagram is that of `simulate`, with a schedule that
+asks the driver instead of the clock. The run never skips: on a slow computer simulated time passes
+more slowly, and the page shows how slowly.
 """
 
 import math
@@ -29,15 +28,16 @@ from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.view.viewer import WORLD, ChaseCamera
 
 CONTROL_PERIOD = 0.02
-"""s of the run between two looks at the controls."""
+"""Time of the run between two readings of the controls, s."""
 DISPLAY_PERIOD = 0.1
-"""s of the run between two values shown: a page drawn in software falls behind with more."""
+"""Time of the run between two values shown, s: a page drawn in software falls behind with more."""
 ACCELERATION = 3.0
-"""Change of the commanded speed, m/s2: what the car's tyres and drive follow on a floor of 0.5."""
+"""Rate of change of the commanded speed, m/s2, which the car's tyres and drive can follow on a
+floor with friction 0.5."""
 TAIL_SPEED = 8.0
-"""Fastest commanded roll of a tail moved by hand, rad/s: the published swing (Table 6.4)."""
+"""Largest commanded roll rate of a tail moved by hand, rad/s: the published swing (Table 6.4)."""
 MIN_PACE = 0.9
-"""Below this share of the wanted pace a message warns the driver."""
+"""Share of the wanted pace below which a message warns the driver."""
 # Names of the sliders.
 STEERING = "steering, deg"
 SPEED = "wanted speed, m/s"
@@ -49,7 +49,7 @@ SPEED_NOW = "speed now, m/s"
 TIME_NOW = "time, s"
 HEADING_NOW = "heading, deg, left +"
 MAX_TIME = 3600.0
-"""The time stops there on its slider, s; the run goes on."""
+"""Time at which the slider of the time stops, s; the run goes on."""
 # Names of the buttons.
 STRAIGHT = "straight"
 BY_HAND = "tail: hand or law"
@@ -57,7 +57,7 @@ PAUSE = "pause"
 RESET = "reset"
 END = "end"
 KEYS = {STRAIGHT: "Space", BY_HAND: "KeyT", PAUSE: "KeyP", RESET: "KeyR", END: "Escape"}
-"""Button -> key; the sliders have their keys in `MeshcatControls`."""
+"""Key of each button; the sliders have their keys in `MeshcatControls`."""
 HELP = """arrow keys: steer, and speed wanted; space: wheels straight
 P: pause; R: reset; Escape: end
 Q, E: announce a left or a right turn to the tail's law
@@ -65,34 +65,34 @@ T: tail by hand or by its law; A, D: roll it by hand
 gamepad: left stick steers, right stick rolls the tail
 gamepad: the two triggers brake and accelerate"""
 DEAD_ZONE = 0.08
-"""Deflection of a stick that counts as none."""
+"""Largest deflection of a stick that counts as none."""
 # Axes and buttons of a gamepad in the standard layout of browsers
 # (https://w3c.github.io/gamepad/#remapping).
 LEFT_X = 0
-"""Axis of the left stick, to the right."""
+"""Axis of the left stick, positive to the right."""
 RIGHT_X = 2
-"""Axis of the right stick, to the right."""
+"""Axis of the right stick, positive to the right."""
 BRAKE = 6
 """Button of the left trigger, from 0 to 1."""
 ACCELERATE = 7
 """Button of the right trigger, from 0 to 1."""
 PAD_ACCELERATION = 4.0
-"""Change of the wanted speed with a trigger pulled, m/s in a second at real time."""
+"""Change of the wanted speed with a trigger fully pulled, m/s per second at real time."""
 
 
 @dataclass
 class ManualInput:
-    """Commands of the driver now.
+    """Present commands of the driver.
 
     Attributes:
-        steering: rad, positive to the left.
-        speed: m/s.
-        planned_turn: announced to the tail's law: +1 left, -1 right, 0 none.
-        tail_roll: of a tail that is moved by hand, rad, positive to the right; NaN leaves it to its
-            law.
+        steering: steering angle, rad, positive to the left.
+        speed: wanted speed, m/s.
+        planned_turn: turn announced to the tail's law: +1 left, -1 right, 0 none.
+        tail_roll: roll of a tail that is moved by hand, rad, positive to the right; NaN leaves the
+            tail to its law.
         pace: seconds of the run per second; 0 is a pause.
-        attempt: counts the resets.
-        over: the driver has had enough.
+        attempt: number of resets so far.
+        over: whether the driver has ended the drive.
     """
 
     steering: float = 0.0
@@ -109,9 +109,9 @@ class ManualSchedule:
     """A `Schedule` that follows a driver; the speed is ramped, so that the wheels do not spin.
 
     Args:
-        line: throttle of a speed.
+        line: line that gives the throttle for a speed.
         limit: largest steering angle, rad.
-        command: as of now, replaced from outside.
+        command: present commands of the driver, replaced from outside.
     """
 
     line: ThrottleLine
@@ -121,7 +121,7 @@ class ManualSchedule:
     _time: float = 0.0
 
     def at(self, time: float) -> DriverInput:
-        """Inputs at `time` s; asked in the order of time."""
+        """Returns the inputs at `time` s; must be called in the order of time."""
         command = self.command
         elapsed = time - self._time
         change = _clip(command.speed - self._speed, ACCELERATION * elapsed)
@@ -140,14 +140,14 @@ def _clip(value: float, limit: float) -> float:
 
 
 class ManualOverrideLaw:
-    """A `TailLaw` that moves the tail's roll to where the driver wants it, or lets another law do
-    as it does.
+    """A `TailLaw` that moves the tail's roll to where the driver wants it, or leaves the tail to
+    another law.
 
-    The hand moves it at `TAIL_SPEED` at most, with the gains that hold the tail, from where it is.
+    By hand the tail moves from where it is, at `TAIL_SPEED` at most, with the gains that hold it.
 
     Args:
-        law: moves the tail when the hand does not.
-        schedule: whose command say which of the two.
+        law: law that moves the tail when the driver does not.
+        schedule: schedule whose command shows which of the two moves the tail.
         gains: position and rate gain, N m/rad and N m s/rad.
     """
 
@@ -159,7 +159,7 @@ class ManualOverrideLaw:
         self.memory_size = law.memory_size + 1
 
     def start(self) -> FloatArray:
-        """Joins the memory of the law and the last angle of the hand, NaN before there is one."""
+        """Joins the memory of the law and the last angle set by hand, NaN before there is one."""
         return np.append(self._law.start(), math.nan)
 
     def step(self, memory: FloatArray, observation: Observation) -> LawStep:
@@ -189,14 +189,14 @@ def drive_by_hand(
     that were written.
 
     Args:
-        scenario: of a car; of its manoeuvre nothing is used.
-        controls: the driver's.
-        log: Parquet file of the first attempt; after a reset the next one goes to `NAME_2.parquet`,
-            and so on.
-        meshcat: shows the car from behind.
-        length: s of simulated time after which an attempt ends.
-        force: replace existing logs.
-        say: receives what the driver must know.
+        scenario: scenario of the car; its manoeuvre is not used.
+        controls: controls of the driver.
+        log: path of the Parquet file of the first attempt; after a reset the next attempt goes to
+            `NAME_2.parquet`, and so on.
+        meshcat: Meshcat that shows the car from behind.
+        length: simulated time after which an attempt ends, s.
+        force: whether existing logs are replaced.
+        say: function that receives what the driver must know.
 
     Raises:
         UserError: the scenario makes no valid car, a log exists.
@@ -242,7 +242,7 @@ def _drive(
     length: float,
     say: Callable[[str], None],
 ) -> bool:
-    """Simulates one drive from standstill on; says whether another one is wanted."""
+    """Simulates one drive from standstill; returns whether another one is wanted."""
     context = simulator.get_context()
     attempt = controls.poll().attempt
     warned = False
@@ -285,13 +285,13 @@ def _drive(
 class MeshcatControls:
     """The driver's controls in a Meshcat page.
 
-    A gamepad, where one is moved, goes before sliders and keys.
+    A gamepad that is in use takes precedence over sliders and keys.
 
     Args:
-        meshcat: gets the sliders and buttons.
-        scenario: of the car: its steering limit and top speed.
-        pace: seconds of the run per second.
-        say: is called when a gamepad comes and goes.
+        meshcat: Meshcat that gets the sliders and buttons.
+        scenario: scenario of the car, which gives its steering limit and top speed.
+        pace: seconds of the run per second at the start.
+        say: function that receives a line when a gamepad comes or goes.
     """
 
     def __init__(
@@ -348,9 +348,9 @@ class MeshcatControls:
         """Shows the state of the run on the sliders, the pace in Meshcat's own chart too.
 
         Args:
-            time: simulated since this attempt began, s.
-            speed: over ground, m/s.
-            heading: since the start, rad, positive to the left, from -pi to pi.
+            time: simulated time since this attempt began, s.
+            speed: speed over ground, m/s.
+            heading: heading relative to the start, rad, positive to the left, from -pi to pi.
             pace: seconds of the run per second.
         """
         meshcat = self._meshcat
@@ -361,7 +361,7 @@ class MeshcatControls:
         meshcat.SetRealtimeRate(pace)
 
     def _read_pad(self) -> bool:
-        """Takes what a gamepad says; whether one is there."""
+        """Reads the gamepad; returns whether there is one."""
         meshcat = self._meshcat
         pad = meshcat.GetGamepad()
         complete = len(pad.axes) > RIGHT_X and len(pad.button_values) > ACCELERATE

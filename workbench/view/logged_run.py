@@ -1,6 +1,6 @@
 """A logged run: a plant, its positions over time, and the signals of its log.
 
-All replays are made of it.
+All replays are made from it.
 
 The plant of a car is rebuilt from the scenario in its log, that of any other diagram from the
 shapes in its log.
@@ -46,18 +46,18 @@ SCENE = "scene"
 AIR_SCALE_KEY = "air_scale_m_per_n"
 """Key in `extra` of a `plant_run`: the length of arrows of the air, m per N."""
 AIR_SCALE = 0.10
-"""Length of the arrow of the air on a tail, m per N, unless the run says another: the car's gives a
-few newtons."""
+"""Length of the arrow for the air on a tail, m per N, unless the run gives another scale: the air
+on the car's tail exerts a few newtons."""
 _SAIL_POSITION = f"{PLANT_POSITION_PREFIX}tail_tail_sail_turn_q"
 _FLOOR_TOLERANCE = 0.02
-"""A plant that reaches further below z = 0 than this (m), such as a pendulum, is drawn above a
-lower floor."""
+"""Depth below z = 0 (m) beyond which a plant that reaches there, such as a pendulum, is drawn above
+a lower floor."""
 _SAMPLED_ROWS = 40
-"""Rows that say how large the plant is and how low it reaches."""
+"""Number of rows that show how large the plant is and how low it reaches."""
 MIN_SIZE = 0.15
-"""The camera does not come nearer than to a plant of this radius, m."""
+"""Radius below which a plant no longer brings the camera nearer, m."""
 _FOLLOW_TIME = 0.15
-"""Width (s) of the smoothing of the camera's path: it does not shake with the car."""
+"""Width (s) of the smoothing of the camera's path, so that it does not shake with the car."""
 _CAMERA_SIDE = 0.45
 """Angle between the car's heading and the direction to the camera, rad."""
 
@@ -68,15 +68,15 @@ Place = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class LoggedRun:
-    """A run whose plant can be put where it was.
+    """A run whose plant can be put where it was in each row of its log.
 
     Attributes:
-        run_log: the run, with what a replay reads; of a real car see `replayable`.
-        plant: moved, not simulated.
-        scene_graph: shapes of the plant.
-        positions: of the plant, shape (n, nq), one row per row of the log.
-        path: where it went, W, m, shape (n, 3); the floor is drawn about it.
-        tips: name -> path of the tip of a tail in W, m, shape (n, 3).
+        run_log: log of the run, with what a replay reads; for a real car see `replayable`.
+        plant: plant of the run, which is moved, not simulated.
+        scene_graph: scene graph with the shapes of the plant.
+        positions: positions of the plant, shape (n, nq), one row per row of the log.
+        path: path of the plant in W, m, shape (n, 3); the floor is drawn about it.
+        tips: path of the tip of each tail in W, m, shape (n, 3), by name.
         arrows: forces of ground and air; none for a real car, which logs no forces.
         air_scale: length of an arrow of the air, m per N.
         camera_place: distance and height of the camera, and height of the point that it looks at,
@@ -132,7 +132,7 @@ def add_logged_run(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
     """Adds the plant of a run log to a diagram.
 
     Raises:
-        LogError: the log cannot be replayed (see `replayable`): its scenario cannot be read, it has
+        LogError: the log cannot be replayed (see `replayable`): its scenario cannot be read; it has
             other plant positions than the car of its scenario; it lacks shapes, or the columns of a
             body or a tail; a value is not finite.
     """
@@ -231,13 +231,13 @@ def _add_plant(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
 
 
 def _logged_air(run_log: RunLog) -> dict[str, list[FloatArray]]:
-    """Reads per force of the air the force, N, its moment about Wo, N m, and root and tip of its
-    sections, m, each (n, 3).
+    """Reads for each force of the air, by its name, the force, N, its moment about Wo, N m, and
+    root and tip of its sections, m, each (n, 3).
     """
     names = run_log.table.columns.str.extract("(.*)_root_x_truth_m$", expand=False).dropna()
     return {name: np.split(_numbers(run_log, air_columns(name)), 4, axis=1) for name in names}
 
 
 def _numbers(run_log: RunLog, columns: list[str]) -> FloatArray:
-    """Reads columns, shape (n, number of columns); LogError for gaps and what is not finite."""
+    """Reads columns, shape (n, number of columns); LogError for gaps and values not finite."""
     return np.column_stack([*checked_signals(run_log, columns).values()])

@@ -1,6 +1,4 @@
-"""Figures of models: where a tail touches nothing, its outline, sections and normals; the block
-diagram.
-"""
+"""Figures of models: clearance of a tail; its outline, sections and normals; the block diagram."""
 
 from __future__ import annotations
 
@@ -45,7 +43,7 @@ _PART_COLOURS = dict(zip(PARTS, (VERMILION, ORANGE, PURPLE, BLUE), strict=True))
 _DASHED = (0, (3, 2))
 """Matplotlib's line style of a margin and of a round side."""
 _FINE = 241
-"""Angles of each joint at which the clearance is drawn."""
+"""Number of angles of each joint at which the clearance is drawn."""
 _ARROW = 0.12
 """Length of a normal over the size of the tail."""
 
@@ -55,8 +53,8 @@ def plot_range_of_motion(motion: RangeOfMotion, margin: float = 0.01) -> Figure:
     the part next to the tail.
 
     Args:
-        motion: the map.
-        margin: m; its contour is drawn beside that of touching.
+        motion: range of motion that is drawn.
+        margin: clearance whose contour is drawn beside that of touching, m.
     """
     pitch = np.linspace(motion.pitch[0], motion.pitch[-1], _FINE)
     roll = np.linspace(motion.roll[0], motion.roll[-1], _FINE)
@@ -100,8 +98,8 @@ def plot_range_of_motion(motion: RangeOfMotion, margin: float = 0.01) -> Figure:
 
 
 def plot_tail(geometry: TailGeometry) -> Figure:
-    """Draws two views: onto the face of the first plate, and along its width, z of the frame T
-    upwards; m.
+    """Draws two views of a tail, onto the face of the first plate and along its width, with z of
+    the frame T upwards; lengths in m.
     """
     normal = geometry.plates[0].pieces[0].normal
     up = np.array([0.0, 0.0, 1.0])
@@ -174,16 +172,16 @@ def _direction(vector: FloatArray) -> str:
 
 @dataclass(frozen=True)
 class DiagramPicture:
-    """Picture that Graphviz draws; a notebook shows it, or without Graphviz a line.
+    """Picture that Graphviz draws; a notebook shows it, or without Graphviz a line of text.
 
     Attributes:
-        text: in Graphviz's language.
+        text: description of the diagram in Graphviz's language.
     """
 
     text: str
 
     def render(self, kind: str = "svg") -> bytes:
-        """Renders the picture as a file's content: svg, png, pdf, or what else Graphviz knows.
+        """Renders the picture as a file's content: svg, png, pdf, or another kind of Graphviz.
 
         Raises:
             UserError: Graphviz is not installed, or refuses text or kind.
@@ -209,7 +207,7 @@ class DiagramPicture:
         )
 
     def __repr__(self) -> str:
-        """Says what is missing where it stands in the place of the picture."""
+        """Returns the line that stands in place of the picture, with what is missing."""
         if shutil.which("dot"):
             return "block diagram"
         return "block diagram: not drawn, Graphviz is not installed"
@@ -219,8 +217,8 @@ def draw_diagram(diagram: System, depth: int = 1) -> DiagramPicture:
     """Draws a diagram: a box per system, an arrow per connection.
 
     Args:
-        diagram: built.
-        depth: how many levels of nested diagrams are opened.
+        diagram: built diagram.
+        depth: number of levels of nested diagrams that are opened.
 
     Raises:
         UserError: depth below 1.

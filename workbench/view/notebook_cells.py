@@ -1,6 +1,4 @@
-"""Live cells of a notebook: a replay or Meshcat inside the page, and sliders that call a function
-again.
-"""
+"""Live cells of a notebook: a replay or Meshcat in the page, and sliders that call a function."""
 
 from __future__ import annotations
 
@@ -25,9 +23,9 @@ class LiveFrame:
     it would be.
 
     Attributes:
-        words: that line.
-        source: attribute of the frame that brings the page, with its value escaped.
-        height: in pixels.
+        words: line that stands for the page.
+        source: HTML attribute that gives the frame its page, with its value escaped.
+        height: height of the frame, pixels.
     """
 
     words: str
@@ -40,7 +38,7 @@ class LiveFrame:
         )
 
     def __repr__(self) -> str:
-        """Returns the line."""
+        """Returns the line that stands for the page."""
         return self.words
 
 
@@ -48,11 +46,11 @@ def live_frame(shown: RunLog | Meshcat, height: int = 480) -> LiveFrame:
     """Shows the replay of a run with its signals, or a Meshcat, as a frame in a notebook.
 
     Args:
-        shown: a run that can be replayed, or an open Meshcat.
-        height: of the frame, pixels, 100 to 4000.
+        shown: log of a run that can be replayed, or an open Meshcat.
+        height: height of the frame, pixels, 100 to 4000.
 
     Raises:
-        UserError: height out of range, or neither of the two.
+        UserError: height out of range, or `shown` is neither of the two.
         LogError: the log cannot be replayed.
     """
     from aerodima.workbench.logs.schema import RunLog
@@ -74,12 +72,12 @@ def live_frame(shown: RunLog | Meshcat, height: int = 480) -> LiveFrame:
 
 
 def sliders(function: Callable[..., Any], **ranges: tuple[float, float, float]) -> None:
-    """Calls a function with the values of sliders, again whenever one is let go; without ipywidgets
-    once.
+    """Calls a function with the values of sliders, again whenever one is released; only once
+    without ipywidgets.
 
     Args:
-        function: draws a figure or prints; called with a number per slider.
-        ranges: for each argument lowest value, highest value and start; a slider has 20 steps.
+        function: function that draws a figure or prints; called with a number per slider.
+        ranges: lowest value, highest value and start of each argument; a slider has 20 steps.
 
     Raises:
         UserError: a start outside its range.

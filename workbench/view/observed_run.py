@@ -43,8 +43,8 @@ class ObservedRun:
     """The log of a diagram while it is simulated; a context manager, see `observe`.
 
     Args:
-        path: of the log; None keeps it in memory.
-        force: replace an existing log.
+        path: path of the log; None keeps it in memory.
+        force: whether an existing log is replaced.
     """
 
     def __init__(self, path: Path | None, force: bool) -> None:
@@ -110,8 +110,8 @@ class ObservedRun:
         step: float,
         metadata: Json,
     ) -> None:
-        """Adds the recorder of these ports; LogError when two columns have one name."""
-        # What cannot be read is not written.
+        """Adds the recorder of these ports; LogError if two columns have one name."""
+        # Metadata that cannot be read back are refused.
         decode_metadata({METADATA_KEY: encode_metadata(metadata)}, "observe")
         self._columns = recorded_columns(signals)
         self._metadata = metadata
@@ -137,22 +137,22 @@ def observe(
 
     Meshcat gets the plant, if nothing shows it yet, a camera that follows it, and an arrow for
     every `TailForce`. The log has the state of the plant, the motion of its centre of mass and its
-    base, the poses of its bodies with their shapes, per `TailForce` wrench and sections, the wind,
-    and `signals`; `plant_metrics`, `aerodima log metrics`, `replay` and `log compare` read it. A
+    base, the poses of its bodies with their shapes, wrench and sections of every `TailForce`, the
+    wind, and `signals`; `plant_metrics`, `aerodima log metrics`, `replay`, `log compare` read it. A
     car's station with its scenario as `settings` gives the log of a car, whatever drives it.
 
     Args:
-        builder: that owns the plant.
-        plant: finalised; or a simulated station.
-        meshcat: shows the run while it goes on; of a station, give it to `make_car_station` too.
-        log: Parquet file, refused when it exists, unless `force`; None keeps the log in memory.
-        base: its tilt, heading and speed count, z axis up; by default the only floating base.
-        rate: rows per second, Hz.
-        name: of the run, for titles; by default that of the plant.
-        settings: numbers and texts, nested; `aerodima log compare` names those that differ.
-        signals: further vector ports by column name (`<name>_0`, ... of several elements).
+        builder: builder that owns the plant.
+        plant: finalised plant, or simulated station.
+        meshcat: viewer that shows the run live; for a station, give it to `make_car_station` too.
+        log: path of the Parquet file; None keeps the log in memory.
+        base: body whose tilt, heading and speed count, z axis up; default: only floating base.
+        rate: rate of the rows, Hz.
+        name: name of the run, for titles; by default that of the plant.
+        settings: nested numbers and texts; `aerodima log compare` names those that differ.
+        signals: further vector ports by column name (`<name>_0`, ... for several elements).
         air_scale: length of the arrows, m per N.
-        force: replace an existing log.
+        force: whether an existing log is replaced; it is refused otherwise.
 
     Raises:
         UserError: plant not finalised or elsewhere, no such body, rate not above 0, existing log.

@@ -1,10 +1,9 @@
-"""Pictures of logged runs without a display: Drake's VTK draws the robot, NumPy the floor and the
-shadow.
+"""Pictures of logged runs without a display: Drake's VTK draws the robot, NumPy floor and shadow.
 
 VTK needs an EGL driver (Mesa's draws in software). Without one it takes the whole process down, so
-that a process of its own tries first. VTK's own floor lines flicker far away, and its shadows cost
-ten times as much as the robot (README.md of this folder has the figures): a second picture of the
-robot, from the sun, says where its shadow falls.
+a separate process tries first. VTK's own floor lines flicker far away, and its shadows cost ten
+times as much as the robot (README.md of this folder has the figures): a second picture of the
+robot, from the sun, shows where its shadow falls.
 """
 
 import math
@@ -41,7 +40,7 @@ Pixels = NDArray[np.uint8]
 
 _RENDERER = "vtk"
 _CLEAR = np.array((232, 235, 237), dtype=np.uint8)
-"""What VTK leaves where no robot is: the floor's colour, so that its smooth edges pass into it."""
+"""Colour that VTK leaves where there is no robot: the floor's, so that smooth edges blend in."""
 _CLIPPING = ClippingRange(0.05, 100.0)
 """Nearest and farthest distance that is drawn, m."""
 _SUNLIGHT = 0.9
@@ -53,7 +52,7 @@ _SUN = np.array([0.25, -0.35, 1.0]) / np.linalg.norm([0.25, -0.35, 1.0])
 _SUN_DISTANCE = 40.0
 """Distance of the camera that sees the car from the sun, m."""
 _SUN_PIXELS = 512
-"""Width and height of that camera's picture."""
+"""Width and height of that camera's picture, pixels."""
 _SHADOW = 0.72
 """Brightness of the floor in full shadow, relative."""
 # Colours: red, green, blue from 0 to 1.
@@ -77,10 +76,11 @@ class Camera:
     """A camera without roll.
 
     Attributes:
-        p_WC: its position in W, m, shape (3,).
-        target: the point of W that it looks at, m, shape (3,).
-        focal_length: pixels.
-        width, height: of the picture, pixels.
+        p_WC: position of the camera in W, m, shape (3,).
+        target: point of W that the camera looks at, m, shape (3,).
+        focal_length: focal length, pixels.
+        width: width of the picture, pixels.
+        height: height of the picture, pixels.
     """
 
     p_WC: FloatArray
@@ -153,8 +153,8 @@ def _blend(below: ArrayLike, above: ArrayLike, share: FloatArray) -> FloatArray:
 
 
 def _line_share(points: FloatArray, step: float, half: float, pixel: FloatArray) -> FloatArray:
-    """Computes the share of each pixel that lines every `step` with that half width cover, all in
-    m.
+    """Computes the share of each pixel that is covered by lines every `step` with the half width
+    `half`, all in m.
     """
     place = points[..., :2]
     nearest = step * np.round(place / step)
@@ -165,10 +165,10 @@ def _line_share(points: FloatArray, step: float, half: float, pixel: FloatArray)
 
 @cache
 def check_renderer() -> None:
-    """Lets a process of its own draw one picture, unless one has come through already.
+    """Lets a separate process draw one picture, unless that has succeeded already.
 
     Raises:
-        UserError: it did not come through: no EGL driver.
+        UserError: the process failed, since there is no EGL driver.
     """
     done = subprocess.run([sys.executable, "-c", _RENDERER_TEST], capture_output=True, check=False)
     if done.returncode != 0:
@@ -179,7 +179,7 @@ def check_renderer() -> None:
 
 
 def try_renderer() -> None:
-    """Draws a picture of nothing; a process without an EGL driver dies."""
+    """Draws an empty picture; a process without an EGL driver dies."""
     from pydrake.geometry import SceneGraph
 
     scene = SceneGraph()
@@ -190,10 +190,10 @@ def try_renderer() -> None:
 
 
 class OffscreenRun:
-    """The robot of a run log before the camera; see `add_logged_run` for the errors.
+    """The robot of a run log in front of a camera; see `add_logged_run` for the errors.
 
     Attributes:
-        logged: run, plant and its positions.
+        logged: logged run with its plant and positions.
     """
 
     def __init__(self, run_log: RunLog) -> None:
@@ -217,9 +217,9 @@ class OffscreenRun:
         """Places the camera that follows the robot in one row of the log; see `camera_pose`.
 
         Args:
-            row: of the log.
+            row: index of the row of the log.
             azimuth: direction to the camera, rad about z.
-            place: `LoggedRun.camera_place`.
+            place: distance and heights as in `LoggedRun.camera_place`, m.
             size: width and height of the picture, pixels.
         """
         eye, target = camera_pose(azimuth, place)
@@ -275,7 +275,7 @@ def _draw_line(
     width: int,
     head: bool = False,
 ) -> None:  # fmt: skip
-    """Draws a line through points (n, 3) in W, m, where before the camera; an arrow has a head."""
+    """Draws a line through points (n, 3) in W, m, in front of the camera; an arrow has a head."""
     before = (points - camera.p_WC) @ camera.axes[2] > _CLIPPING.near()
     seen = camera.project(points[before])[:, :2]
     if len(seen) < 2:

@@ -1,5 +1,4 @@
-"""A run log as an animation in Meshcat: robot, floor, traces and forces, with a camera that stays
-with the robot.
+"""A run log as a Meshcat animation: robot, floor, traces, forces, and a camera that follows.
 
 Meshcat animates transforms, scale and visibility. So the camera stands still and the world moves
 under it (a visitor can still turn and zoom), an arrow is a unit shaft that is stretched, and a
@@ -27,26 +26,27 @@ FRAMES_PER_SECOND = 50.0
 RATES = (0.02, 20.0)
 """Slowest and fastest replay, seconds of the run per second."""
 MAX_FRAMES = 1000
-"""A replay of more than 20 s has fewer frames per second: a page of so many has 7 MB."""
+"""Largest number of frames, with which a page has 7 MB; a replay of more than 20 s has fewer frames
+per second."""
 
 NEARER = 0.78
-"""Share of `LoggedRun.camera_place` for Meshcat: a visitor can zoom out, a picture cannot."""
+"""Factor on `LoggedRun.camera_place` for Meshcat: a visitor can zoom out, a picture cannot."""
 TIP_COLOUR = (0.93, 0.60, 0.10)
-"""Path of the tail's tip."""
+"""Colour of the path of the tail's tip."""
 COM_COLOUR = (0.25, 0.30, 0.75)
-"""Path of the centre of mass."""
+"""Colour of the path of the centre of mass."""
 _TRACE_RADIUS = 0.006
-"""Radius of a path, m."""
+"""Radius of a drawn path, m."""
 _TRACE_PIECES = 200
-"""Most pieces of a path, which appear one after another."""
+"""Largest number of pieces of a path, which appear one after another."""
 
 
 def record_run(run_log: RunLog, meshcat: Meshcat, rate: float = 1.0) -> LoggedRun:
     """Puts the replay of a run into a viewer and plays it there, again and again.
 
     Args:
-        run_log: of a simulated run.
-        meshcat: from `open_meshcat`.
+        run_log: log of a run, simulated or `replayable`.
+        meshcat: viewer from `open_meshcat`.
         rate: seconds of the run per second of the replay; 0.25 is slow motion.
 
     Raises:
@@ -83,7 +83,7 @@ def record_run(run_log: RunLog, meshcat: Meshcat, rate: float = 1.0) -> LoggedRu
 
 
 def check_rate(rate: float) -> None:
-    """Raises UserError when a replay is asked for slower or faster than `RATES`."""
+    """Raises UserError if a replay is to be slower or faster than `RATES`."""
     check_range("--rate", rate, *RATES, NO_UNIT)
 
 
@@ -124,10 +124,10 @@ def camera_pose(azimuth: float, place: Place) -> ArrayPair:
 
     Args:
         azimuth: direction to the camera, rad about z.
-        place: `LoggedRun.camera_place`.
+        place: distance and heights as in `LoggedRun.camera_place`, m.
 
     Returns:
-        Eye and target, both from that point, m, shape (3,).
+        Eye and target, both relative to that point, m, shape (3,).
     """
     distance, height, target = place
     x = distance * np.cos(azimuth)
@@ -162,7 +162,7 @@ def _draw_traces(
 
 
 def _whole_steps(first: int, last: int, count: int) -> IntArray:
-    """Spreads at most so many different whole numbers evenly from the first to the last."""
+    """Spreads at most `count` different whole numbers evenly from the first to the last."""
     return np.unique(np.linspace(first, last, count).round().astype(int))
 
 

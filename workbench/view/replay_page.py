@@ -1,8 +1,7 @@
-"""Replays as HTML pages that need nothing else: of one run, and of several side by side with what
-differs between them.
+"""Self-contained HTML replays of one run, or of several side by side with their differences.
 
-A replay is Meshcat with the animation, a title over it, a bar below, and the signals of the run,
-its time as cursor.
+A replay is Meshcat with the animation, a title over it, a bar below, and the signals of the run
+with a cursor at its time.
 """
 
 import json
@@ -38,11 +37,12 @@ from aerodima.workbench.view.viewer import open_meshcat
 
 MAX_RUNS = len(RUN_STYLES)
 MAX_VIEWS = 8
-"""Cars that a comparison draws in 3-D at a time; browsers end at 16 WebGL views."""
+"""Largest number of cars that a comparison draws in 3-D at a time; browsers allow 16 WebGL
+views."""
 FIRST_VIEWS = 4
-"""Cars that a comparison draws in 3-D at first."""
+"""Number of cars that a comparison draws in 3-D at first."""
 _CAR_SECTIONS = ("car", "tail", "friction", "tail_motor", "servo", "drive")
-"""Sections of a scenario that say which car it is; a difference in one of them is named first."""
+"""Sections of a scenario that define the car; a difference in one of them is named first."""
 _LIBRARY_MARK = "<!-- Meshcat -->"
 
 
@@ -52,8 +52,9 @@ def write_replay_html(
     """Writes the replay of a run as one self-contained HTML file, which plays when it is opened.
 
     Args:
-        run_log: the run.
-        path: the file; refused when it exists, unless `force`.
+        run_log: log of the run.
+        path: path of the HTML file.
+        force: whether an existing file is replaced; it is refused otherwise.
         rate: seconds of the run per second of the replay.
 
     Raises:
@@ -90,7 +91,7 @@ def replay_page(run_log: RunLog, rate: float = 1.0, *, signals: bool = True) -> 
 
 
 def _keys(logged: LoggedRun) -> list[tuple[str, str, tuple[int, ...]]]:
-    """Explains arrows and lines: sign, words, colour."""
+    """Lists the legend of arrows and lines: sign, words, colour."""
     path = ("▬", "path of the centre of mass", _css(COM_COLOUR))
     length = f"{logged.air_scale / WHEEL_SCALE:.0f} times longer"
     keys = [("▲", "ground on the wheels", _css(WHEEL_COLOUR))]
@@ -147,10 +148,10 @@ def metrics_rows(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
 
 
 def scenario_differences(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
-    """Maps keys of the scenario to a value per run, for what was not the same in all; the car's own
-    keys first.
+    """Maps keys of the scenario that differ between runs to a value per run; the car's own keys
+    come first.
 
-    A tail law of one's own stands beside them as `tail_law`, by its name.
+    The name of a user's own tail law stands beside them as `tail_law`.
 
     Raises:
         LogError: fewer than 2 or more than `MAX_RUNS` runs.
@@ -170,7 +171,7 @@ def scenario_differences(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
 
 
 def different_cars(differences: Mapping[str, Sequence[Any]]) -> list[str]:
-    """Lists the keys that make it another car; how a car uses its tail (`tail.mode`) does not."""
+    """Lists the keys that make a different car; how a car uses its tail (`tail.mode`) does not."""
     return [key for key in differences if key.split(".")[0] in _CAR_SECTIONS and key != "tail.mode"]
 
 
@@ -178,8 +179,8 @@ def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> Page:
     """Makes the page of a comparison; it needs no other file.
 
     Args:
-        run_logs: 2 to `MAX_RUNS` runs with a turn.
-        names: of the runs, all different.
+        run_logs: logs of 2 to `MAX_RUNS` runs with a turn.
+        names: names of the runs, all different.
 
     Raises:
         LogError: wrong number of runs, or one of them cannot be replayed.
@@ -201,13 +202,13 @@ def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> Page:
 def replays_in_step(
     run_logs: Sequence[RunLog], names: Sequence[str], captions: Sequence[str] | None = None
 ) -> Templated:
-    """Makes the replays with one clock, and their signals over one another; Drake's library stands
-    once on the page.
+    """Makes the replays with one clock, and their signals over one another; the page holds Drake's
+    library once.
 
     Args:
-        run_logs: the runs.
-        names: of the runs, beside their signals.
-        captions: above their pictures; the names by default.
+        run_logs: logs of the runs.
+        names: names of the runs, shown beside their signals.
+        captions: texts above their pictures; the names by default.
     """
     pages = [replay_page(run_log, signals=False) for run_log in run_logs]
     library = _library(pages[0])
@@ -226,7 +227,7 @@ def replays_in_step(
 
 
 def _library(page: str) -> str:
-    """Cuts out the first script of Drake's page, which is equal in all: Meshcat itself."""
+    """Cuts out the first script of Drake's page, the same in all pages: Meshcat itself."""
     start = page.index("<script")
     return page[start : page.index("</script>", start)] + "</script>"
 
@@ -234,7 +235,7 @@ def _library(page: str) -> str:
 def _settings(
     differences: Mapping[str, Sequence[Any]], names: Sequence[str], plants: bool
 ) -> list[Part]:
-    """Shows what was set differently, and warns where that makes it another car."""
+    """Shows what was set differently, and warns if that makes different cars."""
     if not differences:
         return ["Nothing: the scenarios are equal, the seed included."]
     rows = Table(["key", *names], value_rows(differences.items()))

@@ -1,5 +1,4 @@
-"""Pages: what stands on one as plain objects; `templates/` says how it looks, `write_files` puts it
-in a folder.
+"""Pages as plain objects; `templates/` defines their look, `write_files` puts them in a folder.
 
 A part of a page is a text (a paragraph) or one of the classes below; a text is a string, a `Link`,
 or a tuple of these, which a blank separates.
@@ -29,10 +28,10 @@ if TYPE_CHECKING:
 
 
 _PIXELS_PER_INCH = 95
-"""Resolution of figures on the page. Their letters are equally large, and a figure of 11 inches
-fills the page."""
+"""Resolution of figures on the page. Letters have the same size in all figures, and a figure of 11
+inches fills the page."""
 _NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?( ?%|°)?(\s(to\s|\().*)?|nan|[-–]?")
-"""Cells that are set to the right: a number, a range, or none."""
+"""Pattern of cells that are aligned to the right: a number, a range, or none."""
 Content: TypeAlias = "Page | pd.DataFrame | str | bytes"
 PLOT_LIBRARY = "uPlot-1.6.32"
 """Folder of the library for interactive plots, as its authors publish it, with licence (MIT)."""
@@ -40,8 +39,8 @@ PLOT_LIBRARY = "uPlot-1.6.32"
 
 @dataclass(frozen=True)
 class Link:
-    """A link to a file beside the page or to an anchor; its words are the address when there are no
-    others.
+    """A link to a file beside the page or to an anchor; without words of its own it shows the
+    address.
     """
 
     target: str
@@ -67,12 +66,12 @@ class Bullets:
 
 @dataclass(frozen=True)
 class Table:
-    """A table; columns of numbers are set to the right.
+    """A table; columns of numbers are aligned to the right.
 
     Args:
         header: names of the columns, with their units.
-        rows: cells.
-        marked: rows that stand out.
+        rows: cells of each row.
+        marked: indices of the rows that stand out.
     """
 
     header: Sequence[str]
@@ -94,10 +93,10 @@ class Plot:
     """A figure inside the page, or beside it.
 
     Args:
-        drawing: the figure.
-        caption: below it.
-        alternative: what it shows, for those who cannot see it.
-        name: of the figure's PNG beside the page, without ending; "" for one inside.
+        drawing: figure that is drawn.
+        caption: text below the figure.
+        alternative: description of the figure for those who cannot see it.
+        name: name of the figure's PNG beside the page, without ending; "" for a figure inside.
     """
 
     drawing: Figure
@@ -119,7 +118,7 @@ class Plot:
 
     @property
     def width(self) -> int | None:
-        """Gives the width in pixels of the page; an image beside it has its own."""
+        """Gives the width on the page, pixels; None for an image beside it, which has its own."""
         return None if self.name else round(_PIXELS_PER_INCH * self.drawing.get_figwidth())
 
 
@@ -129,7 +128,7 @@ class InteractivePlot(Plot):
     the figure's image.
 
     Args:
-        panels: from `chart_panels`.
+        panels: panels made by `chart_panels`.
     """
 
     panels: Json = field(default_factory=dict)
@@ -168,7 +167,7 @@ Part: TypeAlias = Text | Finding | Bullets | Table | Plot | Folded | Preformatte
 
 @dataclass(frozen=True)
 class Section:
-    """One chapter: its title and what stands in it."""
+    """One chapter: its title and its parts."""
 
     title: str
     parts: Sequence[Part]
@@ -181,7 +180,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """A whole document: title, what it is about, chapters."""
+    """A whole document: title, lead on what it is about, chapters."""
 
     title: str
     lead: Text
@@ -193,7 +192,7 @@ class Page:
 
     @property
     def parts(self) -> list[Part]:
-        """Lists what stands in the chapters, one after the other."""
+        """Lists the parts of the chapters, one after the other."""
         return [part for section in self.sections for part in section.parts]
 
     @property
@@ -211,9 +210,9 @@ def write_files(
     that exist are replaced.
 
     Args:
-        folder: made when it is not there.
-        contents: name -> content; a table becomes CSV or Parquet by the name, a page brings the
-            plots beside it.
+        folder: folder of the files; made when it is not there.
+        contents: content of each file by its name; a table becomes CSV or Parquet by the name, a
+            page brings the plots beside it.
         error: class of the error raised where a file cannot be written.
     """
     made: dict[str, str | bytes] = {}
@@ -261,8 +260,8 @@ def _templates() -> "jinja2.Environment":
 
 
 def _shipped(name: str) -> "markupsafe.Markup":
-    """Reads a file of the plot library, for a page; its template syntax, if it had any, is not
-    read.
+    """Reads a file of the plot library for a page; template syntax in it, if any, is not
+    interpreted.
     """
     from markupsafe import Markup
 

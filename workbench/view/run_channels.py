@@ -1,9 +1,8 @@
-"""Signals of runs for a page: channels with names and units of the column table, their samples
-thinned out for a plot.
+"""Signals of runs for a page: channels with names and units, and samples thinned for a plot.
 
-A run keeps every sample up to `MAX_POINTS`; of a longer one each of equal stretches keeps its
-smallest and its largest value in the order in which they came, so no peak is lost, and none is
-shown by more than a stretch too early or late.
+A run keeps every sample up to `MAX_POINTS`. A longer run is cut into equal stretches, each of which
+keeps its smallest and its largest value in the order in which they came, so no peak is lost, and
+none is shown more than a stretch too early or late. Names and units are those of the column table.
 """
 
 import base64
@@ -34,9 +33,9 @@ from aerodima.workbench.view.figure_style import TURN_SHADE
 from aerodima.workbench.view.run_figures import RUN_STYLES
 
 MAX_POINTS = 2500
-"""Samples of one channel of one run on a page; 13 kB."""
+"""Largest number of samples of one channel of one run on a page; 13 kB."""
 _MAX_TOTAL_POINTS = 12_500
-"""Samples of one channel of all runs: from the sixth run on each has fewer."""
+"""Largest number of samples of one channel over all runs: of six or more runs each has fewer."""
 _TABLE: Mapping[str, Column] = {
     column.name: column
     for ports in (RIG_PORTS, RIG_TRUTH, CAR_PORTS, CAR_TRUTH)
@@ -44,7 +43,7 @@ _TABLE: Mapping[str, Column] = {
     for column in columns
 }
 _EXCLUDED = (TIME, "plant_position_", "plant_velocity_", "pose_", "wheel_contact_")
-"""Columns that are no channels: the time, places that the 3-D view shows, rates of the joints."""
+"""Columns that are not channels: time, positions that the 3-D view shows, rates of the joints."""
 _SHOWN = (
     "imu_gyro_z_rad_per_s",
     "imu_acceleration_y_m_per_s2",
@@ -60,21 +59,21 @@ _SHOWN_OF_ONE = (
     "steering_command_rad",
     *(f"wheel_force_{wheel}_z_truth_n" for wheel in WHEELS),
 )
-"""Further ones of a single car."""
+"""Further channels of a single car that are chosen at first."""
 _SHOWN_OF_PLANT = ("com_z_truth_m", "com_velocity_x_truth_m_per_s", "tilt_truth_rad")
 """Channels of other plants that are chosen at first."""
 
 
 def channels_of(run_logs: Sequence[RunLog], names: Sequence[str]) -> Json:
-    """Collects what `signals.js` draws, ready for JSON; samples are float32 in base64, a channel
-    that never changes one number.
+    """Collects what `signals.js` draws, ready for JSON; samples are float32 in base64, or one
+    number for a channel that never changes.
 
-    The time of a single run is that of its log, several runs are laid over one another from the
+    The time of a single run is that of its log; several runs are laid over one another from the
     first sample of each.
 
     Args:
-        run_logs: up to `len(RUN_STYLES)` runs; they may differ in length and step.
-        names: of the runs.
+        run_logs: logs of up to `len(RUN_STYLES)` runs; they may differ in length and step.
+        names: names of the runs.
     """
     count = min(MAX_POINTS, _MAX_TOTAL_POINTS // len(run_logs))
     times = [run_log.time for run_log in run_logs]
@@ -92,7 +91,7 @@ def channels_of(run_logs: Sequence[RunLog], names: Sequence[str]) -> Json:
     end = max(time[-1] for time in times)
     chosen = _first_chosen(run_logs, present)
     turn: list[float] | None = None
-    with suppress(LogError):  # a run without one
+    with suppress(LogError):  # a run without a turn
         turn = [float(time) - start for time in turn_window(run_logs[0])]
     return {
         "runs": runs,
@@ -118,7 +117,7 @@ def _first_chosen(run_logs: Sequence[RunLog], present: set[str]) -> list[str]:
 
 
 def line_looks() -> list[Json]:
-    """Lists colour and dashes (pixels; none of a full line) of the first, second, ... line, as in
+    """Lists colour and dashes (pixels; none for a full line) of the first, second, ... line, as in
     printed figures.
     """
     looks = []
@@ -153,7 +152,7 @@ def _channel(name: str, run_logs: Sequence[RunLog], count: int) -> Json | None:
 
 
 def family(name: str) -> str:
-    """Names what a column measures: equal for the sensor, the estimate and the truth of one
+    """Names what a column measures: the same for the sensor, the estimate and the truth of one
     quantity, and for the wheels.
     """
     for wheel in WHEELS:
@@ -176,7 +175,7 @@ def _values(run_log: RunLog, name: str, count: int) -> str | float | None:
 
 
 def thinned(values: FloatArray, count: int) -> FloatArray:
-    """Keeps at most `count` of the samples (n,): of equal stretches the smallest and the largest;
+    """Keeps at most `count` of the samples (n,): the smallest and the largest of equal stretches;
     NaN where one is NaN.
     """
     if values.size <= count:

@@ -1,6 +1,4 @@
-"""Figures of one run over time, and of several over one another: what differs between them, signal
-by signal.
-"""
+"""Figures of one run over time, and of several runs over one another, signal by signal."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -43,14 +41,14 @@ RUN_STYLES: list[tuple[str, Any]] = [
 """Colour and line of the first, second, ... run. The first eight have a colour of their own, the
 first five a line of their own, and all twenty differ in the pair."""
 _Panel = tuple[str, Callable[[RunLog], FloatArray | None]]
-"""Label, and the signal; None where a run has none."""
+"""Label of a panel, and function that reads its signal; None where a run has none."""
 _PLANT_PANELS: tuple[_Panel, ...] = (
     ("speed of the centre of mass [m/s]", plant_speed),
     ("height of the centre of mass [m]", lambda run_log: run_log.signal("com_z_truth_m")),
     ("tilt of the base [deg]", plant_tilt),
     ("air on the tails [N]", plant_air),
 )
-"""Panels of plants that are no cars."""
+"""Panels of plants that are not cars."""
 
 
 def _values(run_log: RunLog, column: str, design: LowPass | None = None) -> FloatArray | None:
@@ -66,7 +64,7 @@ def _values(run_log: RunLog, column: str, design: LowPass | None = None) -> Floa
 
 
 def _roll(run_log: RunLog) -> FloatArray | None:
-    """Reads the true roll; of a real car its estimate."""
+    """Reads the true roll, or for a real car its estimate."""
     if "roll_truth_rad" in run_log.table:
         return _values(run_log, "roll_truth_rad")
     return _values(run_log, "roll_estimate_rad")
@@ -91,8 +89,8 @@ def plot_overlay(run_logs: Sequence[RunLog], names: Sequence[str]) -> Figure:
     IMU signals are shown after the car's zero-phase filter.
 
     Args:
-        run_logs: up to `len(RUN_STYLES)` runs.
-        names: shown in the legend, one per run.
+        run_logs: logs of up to `len(RUN_STYLES)` runs.
+        names: names shown in the legend, one per run.
 
     Raises:
         LogError: a log has no turn, or its sensors are missing; or cars and other plants are mixed.

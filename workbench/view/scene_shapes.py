@@ -1,5 +1,4 @@
-"""The visible shapes of a plant as plain data for a log, and back: a replay then needs no model
-file.
+"""Visible shapes of a plant to plain data for a log and back: a replay needs no model file.
 
 A mesh is kept as the convex hull of at most `MAX_POINTS` of its points, a capsule as a cylinder
 and two spheres. Half spaces are left out: a replay has a floor of its own. So are meshes that
@@ -38,9 +37,9 @@ from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.core.file_reading import Facts, Json
 
 MAX_POINTS = 200
-"""Points of the hull that stands for a mesh."""
+"""Largest number of points of the hull that stands for a mesh."""
 _STL_HEAD = 84
-"""Bytes before the facets of a binary STL file."""
+"""Number of bytes before the facets of a binary STL file."""
 _STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 """A facet of a binary STL file."""
 WORLD_BODY = ""
@@ -51,7 +50,7 @@ _KINDS = {"box": Box, "cylinder": Cylinder, "sphere": Sphere, "ellipsoid": Ellip
 
 
 def body_label(plant: MultibodyPlant, body: RigidBody) -> str:
-    """Names a body in a log, after its model instance where another body has the same name."""
+    """Names a body in a log, with its model instance where another body has the same name."""
     if body.index() == world_index():
         return WORLD_BODY
     if plant.NumBodiesWithName(body.name()) == 1:
@@ -60,7 +59,7 @@ def body_label(plant: MultibodyPlant, body: RigidBody) -> str:
 
 
 def scene_bodies(plant: MultibodyPlant, scene: list[Json]) -> dict[str, BodyIndex]:
-    """Finds label and index of each body of a plant, but the world, that has a shape in a scene."""
+    """Finds label and index of each body of a plant, except the world, with a shape in a scene."""
     labels = {entry["body"] for entry in scene} - {WORLD_BODY}
     bodies = {body_label(plant, body): body.index() for body in bodies_of(plant)}
     return {label: index for label, index in bodies.items() if label in labels}
@@ -88,7 +87,7 @@ def plant_shapes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Json]:
         try:
             parts = list(_parts(shape))
         except (OSError, RuntimeError, ValueError) as cause:
-            # In the line that calls `observe`.
+            # The warning is shown at the line that calls `observe`.
             warnings.warn(f"{body.name()}: {shape} is left out of the log: {cause}", stacklevel=4)
             continue
         for kind, size, X_GS in parts:
@@ -123,8 +122,8 @@ def _parts(shape: Shape) -> Iterator[tuple[str, list[Any], RigidTransform]]:
 
 
 def _stl_points(path: Path) -> FloatArray:
-    """Reads the corners (n, 3) of a text or binary STL file, which Drake does not; ValueError
-    without any.
+    """Reads the corners (n, 3) of a text or binary STL file, which Drake does not; ValueError if
+    the file has none.
     """
     content = path.read_bytes()
     text = re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", content)
@@ -175,10 +174,10 @@ def point_paths(
     """Follows points of a body over a run.
 
     Args:
-        plant: finalised.
-        body: its name.
-        p_BP: the points in the frame of the body, m, shape (m, 3).
-        positions: of the plant, shape (n, nq).
+        plant: finalised plant.
+        body: name of the body.
+        p_BP: points in the frame of the body, m, shape (m, 3).
+        positions: positions of the plant over the run, shape (n, nq).
 
     Returns:
         The points in W, m, shape (n, m, 3).
@@ -204,12 +203,12 @@ def add_shapes(plant: MultibodyPlant, scene: Any, name: str) -> list[str]:
     Returns the names of these bodies.
 
     Args:
-        plant: registered with a scene graph.
-        scene: from `plant_shapes`, read from a log.
-        name: of the log, for messages.
+        plant: plant that is registered with a scene graph.
+        scene: shapes made by `plant_shapes`, as read from a log.
+        name: name of the log, for messages.
 
     Raises:
-        LogError: it is not what `plant_shapes` makes.
+        LogError: `scene` is not what `plant_shapes` makes.
     """
     bodies: dict[str, RigidBody] = {WORLD_BODY: plant.world_body()}
     try:

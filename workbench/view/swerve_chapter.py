@@ -1,4 +1,4 @@
-"""Swerves (`models/swerve`): stored table of `aerodima swing judge`, one of its cases in step."""
+"""Swerves of `models/swerve`: the stored table of `aerodima swing judge` and a case in step."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -22,11 +22,11 @@ SWERVES = "swerve/swerves.csv"
 PLACE = ("tail", "floor", "car", "aim", "speed_m_per_s")
 """Columns that name a case and its swerve."""
 AIM = "aside-0.5"
-"""Aim of the medians."""
+"""Aim whose medians are shown."""
 NO_TAIL = "no tail"
 """Candidate that all others are compared with."""
 FRAME_STEP = 0.02
-"""s between two pictures from above."""
+"""Time between two pictures from above, s."""
 AROUND = [0, 1, 2, 5, 4, 3]
 """Order of the corners of `car_outline` around the car."""
 
@@ -35,8 +35,8 @@ class ShownSwerve(StrictModel):
     """The shown case of the table; every candidate that completes it there is shown.
 
     Attributes:
-        tail, floor, car, aim, speed_m_per_s: of the table.
-        words: on the page, for the name of a candidate that does not say enough.
+        tail, floor, car, aim, speed_m_per_s: values of these columns of the table for the case.
+        words: words on the page, by the name of a candidate that does not say enough.
     """
 
     schema_: str = Field(alias="schema")
@@ -62,7 +62,7 @@ class ShownSwerve(StrictModel):
 
 
 def load_shown_swerve() -> ShownSwerve:
-    """Loads the shipped choice; ScenarioError where a key is missing, unknown or wrong."""
+    """Loads the shipped case; ScenarioError where a key is missing, unknown or wrong."""
     path = model_path(SHOWN)
     return checked(ShownSwerve, read_yaml(path), str(path), schema=SCHEMA)
 
@@ -76,11 +76,13 @@ def stored_swerves() -> pd.DataFrame:
 
 def swerve_medians(plant: str = "reduced") -> pd.DataFrame:
     """Lists median metres aside of the shipped table as texts: a row per candidate, a column per
-    floor and speed. Beside them: the median gain over the same cars without tail, and in brackets
-    how many cars complete the swerve. A dash stands for none, and for what was not compared.
+    floor and speed.
+
+    Each text also has the median gain over the same cars without tail, and in brackets how many
+    cars complete the swerve. A dash stands for none, and for a case that was not compared.
 
     Args:
-        plant: `reduced` or `full` cars.
+        plant: kind of cars, `reduced` or `full`.
     """
     table = stored_swerves()
     table = table[(table["plant"] == plant) & (table["aim"] == AIM)]
@@ -113,8 +115,8 @@ def swerve_chapter(shown: ShownSwerve, run_logs: Mapping[str, RunLog]) -> list[S
     """Shows the replays in step, and the medians of all cars.
 
     Args:
-        shown: what is shown.
-        run_logs: name of a candidate -> its run.
+        shown: case of the table that is shown.
+        run_logs: log of the run of each candidate, by the candidate's name.
     """
     values = shown.rows()["value"]
     captions = []

@@ -1,9 +1,9 @@
-"""Runs as a video, one or several in step: GIF and WebP by Pillow, MP4 by imageio-ffmpeg; drawn
-without a display.
+"""One run as a video, or several in step: GIF, WebP or MP4, drawn without a display.
 
-Every picture has its own robot, followed as in the replay page, with the run's name and outcome
-above it. All are seen from the same direction, and shown at the same time since the beginning of
-their logs; a run that is over stays where it ended until the longest is.
+Pillow writes GIF and WebP, imageio-ffmpeg writes MP4. Every picture has its own robot, followed as
+in the replay page, with the run's name and outcome above it. All are seen from the same direction,
+and shown at the same time since the beginning of their logs; a run that is over stays where it
+ended until the longest run is over.
 """
 
 import math
@@ -29,11 +29,11 @@ from aerodima.workbench.view.recording import check_rate, nearest_rows
 FRAMES_PER_SECOND = 25
 """Frames per second of the video, whatever its rate."""
 _REST = 1.0
-"""How long the last frame stays, s."""
+"""Time for which the last frame stays, s."""
 MAX_SECONDS = 120.0
-"""Longest video: a minute of drawing for each run."""
+"""Length of the longest video, s; it takes minutes of drawing for each run."""
 MAX_RUNS = 6
-"""Most runs side by side."""
+"""Largest number of runs side by side."""
 _ALONE = (640, 400)
 """Width and height of the picture of one run, pixels; even, as MP4 wants them."""
 _TOGETHER = (480, 300)
@@ -41,10 +41,10 @@ _TOGETHER = (480, 300)
 _HEADER = 52
 """Height of the text above a picture, pixels."""
 _GAP = 4
-"""Width between two pictures, pixels."""
+"""Width of the gap between two pictures, pixels."""
 _INK = "#1c2430"
 Encoder = Callable[..., None]
-"""Writes a film to a path: `(path, film, progress)`."""
+"""Function that writes a film to a path: `(path, film, progress)`."""
 
 
 def write_video(
@@ -59,15 +59,16 @@ def write_video(
     """Writes runs as one video, side by side.
 
     Args:
-        runs: name above its picture -> run, 1 to `MAX_RUNS`.
-        path: ending .gif, .webp or .mp4; refused when it exists, unless `force`.
+        runs: logs of 1 to `MAX_RUNS` runs, by the name above the picture.
+        path: path of the video, ending in .gif, .webp or .mp4.
+        force: whether an existing file is replaced; it is refused otherwise.
         rate: seconds of the runs per second of the video; 0.25 is slow motion.
-        progress: told how many of how many frames are drawn.
-        start: how long after the beginning of the logs the video begins, s.
+        progress: function that receives how many frames are drawn, and of how many.
+        start: time after the beginning of the logs at which the video begins, s.
 
     Raises:
-        UserError: number of runs, ending or rate; encoder or renderer missing; the file exists or
-            cannot be written.
+        UserError: wrong number of runs, ending, rate or start; encoder or renderer missing; the
+            file exists or cannot be written.
         LogError: a run cannot be replayed, see `add_logged_run`.
     """
     path = Path(path)
@@ -128,7 +129,7 @@ class Film:
         return picture
 
     def frames(self, progress: Progress | None) -> Iterator[Image.Image]:
-        """Draws all of them; repeats the last one for its rest."""
+        """Draws all frames; repeats the last one, which stays for `_REST`."""
         for number in range(self.number):
             last = self.frame(number)
             if progress is not None:
@@ -165,7 +166,7 @@ def _font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
 
 
 def _encoder(path: Path) -> Encoder:
-    """Chooses an encoder by the ending; UserError where it is another one, or its encoder is
+    """Chooses an encoder by the ending; UserError for an unknown ending, or if the encoder is
     missing.
     """
     ending = path.suffix.lower()

@@ -1,5 +1,4 @@
-"""Drake's Meshcat as the workbench shows it: on this machine only, a light floor with a metre grid,
-no axes.
+"""Drake's Meshcat as the workbench shows it: local only, light floor with metre grid, no axes.
 
 Everything is drawn below the path `/drake`, so that a replay can move the world under a camera that
 stays with the car.
@@ -21,10 +20,10 @@ from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
 
 Area = tuple[float, float, float, float]
-"""A floor: x from, x to, y from, y to, m."""
+"""Extent of a floor: x from, x to, y from, y to, m."""
 HOST = "127.0.0.1"
 PORTS = (1024, 65535)
-"""Ports that Drake's Meshcat takes; below them it ends the whole program."""
+"""Lowest and highest port that Drake's Meshcat takes; a lower one ends the whole program."""
 
 WORLD = "/drake"
 GROUND = f"{WORLD}/ground"
@@ -37,7 +36,7 @@ _METRE = Rgba(0.42, 0.46, 0.52)
 _FINE_STEP = 0.25
 """Distance of the lines between the metres, m."""
 _SHADOW_BIAS = -0.01 / 500.0
-"""One centimetre of the 500 m that the shadow of Meshcat's lamp reaches."""
+"""Bias of the shadow: one centimetre of the 500 m that the shadow of Meshcat's lamp reaches."""
 _LIVE_AREA = (-4.0, 16.0, -8.0, 10.0)
 """Floor of a live run (x from, x to, y from, y to; m): where the car will go is not known yet."""
 _AREA = (-14.0, 14.0, -14.0, 14.0)
@@ -91,7 +90,7 @@ def _start(port: int | None) -> Meshcat:
 def _keep_for_ever(meshcat: Meshcat) -> None:
     """Holds one reference too many, so that nothing destroys the viewer before the process is gone.
 
-    Drake aborts the process when another thread than its maker's destroys a viewer. The garbage
+    Drake aborts the process when a thread other than its maker's destroys a viewer. The garbage
     collector runs in whatever thread it is due; the interpreter, when it ends, clears modules in
     the main thread, and a Dask worker has made its replays in another one.
     """
@@ -115,8 +114,8 @@ def _set_lights(meshcat: Meshcat) -> None:
 
 
 def area_around(points: FloatArray, margin: float = 3.0) -> Area:
-    """Finds the smallest floor with whole metres (x from, x to, y from, y to) that has a margin (m)
-    about points (n, 3).
+    """Finds the smallest floor of whole metres (x from, x to, y from, y to) that leaves a margin
+    (m) about points (n, 3).
     """
     on_floor = points[:, :2]
     x0, y0 = np.floor(np.min(on_floor, axis=0) - margin).tolist()
@@ -128,8 +127,9 @@ def draw_ground(meshcat: Meshcat, area: Area, height: float = 0.0) -> None:
     """Draws the floor with a line every metre and a lighter one every quarter of a metre.
 
     Args:
-        area: x from, x to, y from, y to, whole metres.
-        height: of the floor, m.
+        meshcat: Meshcat that shows the floor.
+        area: extent of the floor: x from, x to, y from, y to, whole metres.
+        height: height of the floor, m.
     """
     x0, x1, y0, y1 = area
     meshcat.SetTransform(GROUND, RigidTransform(np.array([0.0, 0.0, height])))
@@ -157,8 +157,8 @@ class ChaseCamera:
     """Looks at a car from behind: the world moves and turns under a camera that stands still.
 
     Args:
-        station: simulated, of the car.
-        meshcat: shows the car; None: nothing is shown.
+        station: simulated station of the car.
+        meshcat: Meshcat that shows the car; None shows nothing.
     """
 
     def __init__(self, station: Diagram, meshcat: Meshcat | None) -> None:
@@ -173,8 +173,8 @@ class ChaseCamera:
         """Turns the view after the car in a context of the whole diagram.
 
         Returns:
-            Its speed over ground, m/s, and its heading, rad, positive to the left of the x axis of
-            the world.
+            The car's speed over ground, m/s, and its heading, rad, positive to the left of the x
+            axis of the world.
         """
         plant_context = self._plant.GetMyContextFromRoot(context)
         X_WB = self._plant.EvalBodyPoseInWorld(plant_context, self._chassis)

@@ -56,26 +56,26 @@ from aerodima.workbench.view.viewer import WORLD, area_around, draw_ground
 _STATION_TRUTH = ("contact_truth", "wind_truth")
 """Ports of a simulated car's station that are recorded beside the motion."""
 PICTURES_PER_SECOND = 32.0
-"""That of Drake's own visualizer."""
+"""Rate of the pictures, that of Drake's own visualizer, Hz."""
 _FLOOR_MARGIN = 10.0
-"""Floor about the place of the start, m."""
+"""Margin of the floor about the starting place, m."""
 
 
 @dataclass(frozen=True)
 class WatchedPlant:
-    """A plant in a diagram under construction, and what is drawn.
+    """A plant in a diagram under construction, and the parts of it that are drawn.
 
     Attributes:
-        plant: finalised.
-        station: the diagram that holds the plant; None where the builder itself does.
-        state: port of [q; v].
+        plant: finalised plant.
+        station: diagram that holds the plant; None where the builder itself does.
+        state: output port of the plant's state [q; v].
         base: index of the body whose tilt, heading and speed count; None without one.
-        tails: `TailForce` systems on bodies of the plant; those in a station are computed once
-            more.
-        wind: port of the air that they feel; None in still air.
-        scene: the plant's visible shapes, see `plant_shapes`.
-        scene_graph: that the plant is registered with, in this builder; None without or in a
-            station.
+        tails: `TailForce` systems on bodies of the plant; those in a station are computed a second
+            time.
+        wind: output port of the wind that the tails feel; None in still air.
+        scene: visible shapes of the plant, see `plant_shapes`.
+        scene_graph: scene graph of this builder that the plant is registered with; None without
+            one, or in a station.
         bodies: label and index of each body that has visible shapes.
     """
 
@@ -93,7 +93,7 @@ class WatchedPlant:
     def find(
         cls, builder: DiagramBuilder, plant: MultibodyPlant | Diagram, base: RigidBody | str | None
     ) -> WatchedPlant:
-        """Looks for all this; ModelError as `aerodima.workbench.view.observed_run.observe`."""
+        """Finds these parts in a builder; ModelError as for `observe` in `view.observed_run`."""
         if plant not in builder.GetSystems():
             raise ModelError(f"observe: '{plant.get_name()}' is not in this builder; add it first")
         inside: DiagramBuilder | Diagram = builder
@@ -123,7 +123,7 @@ class WatchedPlant:
             inputs = {"plant_state": state}
             if wind is not None:
                 inputs["wind_velocity"] = wind
-            # Once more, where their ports can be read.
+            # Computed a second time, where their ports can be read.
             tails = [
                 add_and_connect(builder, tail.reporter(), tail.get_name(), **inputs)
                 for tail in tails
@@ -139,7 +139,7 @@ class WatchedPlant:
         return cls(plant, station, state, base_index, tails, wind, scene, scene_graph, bodies)
 
     def add_truth(self, builder: DiagramBuilder) -> PlantTruth:
-        """Adds the system that computes what is recorded and drawn; ModelError when this plant is
+        """Adds the system that computes what is recorded and drawn; ModelError if this plant is
         watched already.
         """
         name = f"{self.plant.get_name()}_truth"
@@ -202,7 +202,7 @@ class WatchedPlant:
                 (tail.GetOutputPort("validity"), validity),
             ]
         if self.station is not None:
-            columns = ", ".join(names_of(sensor_columns())[1:])  # it has the time
+            columns = ", ".join(names_of(sensor_columns())[1:])  # the log has the time
             warnings.warn(
                 "observe: the log has no columns of sensors and commands, since settings= is no "
                 f"Scenario; it is that of any plant and leaves out: {columns}",
@@ -242,13 +242,13 @@ class LiveScene(LeafSystem):
     """Moves the world under the camera as the robot moves, and the arrows of the air.
 
     Input ports:
-        com (6): position, m, and velocity of the centre of mass in W.
-        poses (7 n): of the bodies that are drawn, see `PlantTruth`.
+        com (6): position, m, and velocity, m/s, of the centre of mass in W.
+        poses (7 n): poses of the bodies that are drawn, see `PlantTruth`.
         <name of a tail force>_air (12): force N, moment about Wo N m, root and tip m of its
         sections, W axes.
 
     Args:
-        meshcat: that shows the robot.
+        meshcat: Meshcat that shows the robot.
         tails: names of the tail forces.
         reach: largest distance of a shape from the origin of its body, m, one per body of `poses`.
         air_scale: length of an arrow, m per N.

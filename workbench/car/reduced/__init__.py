@@ -1,1 +1,1 @@
-"""The car with few states, many at once as arrays."""
+"""Reduced cars with few states, many at once as arrays."""

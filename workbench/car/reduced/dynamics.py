@@ -11,10 +11,10 @@ and steering to the left; tail roll 0 = up, positive to the right.
 with vectors in B. As on the full car: both edges of every tyre with stiffness, dissipation and
 Coulomb friction, spin of the wheels with open differential and governor, suspension as prismatic
 along z of B, the anti-ramp board on the ground, air on the sail, friction and motors of the tail's
-joints, its weight and inertia. Left out: unsprung masses move with the body, so that their travel
+joints, its weight and inertia. Simplified: unsprung masses move with the body, so that their travel
 has no inertia and is a state of the first order; the wheels steer as the servo's linkage asks; a
-stop of a joint is a stiff spring; tail and cage do not feel the ground (the tail's height is an
-answer).
+stop of a joint is a stiff spring; tail and cage do not feel the ground (the tail's height is a
+result).
 """
 
 from typing import NamedTuple
@@ -46,14 +46,14 @@ from aerodima.workbench.core.array_types import FloatArray
 
 
 class Equations(NamedTuple):
-    """M A = f, and what a step that is implicit in friction and damping needs.
+    """Terms of M A = f, and those that a step implicit in friction and damping needs.
 
     Attributes:
-        mass: M (12, 12, n).
-        force: f (12, n).
-        damping: -df/drate, positive semidefinite (12, 12, n); stiff.
+        mass: mass matrix M (12, 12, n).
+        force: generalised force f (12, n).
+        damping: stiff part of -df/drate, positive semidefinite (12, 12, n).
         stiffness: -df/dangle of the tail's joints (2, n).
-        travel_rate: of the suspensions (4, n), m/s.
+        travel_rate: rates of the suspensions (4, n), m/s.
         loads: vertical force of the ground on every wheel (4, n), N.
     """
 
@@ -75,12 +75,12 @@ def equations(state: FloatArray, commands: Commands, cars: VehicleParams) -> Equ
 
 
 def step(state: FloatArray, system: Equations, length: float) -> FloatArray:
-    """Returns the state after a time (s): implicit in friction and damping, positions from the new
-    rates.
+    """Returns the state after a time (s); implicit in friction and damping, with positions from the
+    new rates.
     """
     rates = state[RATES]
     matrix = system.mass + length * system.damping
-    # Tyres turn with the car: what slips less is the velocity in B, whose rate is A - w x v.
+    # Tyres turn with the car: friction damps the velocity in B, whose rate is A - w x v.
     turned = np.sum(system.damping[:, V] * cross(rates[W], rates[V]), axis=1)
     force = system.force + length * turned
     matrix[JOINTS, JOINTS] += length**2 * system.stiffness
@@ -117,8 +117,8 @@ def configuration_rate(state: FloatArray, rates: FloatArray, travel_rate: FloatA
 def solve(matrix: FloatArray, force: FloatArray) -> FloatArray:
     """Returns the solution (k, n) of n symmetric positive definite systems (k, k, n) at once.
 
-    The last unknowns are eliminated first: wheels and joints hardly act on one another, so that
-    most factors are zero.
+    The last unknowns are eliminated first: wheels and joints hardly act on one another, so most
+    factors are zero.
     """
     rows = matrix.copy()
     right = force.copy()

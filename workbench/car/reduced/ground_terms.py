@@ -28,17 +28,18 @@ from aerodima.workbench.car.reduced.states import (
 from aerodima.workbench.core.array_types import ArrayPair, FloatArray
 
 BOARD_DISSIPATION = 1.0
-"""Of the board's contact with the ground, s/m, as `car_model` sets it."""
+"""Dissipation of the board's contact with the ground, s/m, as `car_model` sets it."""
 
 
 class WheelPoses(NamedTuple):
     """Wheels of n cars, in B.
 
     Attributes:
-        axle: directions (3, 4, n), to the left.
+        axle: directions of the axles, to the left (3, 4, n).
         tilt: cosine of the angle between axle and upright (4, n).
-        reach: of an edge, an ellipsoid, from its middle down to its lowest point (4, n), m.
-        centre: of the wheels (3, 4, n), m.
+        reach: distance from the middle of an edge, an ellipsoid, down to its lowest point (4, n),
+            m.
+        centre: centres of the wheels (3, 4, n), m.
     """
 
     axle: FloatArray
@@ -51,10 +52,10 @@ class TyreEdges(NamedTuple):
     """Edges of the tyres on the ground, (2 edges, 4 wheels, n) after the axis of a vector.
 
     Attributes:
-        points: where they meet the ground, in B, m.
-        spinning: velocity there for each rad/s of the wheel's spin, m.
+        points: points at which they meet the ground, in B, m.
+        spinning: velocity of these points for each rad/s of the wheel's spin, m.
         sunk: depth in the ground, m.
-        closing: speed into the ground, but for the suspension's, m/s.
+        closing: speed into the ground without that of the suspension, m/s.
         slip: velocity along the ground, m/s.
     """
 
@@ -94,12 +95,12 @@ def add_tyres(
 
 def wheel_lifts(state: FloatArray, cars: VehicleParams, steering: FloatArray) -> FloatArray:
     """Returns the height of the lowest point of each tyre over the ground (4, n), m; negative where
-    it presses into it.
+    the tyre presses into the ground.
 
     Args:
-        state: (24, n).
-        cars: n of them.
-        steering: angle of the front wheels (n), rad.
+        state: states of the cars (24, n).
+        cars: parameters of the n cars.
+        steering: angles of the front wheels (n), rad.
     """
     wheels = _wheel_poses(state, np.stack([steering, steering]), cars)
     middle = state[2] + dot(up_in_body(state)[:, None], wheels.centre)
@@ -152,8 +153,8 @@ def _edge_loads(
     follow from one balance per wheel.
 
     Args:
-        sliding: friction over the speed of the slip (2, 4, n), s/m.
-        n_z: upright along z of B (n).
+        sliding: friction coefficient divided by the speed of the slip (2, 4, n), s/m.
+        n_z: component of the upright along z of B (n).
     """
     closing = edges.closing
     lean = n_z - sliding * edges.slip[2]
@@ -181,7 +182,7 @@ def _add_wheels(
 
     Args:
         axle: directions of the axles in B (3, 4, n).
-        spin_damping: of the spin by the ground (4, n), N m s/rad.
+        spin_damping: damping of the spin by the ground (4, n), N m s/rad.
     """
     mass, force, damping = terms
     rates = state[RATES]
@@ -236,10 +237,10 @@ def add_contact_forces(
     """Adds forces of the ground on the body, all in B.
 
     Args:
-        points: (3, ..., n), m.
-        forces: (3, ..., n), N.
-        grip: their damping of a slip in any direction along the ground (..., n), N s/m.
-        normal: of the ground (3, n).
+        points: points of contact (3, ..., n), m.
+        forces: forces at these points (3, ..., n), N.
+        grip: damping of a slip in any direction along the ground by these forces (..., n), N s/m.
+        normal: normal of the ground (3, n).
     """
     _, force, damping = terms
     columns = (3, -1, normal.shape[-1])

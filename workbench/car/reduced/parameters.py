@@ -36,9 +36,9 @@ MIN_REGULARISATION_SPEED = 0.01
 FAR_UP = 10.0
 """Height of a board that is not there, m."""
 MAX_KNOWN_BODIES = 4000
-"""Cars whose mass properties are remembered."""
+"""Number of cars whose mass properties are remembered."""
 _BODIES: dict[str, dict[str, Any]] = {}
-"""Mass properties by what they depend on."""
+"""Mass properties by the parameters that they depend on, as JSON."""
 
 
 @dataclass(frozen=True)
@@ -46,37 +46,50 @@ class VehicleParams:
     """Numbers of n cars; SI units. The last axis of every field is the car.
 
     Attributes:
-        speed: m/s, of the straight before the turn.
-        friction: of the tyres; `slip_speed` over which it is spread, m/s: see
-            `stiction_tolerance`.
-        gravity: m/s2; `air_density` kg/m3.
-        mass: of all that does not move with the tail, kg.
-        centre: its centre of mass in B (3, n), m; `inertia` about the origin of B (3, 3, n), kg m2.
-        com_x: of the centre of mass of the car without tail arm, whose course counts, m.
+        speed: speed on the straight before the turn, m/s.
+        friction: friction coefficient of the tyres.
+        slip_speed: slip over which that friction is spread, m/s, see `stiction_tolerance`.
+        gravity: acceleration of gravity, m/s2.
+        air_density: density of the air, kg/m3.
+        mass: mass of all that does not move with the tail, kg.
+        centre: centre of that mass in B (3, n), m.
+        inertia: inertia of that mass about the origin of B (3, 3, n), kg m2.
+        com_x: distance of the centre of mass of the car without tail arm, whose course counts,
+            ahead of the origin of B, m.
         outline: corners of the car as seen from above, in B (2, corners, n), m.
         wheel: places of the wheels' centres in B (3, 4, n), m.
         tyre_radius, tyre_half_width: half axes of the ellipsoids that the tyres stand on, m.
-        edge: distance of these from the wheel's middle, m, one to either side.
-        tyre_stiffness: of one edge (4, n), N/m; `tyre_dissipation` s/m.
-        spring, damper, preload: of one wheel's suspension (4, n), N/m, N s/m, N.
-        unsprung: mass that hangs on it (4, n), kg.
-        rolling: torque against its rolling (4, n), N m.
-        wheel_inertia: of one wheel about its axle; `shaft_inertia` of the drive, kg m2.
-        shaft_gain: torque per speed error, N m s/rad; `shaft_limit` N m; `rolling_radius` m.
+        edge: distance of these ellipsoids from the wheel's middle, m, one to either side.
+        tyre_stiffness: stiffness of one edge of a tyre (4, n), N/m.
+        tyre_dissipation: dissipation of a tyre, s/m.
+        spring, damper, preload: stiffness, damping and preload of one wheel's suspension (4, n),
+            N/m, N s/m, N.
+        unsprung: mass that hangs on that suspension (4, n), kg.
+        rolling: torque against the rolling of a wheel (4, n), N m.
+        wheel_inertia: inertia of one wheel about its axle, kg m2.
+        shaft_inertia: inertia of the drive, kg m2.
+        shaft_gain: torque of the drive per speed error, N m s/rad.
+        shaft_limit: largest torque of the drive, N m.
+        rolling_radius: rolling radius of the rear wheels, m.
         board: rear corners of the anti-ramp board in B (3, 2, n), m, radius included; far above
             without a board.
-        board_friction: of it on the ground.
-        has_tail: 1 or 0.
+        board_friction: friction coefficient of the board on the ground.
+        has_tail: 1 with a tail, 0 without.
         mount: crossing of the tail's joint axes in B (3, n), m.
-        tail_mass: kg; `tail_centre` of it from the joints, m.
-        tail_inertia: about the joints in tail axes (3, n), kg m2.
-        hub_inertia, rotor_inertia: about the pitch axis, and of a motor at its joint, kg m2.
+        tail_mass: mass of the tail beyond its joints, kg.
+        tail_centre: distance of that mass from the joints, m.
+        tail_inertia: inertia of that mass about the joints in tail axes (3, n), kg m2.
+        hub_inertia: inertia of the hub about the pitch axis, kg m2.
+        rotor_inertia: inertia of a motor at its joint, kg m2.
         coulomb, viscous, tanh_gain: friction of a joint, N m, N m s/rad, s/rad.
-        torque_limit, stall_torque: N m; `no_load_speed` rad/s; `torque_scale` true over nominal
-            torque.
-        roll_stop, pitch_limit: of the joints, rad.
+        torque_limit: peak torque of a motor, N m.
+        stall_torque: stall torque of a motor, N m.
+        no_load_speed: no-load speed of a motor, rad/s.
+        torque_scale: ratio of true to nominal torque of a motor.
+        roll_stop, pitch_limit: largest angles of the roll and pitch joints, rad.
         tip: distance of the sail's corners from the joints, and from the tail's axis (2, n), m.
-        section_distances, section_areas: of the sail (sections, n), m and m2.
+        section_distances, section_areas: distances from the joints and areas of the sections of
+            the sail (sections, n), m and m2.
         force_across, force_chord: C_N along the sail's normal and its chord.
     """
 
@@ -158,7 +171,7 @@ class VehicleParams:
 
 
 def take(batch: Any, places: Any) -> Any:
-    """Returns a batch with the cars at these places, and all of which it consists."""
+    """Returns a batch, with all its parts, reduced to the cars at these places."""
     if isinstance(batch, np.ndarray):
         return batch[..., places]
     return type(batch)(**{name: take(value, places) for name, value in vars(batch).items()})
@@ -218,8 +231,8 @@ def _both_sides(front: float, rear: float) -> list[float]:
 
 
 def _known_bodies(scenario: Scenario) -> dict[str, Any]:
-    """Returns `_bodies`, which are the same on all tyres and take most of the time of a car that
-    drives once.
+    """Returns `_bodies`, remembered: they do not depend on the tyres' friction, and they take most
+    of the time of a car that drives once.
     """
     key = scenario.model_dump_json(
         include={"car", "tail", "tail_motor", "environment", "drive"},

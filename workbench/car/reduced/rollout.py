@@ -1,4 +1,4 @@
-"""Batches of reduced cars on their way: what a turn and an entry share.
+"""Batches of reduced cars while they drive: what turns and swerves share.
 
 `compiled.steps.run` steps a rollout: its `tick` asks the laws, its `step` drives and judges.
 """
@@ -28,18 +28,18 @@ STEP = 0.002
 
 
 class Rollout:
-    """Cars that are stepped.
+    """A batch of cars that are stepped together.
 
     Attributes:
-        state: (24, n).
-        gone: who has flipped (n); those stay as they are.
-        loads: of the wheels before the last step (4, n), N.
+        state: states of the cars (24, n).
+        gone: whether a car has flipped (n); its state then stays as it is.
+        loads: loads of the wheels before the last step (4, n), N.
 
     Args:
-        cars: n of them.
-        state: that they begin with (24, n).
-        imu_delay: age of what the laws see of the IMU, ticks.
-        length: of a step, s.
+        cars: parameters of the n cars.
+        state: states at the beginning (24, n).
+        imu_delay: age of the IMU's signals that the laws see, ticks.
+        length: length of a step, s.
     """
 
     def __init__(
@@ -104,7 +104,7 @@ def over_ground(state: FloatArray, x: FloatArray) -> ArrayPair:
 
 def heights(state: FloatArray, cars: VehicleParams) -> ArrayPair:
     """Returns the heights (n) of the sail's lower tip corner and of the board over the ground, m;
-    the tail is far up where there is none.
+    that of the tail is infinite where there is none.
     """
     upright = up_in_body(state)
     x, _, e = tail_axes(state[6], state[7])

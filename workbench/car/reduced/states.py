@@ -1,4 +1,4 @@
-"""States of the reduced car by index, what drives it, and vectors of many cars at once."""
+"""States of the reduced car by index, its commands, and vectors of many cars at once."""
 
 from typing import NamedTuple
 
@@ -16,8 +16,8 @@ STATES = (
     "tail_pitch_rate",
     "tail_roll_rate",
 )
-"""m, rad, rad/s, m/s. Position of the origin of B in W, its velocity and the angular velocity in B,
-spin forwards."""
+"""Names of the states, in m, rad, rad/s and m/s: position of the origin of B in W, its velocity and
+the angular velocity in B, spin forwards."""
 ANGLES = slice(3, 6)
 """Indices of yaw, pitch, roll, rad."""
 TRAVEL = slice(8, 12)
@@ -25,13 +25,13 @@ TRAVEL = slice(8, 12)
 RATES = slice(12, 24)
 """Indices of the twelve rates."""
 W = slice(0, 3)
-"""Angular velocity among the twelve rates, rad/s."""
+"""Indices of the angular velocity among the twelve rates, rad/s."""
 V = slice(3, 6)
-"""Velocity among the rates, m/s."""
+"""Indices of the velocity among the rates, m/s."""
 SPIN = slice(6, 10)
-"""Spin of the four wheels among the rates, rad/s."""
+"""Indices of the spin of the four wheels among the rates, rad/s."""
 TAIL_RATE = slice(10, 12)
-"""Pitch and roll rate of the tail among the rates, rad/s."""
+"""Indices of pitch and roll rate of the tail among the rates, rad/s."""
 DEGREES = 12
 """Number of the rates."""
 SPINS = [6, 7, 8, 9]
@@ -39,7 +39,7 @@ SPINS = [6, 7, 8, 9]
 JOINTS = [10, 11]
 """Rows of the tail's joints in such a matrix."""
 EPS_SQRT = 1e-12
-"""Under roots, so that they are smooth at 0; m2/s2, or of squared sines."""
+"""Number added under roots so that they are smooth at 0; m2/s2, or that of squared sines."""
 
 
 class Commands(NamedTuple):
@@ -48,7 +48,8 @@ class Commands(NamedTuple):
     Attributes:
         steering: angles of the front wheels, left and right (2, n), rad.
         shaft_speed: target of the governor (n), rad/s.
-        tail: to the pitch and roll motor (2, 4, n): rad, rad/s, N m/rad, N m s/rad.
+        tail: commands to the pitch and roll motor (2, 4, n): angle rad, rate rad/s, kp N m/rad,
+            kd N m s/rad.
     """
 
     steering: FloatArray

@@ -1,7 +1,7 @@
 """Swerves of many reduced cars that begin rolling: levels of steering, each car with its own, and
 the tail by knots or by the feedback law.
 
-Wheels turn at the exact times of the levels and not at ticks, so that what comes of a swerve
+Wheels turn at the exact times of the levels and not at ticks, so that the result of a swerve
 changes smoothly with these times; the controller sees the steering one tick late, as on the full
 car. The law sees the IMU late, but without noise and bias, and the speed without delay.
 """
@@ -32,15 +32,15 @@ from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.scenario.scenario import Scenario
 
 LEAD = 0.1
-"""Straight that is driven before the steering, s."""
+"""Time that is driven straight before the steering, s."""
 WITHIN = (np.arange(4.0)[:, None] + 0.5) / 4.0
-"""Instants of a step, in its length, over which the angle of the wheels is averaged."""
+"""Instants of a step, as shares of its length, over which the angle of the wheels is averaged."""
 LEVELS = 3
-"""Number of the levels; their ends but the last follow them in an array of steering."""
+"""Number of levels of steering; in an array of steering all ends but the last follow them."""
 STEERING = 2 * LEVELS - 1
-"""Length of an array of steering: angles, rad, then the ends of all but the last, s. One of a car
-whose tail waits at a side is longer by one: the trim, an angle that keeps the car straight until
-the steering starts, rad."""
+"""Length of an array of steering: angles, rad, then the ends of all but the last, s. The array of a
+car whose tail waits at a side is longer by one: the trim, an angle that keeps the car straight
+until the steering starts, rad."""
 
 
 class SwerveRollout(Rollout):
@@ -48,14 +48,16 @@ class SwerveRollout(Rollout):
     the steering, s.
 
     Args:
-        cars: n of them, at their speeds.
-        scenario: of servo, controller, IMU and the end of the last level; wheelbase of all.
-        steering: of each car (`STEERING`, n), or with a trim in place of that of the scenario; the
-            whole straight of the scenario is driven with one, else `LEAD` of it.
-        pitch, roll: at which the tails wait (n), rad.
+        cars: parameters of the n cars, with their speeds.
+        scenario: scenario whose servo, controller, IMU, wheelbase and end of the last level apply
+            to every car.
+        steering: steering of each car (`STEERING`, n), or one row longer, with a trim in place of
+            that of the scenario. With a trim the whole straight of the scenario is driven, else
+            `LEAD` of it.
+        pitch, roll: angles at which the tails wait (n), rad.
 
     Attributes:
-        lead: straight that is driven before the steering, s.
+        lead: time that is driven straight before the steering, s.
     """
 
     def __init__(
@@ -96,7 +98,7 @@ class SwerveRollout(Rollout):
         return level_angle([*self._levels], [*self._ends], since - self._first)
 
     def _seen_steering(self, time: Any) -> Any:
-        """Returns the steering that a controller sees at a tick (n), rad: that of the last one."""
+        """Returns the steering that a controller sees (n), rad: that of the tick before."""
         return self._commanded(time - 1.0 / self._rate + TICK_TOLERANCE)
 
     def _wheels(self, time: Any) -> Any:
@@ -106,7 +108,7 @@ class SwerveRollout(Rollout):
         return np.sum(angles, axis=0) / len(WITHIN)
 
     def step(self, time: Any) -> tuple[FloatArray, ...]:
-        """Drives one step and returns what `Swerve` holds of it."""
+        """Drives one step and returns the values of it that `Swerve` holds."""
         cars = self._cars
         steering = self._wheels(time)
         self._drive(steering, cars.speed / cars.rolling_radius)
@@ -131,9 +133,9 @@ class PlayedSwerve(SwerveRollout):
     """Cars whose tails follow knots from the tick on at which the controller sees the steering.
 
     Args:
-        cars, scenario, steering: as of `SwerveRollout`.
-        pitch: of the tails (n), rad.
-        knots: of their roll.
+        cars, scenario, steering: as for `SwerveRollout`.
+        pitch: pitch of the tails (n), rad.
+        knots: knots of the roll of the tails.
     """
 
     def __init__(
@@ -158,7 +160,8 @@ class FeedbackSwerve(SwerveRollout):
     """Cars with the feedback law.
 
     Args:
-        cars, scenario, steering: as of `SwerveRollout`; the scenario has the hold of the pitch.
+        cars, scenario, steering: as for `SwerveRollout`; the scenario also gives the gains that
+            hold the pitch.
         gains: fields of `FeedbackParameters` as arrays (n).
     """
 
@@ -192,7 +195,7 @@ class LimitedSwerve(FeedbackSwerve):
     wheels follow the levels from tick to tick.
 
     Args:
-        cars, scenario, steering, gains: as of `FeedbackSwerve`.
+        cars, scenario, steering, gains: as for `FeedbackSwerve`.
         control: fields of `RolloverControlParameters` as arrays (n).
     """
 

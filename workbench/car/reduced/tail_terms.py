@@ -75,9 +75,9 @@ def _add_tail_inertia(
     """Adds the inertia of arm, hub and rotors.
 
     Args:
-        L: centre of the arm from the joints, in B (3, n), m.
+        L: centre of mass of the arm from the joints, in B (3, n), m.
         J: inertia of the arm about the joints, in B (3, 3, n), kg m2.
-        axes: of the pitch and the roll joint, in B (3, n) each.
+        axes: axes of the pitch and the roll joint, in B (3, n) each.
     """
     mass = terms.mass
     m = cars.tail_mass
@@ -105,12 +105,12 @@ def _add_tail_inertia(
 
 
 def _air(line: LineMotion, chord: FloatArray, cars: VehicleParams) -> ArrayPair:
-    """Returns the force of the air on the sail, and its moment about the joints (3, n); the law of
-    design section 5.
+    """Returns the force of the air on the sail, and its moment about the joints (3, n), by the law
+    of design section 5.
 
     Args:
         line: motion of the sail against the air, in B.
-        chord: direction across it, the normal of the plate that stands for its depth.
+        chord: direction across the sail, the normal of the plate that stands for its depth.
     """
     total = np.zeros_like(chord, shape=(6, cars.count))
     for normal, coefficient in ((line.n, cars.force_across), (chord, cars.force_chord)):

@@ -18,7 +18,7 @@ from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.scenario import Scenario
 
 PULSE = ("start", "steer_angle", "hold", "first_angle", "first_hold")
-"""Fields of `TurnSchedule` that are the steering."""
+"""Fields of `TurnSchedule` that describe the steering."""
 TRIGGERS = ("steering", "yaw_rate")
 """Known triggers of a swing."""
 
@@ -28,11 +28,12 @@ class TurnPlans:
     """Steering and swings of n cars in a turn to the left; the last axis of every array is the car.
 
     Attributes:
-        pulse: `PULSE` of each car's schedule.
-        ramp: fields `duration` and `time_constant` of its ramp of the speed, s.
-        law: numbers of its `SwingSettings`; `threshold` of its trigger, infinite where the tail is
-            held, and `by_steering`, 1 where that is the steering, 0 where the yaw rate is.
-        servo_rate: rad/s.
+        pulse: fields `PULSE` of each car's schedule.
+        ramp: fields `duration` and `time_constant` of each car's speed ramp, s.
+        law: numbers of each car's `SwingSettings`, and two more: `threshold` of the trigger,
+            infinite where the tail is held, and `by_steering`, 1 where the trigger is the steering,
+            0 where it is the yaw rate.
+        servo_rate: rate of the servo, rad/s.
         imu_delay: age of the yaw rate that the law sees, ticks.
     """
 
@@ -78,7 +79,7 @@ class TurnPlans:
 
 
 def stack_fields(objects: Sequence[Any], names: Sequence[str] | Mapping[str, Any]) -> Any:
-    """Returns an object whose fields of these names are the objects' numbers as arrays (n)."""
+    """Returns an object with fields of these names that hold the objects' numbers as arrays (n)."""
     return SimpleNamespace(
         **{name: np.array([getattr(one, name) for one in objects], float) for name in names}
     )

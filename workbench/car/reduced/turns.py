@@ -1,5 +1,5 @@
-"""Turns of many reduced cars at once, each with its own floor, steering and swing; what a search
-asks of them.
+"""Turns of many reduced cars at once, each with its own floor, steering and swing, and the results
+that a search needs.
 """
 
 from dataclasses import dataclass
@@ -43,10 +43,10 @@ from aerodima.workbench.control.tail_law import EPSILON
 from aerodima.workbench.core.array_types import BoolArray, FloatArray
 
 WITHIN = (np.arange(8.0)[:, None] + 0.5) / 8.0
-"""Instants of a step, in its length: the wheels' angle in a step is the mean over them, so that it
-changes smoothly with the times of the steering."""
+"""Instants of a step, as shares of its length: the wheels' angle in a step is the mean over them,
+so that it changes smoothly with the times of the steering."""
 HISTORY = ("history", "loads")
-"""What `TurnRollout` returns of every step."""
+"""Fields of `Turns` that `TurnRollout` returns for every step."""
 LEFT = 1.0
 """Side of all turns."""
 
@@ -56,12 +56,13 @@ class Turns:
     """Results of n turns.
 
     Attributes:
-        survived: as the outcome of a full run.
-        clean: and tail and board stayed off the ground.
-        heading: change from the start of the turn until the car has settled, else to the end, rad.
+        survived: whether the car survived, as in the outcome of a full run (n).
+        clean: whether it survived, and tail and board stayed off the ground (n).
+        heading: change of heading from the start of the turn until the car has settled, else to
+            the end (n), rad.
         last: states at the end (24, n).
-        history: every state (steps, 24, n), when asked for; `loads` of the wheels in these steps
-            (steps, 4, n), N.
+        history: every state (steps, 24, n), when asked for.
+        loads: loads of the wheels in these steps (steps, 4, n), N, when asked for.
     """
 
     survived: BoolArray
@@ -76,9 +77,9 @@ class TurnRollout(Rollout):
     """Cars in a turn to the left; times are s since the start of the steering.
 
     Args:
-        cars, plans: n of each.
-        state: that they begin with (24, n).
-        length: of a step, s.
+        cars, plans: parameters and plans of the n cars.
+        state: states at the beginning (24, n).
+        length: length of a step, s.
     """
 
     def __init__(
@@ -95,7 +96,7 @@ class TurnRollout(Rollout):
         self.begin_turn()
 
     def begin_turn(self) -> None:
-        """Forgets what was recorded before."""
+        """Begins a new record of the turn from the present state."""
         self._first_yaw = self.state[3]
         self._restless = self._straight
         self._settled_yaw = np.full_like(self._straight, np.nan)
@@ -107,7 +108,7 @@ class TurnRollout(Rollout):
         law = plans.law
         roll = self.state[7]
         _, _, yaw_rate = self._measure()
-        # A controller sees what the driver gave a tick ago.
+        # A controller sees the driver's command of the tick before.
         steering = pulse_angle(plans.pulse, time - 1.0 / law.rate + TICK_TOLERANCE)
         signal = np.where(law.by_steering > 0.0, steering, yaw_rate)
         over = is_over(law, roll - self._start_roll, time - self._since + EPSILON)
@@ -125,7 +126,7 @@ class TurnRollout(Rollout):
         self._command(pitch, np.stack(roll_command(law, phase.state, LEFT)))
 
     def step(self, time: Any) -> tuple[FloatArray, ...]:
-        """Drives one step and returns what `HISTORY` names."""
+        """Drives one step and returns the fields that `HISTORY` names."""
         cars = self._cars
         plans = self._plans
         ramp = plans.ramp
@@ -183,13 +184,13 @@ def drive_turns(
     slippery straight.
 
     Args:
-        cars, plans: n of each.
-        duration: s from the start of the steering; 0 ends with the straight, whose `last` begins
-            other turns.
-        length: of a step, s.
-        history: keep every state and the loads.
-        begun: states (24, n) when the steering begins, of cars whose tail still waits; the straight
-            is not driven.
+        cars, plans: parameters and plans of the n cars.
+        duration: time from the start of the steering, s; 0 ends with the straight, and its `last`
+            can begin other turns.
+        length: length of a step, s.
+        history: whether to keep every state and the loads.
+        begun: states (24, n) at the start of the steering of cars whose tail still waits; the
+            straight is then not driven.
     """
     law = plans.law
     if begun is None:

@@ -53,8 +53,8 @@ class CompiledBatch:
     """Tick and step of batches with the same class, shapes and constants; see `steps.run`.
 
     Args:
-        batch: one of them; stays as it is.
-        given: how many numbers each step is given.
+        batch: one of these batches; it is not changed.
+        given: number of numbers that each step is given.
     """
 
     def __init__(self, batch: Any, given: int) -> None:
@@ -100,9 +100,10 @@ class CompiledBatch:
         """Steps the cars of a batch.
 
         Args:
-            batch: of these shapes and constants.
-            given: whether a step begins with a tick, and its numbers (steps, 1 + numbers).
-            keep: what the steps returned.
+            batch: batch with these shapes and constants.
+            given: for each step, whether it begins with a tick, and its numbers (steps, 1 +
+                numbers).
+            keep: whether to keep what the steps returned.
         """
         places = _array_places(batch)
         arrays = [owner[name] for owner, name in places]
@@ -184,8 +185,8 @@ def _function(
     what is kept.
 
     Args:
-        stored: by row, what replaces it.
-        kept: results.
+        stored: results that replace rows, by row.
+        kept: results that are kept.
     """
     needed = set()
     waiting = [one.index for one in (*stored.values(), *kept) if isinstance(one, Node)]

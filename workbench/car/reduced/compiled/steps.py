@@ -1,4 +1,4 @@
-"""Steps of a batch, tick by tick where it has ticks, compiled where `llvmlite` is installed."""
+"""Steps of a batch, with its ticks, as machine code where `llvmlite` is installed."""
 
 import sys
 from functools import cache
@@ -11,20 +11,21 @@ from aerodima.workbench.core.array_types import BoolArray, FloatArray
 from aerodima.workbench.core.extras import install_command
 
 _COMPILED: dict[tuple[Any, ...], Any] = {}
-"""Code by class, shapes and constants of a batch."""
+"""Compiled code by class, shapes and constants of a batch."""
 
 
 def run(batch: Any, ticks: BoolArray, *given: np.ndarray, keep: bool = False) -> list[FloatArray]:
     """Steps the cars of a batch.
 
     Args:
-        batch: `batch.step(*numbers)` replaces arrays of the batch, or of objects that it consists
-            of, and returns arrays; `batch.tick(*numbers)` replaces arrays. The last axis of all
-            arrays is the car. Both use the NumPy functions of `trace.OPERATIONS` and shapes only.
-            They are compiled once in a process for each class, shapes and constants.
+        batch: object with two methods: `batch.step(*numbers)` replaces arrays of the batch, or of
+            objects that it consists of, and returns arrays; `batch.tick(*numbers)` replaces arrays.
+            The last axis of all arrays is the car. Both methods use only shapes and the NumPy
+            functions of `trace.OPERATIONS`. They are compiled once in a process for each class,
+            shapes and constants.
         ticks: whether a step begins with a tick (steps).
-        given: the numbers, of all cars (steps) each.
-        keep: what the steps returned.
+        given: numbers that the steps are given, (steps) each, the same for all cars.
+        keep: whether to keep what the steps returned.
 
     Returns:
         What the steps returned (steps, ..., n) each; nothing unless it is kept.

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 _PI_REMAINDER = 1.2246467991473532e-16
-"""What the double pi lacks to pi."""
+"""Difference of pi and its double."""
 _DIRECT = {
     "maximum": "max",
     "minimum": "min",
@@ -183,7 +183,7 @@ class TracedArray(np.ndarray):
     """An array of `Node`s and constants; `of_trace` makes a class of its own for each trace."""
 
     recorder: Trace
-    __array_priority__ = 1.0  # `np.concatenate` gives the class of the highest
+    __array_priority__ = 1.0  # `np.concatenate` returns the class with the highest
 
     @classmethod
     def of_trace(cls, trace: Trace) -> type[TracedArray]:
