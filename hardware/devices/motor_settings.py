@@ -19,7 +19,7 @@ class MotorSafety(QuantityModel):
     )
     rated_torque: float = quantity("N m", "torque that the winding bears without an end", "(0, 50]")
     overload: float = quantity(
-        "N2 m2 s", "square of the torque above the rated one, over time", "(0, 1e5]"
+        "N2 m2 s", "budget of squared torque less squared rated torque, over time", "(0, 1e5]"
     )
     overload_share: float = quantity(
         "1", "fraction of `overload` at which the motor is disabled", "(0, 1]"
@@ -31,49 +31,61 @@ class MotorSafety(QuantityModel):
         "1", "fraction of the commanded torque that must be reported", "(0, 1]"
     )
     follow_time: float = quantity(
-        "s", "time with less, after which the motor counts as not following", "(0, 1]"
+        "s", "time below `follow_share`, after which the motor counts as not following", "(0, 1]"
     )
     torque_share: float = quantity(
         "1", "fraction of a command's torque, down or up, that belongs to it", "(0, 1]"
     )
     torque_margin: float = quantity(
-        "N m", "margin beyond these fractions of a torque that belongs to a command", "(0, 5]"
+        "N m", "margin beyond `torque_share` of a torque that belongs to a command", "(0, 5]"
     )
     strange_replies: int = quantity(
-        "1", "most replies in a row with a torque that belongs to no command", "[1, 100]"
+        "1",
+        "replies in a row with a torque that belongs to no command, which switch the motor off",
+        "[1, 100]",
     )
     tracking_error: float = quantity(
         "rad", "largest difference between commanded and measured position", "(0, 3.2]"
     )
     tracking_time: float = quantity(
-        "s", "time beyond that error, not approaching, after which it counts", "(0, 5]"
+        "s",
+        "time beyond `tracking_error`, not approaching, after which a motor is not following",
+        "(0, 5]",
     )
-    temperature_limit: float = quantity("degC", "warmest reading", "(0, 150]")
+    temperature_limit: float = quantity("degC", "highest permitted temperature reading", "(0, 150]")
     range_margin: float = quantity(
-        "rad", "how far beyond its range a joint may be measured", "[0, 1]"
+        "rad", "largest angle beyond its range at which a joint may be measured", "[0, 1]"
     )
     jump_margin: float = quantity(
-        "rad", "how much more than its speed allows a reading may change", "[0, 1]"
+        "rad", "largest change of a reading beyond what the motor's speed allows", "[0, 1]"
     )
     ramp_speed: float = quantity(
         "rad/s", "speed of the way from the measured position to the first command", "(0, 10]"
     )
     gain_ramp: float = quantity("s", "time in which the gains come on", "(0, 5]")
-    missed_replies: int = quantity("1", "cycles in a row without a reply", "[1, 100]")
+    missed_replies: int = quantity(
+        "1", "cycles in a row without a reply, which switch the motor off", "[1, 100]"
+    )
     reply_time: float = quantity(
         "s", "time in which a motor answers; shorter cycles are never missed", "[0, 0.1]"
     )
     enter_replies: int = quantity(
         "1", "replies to the neutral command before the motor is used", "[1, 100]"
     )
-    enter_timeout: float = quantity("s", "longest wait for these replies", "(0, 5]")
-    probe_torque: float = quantity("N m", "most torque with which the direction is tried", "(0, 5]")
+    enter_timeout: float = quantity(
+        "s",
+        "longest wait for the replies to the neutral command, and then for a joint at rest",
+        "(0, 5]",
+    )
+    probe_torque: float = quantity(
+        "N m", "largest torque with which the direction is tried", "(0, 5]"
+    )
     command_timeout: float = quantity(
         "s", "time without a command, after which the position is held", "(0, 0.15]"
     )
     stall_time: float = quantity("s", "longest gap between two cycles", "(0, 1]")
     exit_burst: int = quantity("1", "exit frames sent at once", "[1, 50]")
-    exit_cycles: int = quantity("1", "cycles in which a further one is sent", "[1, 1000]")
+    exit_cycles: int = quantity("1", "cycles in which a further exit frame is sent", "[1, 1000]")
 
 
 def load_motor_safety() -> MotorSafety:

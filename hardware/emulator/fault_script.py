@@ -88,7 +88,7 @@ _Angle = Annotated[float, Field(ge=-3.14, le=3.14)]
 
 
 class _Entry(StrictModel):
-    time: float = Field(ge=0.0, description="s, on the clock of the script")
+    time: float = Field(ge=0.0, description="time on the clock of the script, s")
 
 
 class FaultEntry(_Entry):

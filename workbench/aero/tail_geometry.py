@@ -89,10 +89,10 @@ class TailPart(QuantityModel):
 class TailArm(TailPart):
     """The rod that carries the plates: thin straight pieces of even mass from the origin of T."""
 
-    lengths: _Sizes = quantity("m", "of its straight pieces from the joints on")
+    lengths: _Sizes = quantity("m", "lengths of the straight pieces, from the joints on")
     density: float = quantity("kg/m", "mass over length", gt=0)
     radius: float = quantity(
-        "m", "drawn, and for its moment about its own axis", default=0.006, gt=0
+        "m", "radius as drawn, and for the moment about the arm's own axis", default=0.006, gt=0
     )
     axes: _Directions = Field(
         default=(UP,), description="directions of the pieces; one is enough where all are alike"
@@ -131,27 +131,30 @@ class TailArm(TailPart):
 class Plate(TailPart):
     """A plate or half shell, from root to tip."""
 
-    name: str = quantity("1", "in messages and drawings", min_length=1, max_length=40)
-    root: _Vector = quantity("m", "middle of its near edge in T")
-    lengths: _Sizes = quantity("m", "of its straight pieces")
-    chords: _Sizes = quantity("m", "widths at the ends of the pieces, one more than these")
+    name: str = quantity("1", "name in messages and drawings", min_length=1, max_length=40)
+    root: _Vector = quantity("m", "middle of the near edge in T")
+    lengths: _Sizes = quantity("m", "lengths of the straight pieces, from the root on")
+    chords: _Sizes = quantity("m", "widths at the ends of the pieces, one more than lengths")
     normal: _Direction = quantity(
-        "1", "of the face, of a half shell out of its round side; the part across a piece counts"
+        "1",
+        "normal of the face, out of the round side of a half shell; its part across a piece counts",
     )
     density: float = quantity("kg/m2", "mass over area of the material", gt=0)
     axes: _Directions = Field(
         default=(UP,), description="directions of the pieces; one is enough where all are alike"
     )
     kind: Literal["plate", "half_shell"] = Field(
-        default="plate", description="flat, or a half cylinder"
+        default="plate", description="kind of part: flat, or a half cylinder"
     )
     depth: float = quantity(
-        "m", "over which a plate's mass is spread along its normal", default=0.0, ge=0
+        "m", "depth over which a plate's mass is spread along its normal", default=0.0, ge=0
     )
     cap_density: float = quantity(
-        "kg/m2", "of half discs at both ends of a half shell", default=0.0, ge=0
+        "kg/m2", "mass over area of half discs at both ends of a half shell", default=0.0, ge=0
     )
-    sections: int = Field(default=5, description="of each piece, where the air acts", ge=1, le=100)
+    sections: int = Field(
+        default=5, description="number of sections of each piece, where the air acts", ge=1, le=100
+    )
 
     @model_validator(mode="after")
     def _fits_together(self) -> Plate:
@@ -265,11 +268,12 @@ def _layout(run: list[Piece], sections: int) -> SectionLayout:
 class _KnownInertial(QuantityModel):
     """Mass and inertia that are known better than by densities, as a file has them."""
 
-    mass: float = quantity("kg", "of the part", gt=0)
+    mass: float = quantity("kg", "mass of the part", gt=0)
     com: _Vector = quantity("m", "centre of mass")
-    moments: _Vector = quantity("kg m2", "xx, yy, zz about that centre")
+    moments: _Vector = quantity("kg m2", "moments of inertia xx, yy, zz about the centre of mass")
     products: _Vector = Field(
-        default=(0.0, 0.0, 0.0), description="xy, xz, yz about that centre, kg m2"
+        default=(0.0, 0.0, 0.0),
+        description="products of inertia xy, xz, yz about the centre of mass, kg m2",
     )
 
 
@@ -290,14 +294,15 @@ class TailGeometry(TailPart):
     """
 
     schema_: str = Field(default=SCHEMA, alias="schema", repr=False)
-    name: str = quantity("1", "of the tail", min_length=1, max_length=40)
+    name: str = quantity("1", "name of the tail", min_length=1, max_length=40)
     arm: TailArm
     plates: Annotated[tuple[Plate, ...], Field(strict=False, min_length=1)]
     arm_inertial: _Known = Field(
-        default=None, description="of the arm in T, in place of its density's"
+        default=None, description="mass and inertia of the arm in T, in place of its density's"
     )
     sail_inertial: _Known = Field(
-        default=None, description="of all plates in T, in place of their densities'"
+        default=None,
+        description="mass and inertia of all plates in T, in place of their densities'",
     )
 
     @model_validator(mode="after")

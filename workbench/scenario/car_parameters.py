@@ -16,12 +16,16 @@ class CarParameters(QuantityModel):
     """Chassis, wheels, tyres and suspension of the car without its tail arm (design section 7)."""
 
     mass: float = quantity(
-        "kg", "whole car without the tail arm, gearbox and wheels included", "(0, 30]"
+        "kg", "mass of the whole car without the tail arm, gearbox and wheels included", "(0, 30]"
     )
     com_height: float = quantity(
-        "m", "centre of mass of that car above the ground at nominal ride height", "(0, 1]"
+        "m",
+        "height of the centre of mass without tail arm above the ground, at nominal ride height",
+        "(0, 1]",
     )
-    com_x: float = quantity("m", "centre of mass of that car ahead of the rear axle", "[-0.2, 0.5]")
+    com_x: float = quantity(
+        "m", "distance of the centre of mass without tail arm ahead of the rear axle", "[-0.2, 0.5]"
+    )
     gyration_roll: float = quantity(
         "m", "radius of gyration of the sprung body about its x axis", "(0, 0.5]"
     )
@@ -36,13 +40,13 @@ class CarParameters(QuantityModel):
     tyre_radius: float = quantity("m", "unloaded tyre radius", "(0.01, 0.5]")
     tyre_width: float = quantity("m", "tyre width", "(0.005, 0.3]")
     tyre_shape: Literal["cylinder", "ellipsoid"] = quantity(
-        "1", "contact shape of a tyre of this width"
+        "1", "contact shape of a tyre of width tyre_width"
     )
-    wheel_mass: float = quantity("kg", "one wheel with its tyre", "(0, 2]")
+    wheel_mass: float = quantity("kg", "mass of one wheel with its tyre", "(0, 2]")
     upright_mass: float = quantity(
-        "kg", "moving part of one suspension without wheel and knuckle", "(0, 2]"
+        "kg", "mass of the moving part of one suspension without wheel and knuckle", "(0, 2]"
     )
-    knuckle_mass: float = quantity("kg", "one steered front knuckle", "(0, 2]")
+    knuckle_mass: float = quantity("kg", "mass of one steered front knuckle", "(0, 2]")
     tyre_stiffness_front: float = quantity("N/m", "radial stiffness of one front tyre", "(0, 1e7]")
     tyre_stiffness_rear: float = quantity("N/m", "radial stiffness of one rear tyre", "(0, 1e7]")
     tyre_dissipation: float = quantity("s/m", "Hunt-Crossley dissipation of the tyres", "[0, 10]")
@@ -76,21 +80,25 @@ class CarParameters(QuantityModel):
     cage_friction: float = quantity(
         "1", "friction coefficient of cage, board and tail on the ground", "[0, 2]"
     )
-    gearbox_x: float = quantity("m", "middle of the gearbox ahead of the rear axle", "[-0.5, 0.5]")
-    gearbox_mass: float = quantity("kg", "tail gearbox with both motors", "(0, 10]")
-    gearbox_width: float = quantity("m", "gearbox along y", "(0, 1]")
-    gearbox_length: float = quantity("m", "gearbox along x", "(0, 1]")
-    gearbox_height: float = quantity("m", "gearbox along z", "(0, 1]")
+    gearbox_x: float = quantity(
+        "m", "distance of the middle of the gearbox ahead of the rear axle", "[-0.5, 0.5]"
+    )
+    gearbox_mass: float = quantity("kg", "mass of the tail gearbox with both motors", "(0, 10]")
+    gearbox_width: float = quantity("m", "width of the gearbox, along y", "(0, 1]")
+    gearbox_length: float = quantity("m", "length of the gearbox, along x", "(0, 1]")
+    gearbox_height: float = quantity("m", "height of the gearbox, along z", "(0, 1]")
 
     board: bool = quantity("1", "true: anti-ramp board at the rear; false: none")
-    board_x: float = quantity("m", "rear edge of that board ahead of the rear axle", "[-0.5, 0]")
-    board_height: float = quantity(
-        "m", "its lower face above the ground at nominal ride height", "(0, 0.5]"
+    board_x: float = quantity(
+        "m", "distance of the rear edge of the anti-ramp board ahead of the rear axle", "[-0.5, 0]"
     )
-    board_length: float = quantity("m", "board along x", "(0, 0.5]")
-    board_width: float = quantity("m", "board along y", "(0, 1]")
-    board_thickness: float = quantity("m", "board along z", "(0, 0.05]")
-    board_mass: float = quantity("kg", "board, part of the mass of the car", "(0, 1]")
+    board_height: float = quantity(
+        "m", "height of the board's lower face above the ground at nominal ride height", "(0, 0.5]"
+    )
+    board_length: float = quantity("m", "length of the board, along x", "(0, 0.5]")
+    board_width: float = quantity("m", "width of the board, along y", "(0, 1]")
+    board_thickness: float = quantity("m", "thickness of the board, along z", "(0, 0.05]")
+    board_mass: float = quantity("kg", "mass of the board, part of the mass of the car", "(0, 1]")
     bodies: str = quantity(
         "1", "none, or the path of a file of bodies on the chassis that feel the air"
     )
@@ -123,7 +131,7 @@ class ServoParameters(QuantityModel):
     rate: float = quantity("rad/s", "steering rate at the road wheels", "(0, 100]")
     limit: float = quantity("rad", "largest steering angle to either side", "(0, 1.2]")
     linkage: Literal["parallel", "ackermann"] = quantity(
-        "1", "both wheels at the steering angle, or about one centre"
+        "1", "kind of linkage: both wheels at the steering angle, or about one centre"
     )
     frame_rate: float = quantity("Hz", "rate at which the servo reads its command", "(0, 2000]")
     stiffness: float = quantity("N m/rad", "position gain at each front knuckle", "(0, 1e4]")
@@ -150,7 +158,9 @@ class DriveParameters(QuantityModel):
         "N m s/rad", "torque per shaft-speed error with governor", "(0, 100]"
     )
     time_constant: float = quantity(
-        "s", "speed response of the whole car without governor", "(0.01, 20]"
+        "s", "time constant of the whole car's speed response without governor", "(0.01, 20]"
     )
     torque_limit: float = quantity("N m", "largest torque on the rear axle", "(0, 100]")
-    rotor_inertia: float = quantity("kg m2", "motor and gear train reflected to the axle", "(0, 1]")
+    rotor_inertia: float = quantity(
+        "kg m2", "inertia of motor and gear train, reflected to the axle", "(0, 1]"
+    )

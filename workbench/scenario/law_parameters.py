@@ -22,16 +22,16 @@ class ControllerParameters(QuantityModel):
     settle_kp: float = quantity("N m/rad", "position gain at the end of the swing", "[0, 500]")
     settle_kd: float = quantity("N m s/rad", "velocity gain at the end of the swing", "[0, 5]")
     trigger: Literal["yaw_rate", "lateral_acceleration", "steering"] = quantity(
-        "1", "what starts the swing"
+        "1", "signal that starts the swing"
     )
     trigger_yaw_rate: float = quantity(
         "rad/s", "yaw rate into the planned turn that starts the swing", "(0, 100]"
     )
     trigger_lateral_acceleration: float = quantity(
-        "m/s2", "of the IMU into the turn that starts it", "(0, 100]"
+        "m/s2", "lateral acceleration of the IMU into the turn that starts the swing", "(0, 100]"
     )
     trigger_steering_angle: float = quantity(
-        "rad", "steering command into the turn that does", "(0, 1.2]"
+        "rad", "steering command into the turn that starts the swing", "(0, 1.2]"
     )
     delay: float = quantity("s", "wait between trigger and swing", "[0, 10]")
     travel: float = quantity(
@@ -47,7 +47,7 @@ class ControllerParameters(QuantityModel):
         "1", "swing that is played: none (the law above), a name in models/swings, or a path"
     )
     law: Literal["swing", "feedback"] = quantity(
-        "1", "the thesis' law or swing_file, or that of section feedback"
+        "1", "law of the tail: the thesis' law or swing_file, or that of section feedback"
     )
 
 
@@ -58,7 +58,7 @@ class RolloverControlParameters(QuantityModel):
         "1/rad", "share of the steering that is lost per roll beyond start; 0 is off", "[0, 1000]"
     )
     start: float = quantity("rad", "roll from which steering is lost", "[0, 1.5708]")
-    lead: float = quantity("s", "how far ahead the roll is taken, by the roll rate", "[0, 5]")
+    lead: float = quantity("s", "time by which the roll is taken ahead, by the roll rate", "[0, 5]")
     acceleration: float = quantity(
         "m/s2", "lateral acceleration of the kinematic car at which the wheels stop", "(0, 1000]"
     )
@@ -80,11 +80,11 @@ class FeedbackParameters(QuantityModel):
     kick_roll: float = quantity(
         "rad", "roll of the tail to the inside as the steering starts", "[-3.1416, 3.1416]"
     )
-    kick_time: float = quantity("s", "how long it goes there", "[0, 5]")
+    kick_time: float = quantity("s", "time for which the tail goes to kick_roll", "[0, 5]")
     counter_roll: float = quantity(
-        "rad", "roll of the tail to the outside after that", "[-3.1416, 3.1416]"
+        "rad", "roll of the tail to the outside after kick_time", "[-3.1416, 3.1416]"
     )
-    counter_time: float = quantity("s", "how long it goes there", "[0, 5]")
+    counter_time: float = quantity("s", "time for which the tail goes to counter_roll", "[0, 5]")
     min_demand: float = quantity("1", "demand of the steering that releases a swing", "(0, 1)")
     zero_time: float = quantity(
         "s", "time constant with which the zero of the roll follows the roll", "(0, 100]"
@@ -93,7 +93,9 @@ class FeedbackParameters(QuantityModel):
     out_speed: float = quantity(
         "rad/s", "roll rate of the reference towards a larger lean", "(0, 50]"
     )
-    return_speed: float = quantity("rad/s", "roll rate of the reference otherwise", "(0, 50]")
+    return_speed: float = quantity(
+        "rad/s", "roll rate of the reference towards a lean that is no larger", "(0, 50]"
+    )
     kp: float = quantity("N m/rad", "position gain of the roll motor", "[0, 500]")
     kd: float = quantity("N m s/rad", "velocity gain of the roll motor", "[0, 5]")
     pitch_angle: float = quantity("rad", "pitch at which the tail is held", "[-1.5708, 1.5708]")

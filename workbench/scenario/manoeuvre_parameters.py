@@ -23,20 +23,22 @@ class WindParameters(QuantityModel):
     mean_x: float = quantity(
         "m/s", "steady wind towards the car's first heading: a tail wind", "[-40, 40]"
     )
-    mean_y: float = quantity("m/s", "steady wind towards the left of that heading", "[-40, 40]")
+    mean_y: float = quantity(
+        "m/s", "steady wind towards the left of the car's first heading", "[-40, 40]"
+    )
     mean_z: float = quantity("m/s", "steady wind upwards", "[-40, 40]")
     gust_amplitude: float = quantity(
         "m/s", "amplitude of the sinusoidal gust, which starts at zero", "[0, 40]"
     )
     gust_period: float = quantity("s", "period of the gust", "(0, 600]")
     gust_direction: float = quantity(
-        "rad", "where its first half blows to, from x towards y", "[-3.1416, 3.1416]"
+        "rad", "direction to which a gust's first half blows, from x towards y", "[-3.1416, 3.1416]"
     )
     turbulence: float = quantity(
         "m/s", "standard deviation of the filtered noise in each axis", "[0, 20]"
     )
     turbulence_time_constant: float = quantity(
-        "s", "of the first-order filter of that noise", "(0, 60]"
+        "s", "time constant of the first-order filter of the turbulence's noise", "(0, 60]"
     )
 
     @property
@@ -52,22 +54,26 @@ class ManoeuvreParameters(QuantityModel):
 
     kind: Literal[
         "turn", "auto_turn", "levels", "straight", "slalom", "fishhook", "path", "rising"
-    ] = quantity("1", "simulated turn, AUTO sequence, ...")
+    ] = quantity("1", "kind of manoeuvre: simulated turn, AUTO sequence, ...")
     speed: float = quantity("m/s", "commanded speed", "[0, 30]")
     rolling_start: bool = quantity(
-        "1", "true: the car begins at that speed, straight ahead; false: at rest"
+        "1", "true: the car begins at the commanded speed, straight ahead; false: at rest"
     )
     direction: Literal["left", "right"] = quantity("1", "side of the turn")
     steer_angle: float = quantity("rad", "commanded steering angle of the turn", "[0, 1.2]")
     first_angle: float = quantity(
-        "rad", "another angle at the beginning of a simulated turn", "[0, 1.2]"
+        "rad", "other steering angle at the beginning of a simulated turn", "[0, 1.2]"
     )
-    first_hold: float = quantity("s", "how much of turn_hold has that angle; 0: none", "[0, 60]")
+    first_hold: float = quantity("s", "part of turn_hold that has first_angle; 0: none", "[0, 60]")
     level_1: float = quantity("rad", "first of the angles that kind levels holds", "[-1.2, 1.2]")
-    level_2: float = quantity("rad", "second of these angles", "[-1.2, 1.2]")
-    level_3: float = quantity("rad", "last of these angles, until turn_hold", "[-1.2, 1.2]")
+    level_2: float = quantity("rad", "second of the angles that kind levels holds", "[-1.2, 1.2]")
+    level_3: float = quantity(
+        "rad", "last of the angles that kind levels holds, until turn_hold", "[-1.2, 1.2]"
+    )
     level_1_end: float = quantity("s", "end of the first level, from its start on", "[0, 60]")
-    level_2_end: float = quantity("s", "end of the second level, from that start on", "[0, 60]")
+    level_2_end: float = quantity(
+        "s", "end of the second level, from the start of the first one on", "[0, 60]"
+    )
     trim_angle: float = quantity(
         "rad", "angle into the turn that kind levels holds before turn_start", "[-1.2, 1.2]"
     )
@@ -76,35 +82,41 @@ class ManoeuvreParameters(QuantityModel):
         "s", "time of the steering command in a simulated turn", "[0, 600]"
     )
     turn_hold: float = quantity(
-        "s", "how long the steering command lasts; in a fishhook the second angle", "(0, 60]"
+        "s", "time for which the steering command lasts; in a fishhook the second angle", "(0, 60]"
     )
     turns: int = quantity(
-        "1", "how many steps of steering a simulated turn has, all to one side", "[1, 20]"
+        "1", "number of steering steps of a simulated turn, all to one side", "[1, 20]"
     )
-    turn_gap: float = quantity("s", "straight driving between two of them", "[0, 60]")
+    turn_gap: float = quantity(
+        "s", "time of straight driving between two steering steps", "[0, 60]"
+    )
     counter_roll_rate: float = quantity(
-        "rad/s", "outward roll below which a fishhook is counter-steered", "(0, 10]"
+        "rad/s", "outward roll rate below which a fishhook is counter-steered", "(0, 10]"
     )
-    steer_rate: float = quantity("rad/s", "growth of a rising steering angle", "(0, 10]")
-    path: Literal["lane_change", "corner"] = quantity("1", "what is driven by kind path")
-    corner_radius: float = quantity("m", "of the centre line of a corner", "(0.05, 100]")
-    corner_width: float = quantity("m", "of the lane of a corner", "(0.05, 20]")
-    driver_preview: float = quantity("s", "how far ahead the driver of a path looks", "(0, 10]")
+    steer_rate: float = quantity("rad/s", "growth rate of a rising steering angle", "(0, 10]")
+    path: Literal["lane_change", "corner"] = quantity("1", "path that kind path drives")
+    corner_radius: float = quantity("m", "radius of the centre line of a corner", "(0.05, 100]")
+    corner_width: float = quantity("m", "width of the lane of a corner", "(0.05, 20]")
+    driver_preview: float = quantity(
+        "s", "time by which the driver of a path looks ahead", "(0, 10]"
+    )
     driver_correction: float = quantity(
-        "1", "share of missing curvature that driver adds", "[0, 10]"
+        "1", "share of the missing curvature that the driver of a path adds", "[0, 10]"
     )
-    driver_lag: float = quantity("s", "time constant with which that driver notices it", "[0, 10]")
-    driver_delay: float = quantity("s", "reaction time of that driver", "[0, 1]")
+    driver_lag: float = quantity(
+        "s", "time constant with which the driver of a path notices missing curvature", "[0, 10]"
+    )
+    driver_delay: float = quantity("s", "reaction time of the driver of a path", "[0, 1]")
     driver_rate: float = quantity(
-        "rad/s", "steering rate of that driver's hands, at the wheels", "(0, 100]"
+        "rad/s", "steering rate of the hands of the driver of a path, at the wheels", "(0, 100]"
     )
     duration: float = quantity("s", "length of a run other than the AUTO sequence", "(0, 600]")
     slalom_period: float = quantity("s", "period of the sinusoidal steering", "(0, 60]")
     straight_time: float = quantity(
-        "s", "straight driving before the turn of the AUTO sequence", "[0, 600]"
+        "s", "time of straight driving before the turn of the AUTO sequence", "[0, 600]"
     )
     wait_after_turn: float = quantity(
-        "s", "straight driving after that turn before throttle 0", "[0, 60]"
+        "s", "time of straight driving after the AUTO sequence's turn, before throttle 0", "[0, 60]"
     )
     log_end: float = quantity("s", "end of the AUTO sequence", "(0, 600]")
 

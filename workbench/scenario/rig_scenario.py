@@ -25,12 +25,12 @@ from aerodima.workbench.scenario.tail_parameters import (
 
 WRENCH_AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 """Order of forces and torques."""
-_COM = quantity("m", "centre of mass in W", "[-1, 1]")
-_PIVOT = quantity("m", "pivot from the mount's centre of mass", "[-1, 1]")
-_MOMENT = quantity("kg m2", "about the centre of mass, W axes", "(0, 10]")
+_COM = quantity("m", "coordinate of the centre of mass in W", "[-1, 1]")
+_PIVOT = quantity("m", "coordinate of the pivot from the mount's centre of mass", "[-1, 1]")
+_MOMENT = quantity("kg m2", "moment of inertia about the centre of mass, W axes", "(0, 10]")
 _PRODUCT = quantity("kg m2", "element of the inertia matrix", "[-10, 10]")
-_FORCE_OFFSET = quantity("N", "to add to a reading", "[-1000, 1000]")
-_TORQUE_OFFSET = quantity("N m", "to add to a reading", "[-100, 100]")
+_FORCE_OFFSET = quantity("N", "force to add to a reading", "[-1000, 1000]")
+_TORQUE_OFFSET = quantity("N m", "torque to add to a reading", "[-100, 100]")
 _FORCE_BIAS = quantity("N", "standard deviation of the constant bias of a log", "[0, 1000]")
 _TORQUE_BIAS = quantity("N m", "standard deviation of the constant bias of a log", "[0, 100]")
 
@@ -38,7 +38,7 @@ _TORQUE_BIAS = quantity("N m", "standard deviation of the constant bias of a log
 class MountParameters(QuantityModel):
     """Mounting structure between force sensor and motor axis (thesis Tables 4.5 and 4.6)."""
 
-    mass: float = quantity("kg", "mounting structure with the motor", "(0, 50]")
+    mass: float = quantity("kg", "mass of the mounting structure with the motor", "(0, 50]")
     com_x: float = _COM
     com_y: float = _COM
     com_z: float = _COM
@@ -57,14 +57,16 @@ class MountParameters(QuantityModel):
 class BarParameters(QuantityModel):
     """Steel bar on the motor axis, carrying the tail (thesis Tables 4.5 and 4.6, section 4.6)."""
 
-    mass: float = quantity("kg", "bar", "(0, 10]")
-    com_distance: float = quantity("m", "centre of mass below the pivot", "(0, 2]")
+    mass: float = quantity("kg", "mass of the bar", "(0, 10]")
+    com_distance: float = quantity("m", "distance of the centre of mass below the pivot", "(0, 2]")
     tail_distance: float = quantity(
-        "m", "end of the bar, where the tail is mounted, below the pivot", "(0, 2]"
+        "m", "distance of the end of the bar, where the tail is mounted, below the pivot", "(0, 2]"
     )
-    inertia_xx: float = quantity("kg m2", "about the centre of mass", "(0, 1]")
-    inertia_yy: float = quantity("kg m2", "about the centre of mass", "(0, 1]")
-    inertia_zz: float = quantity("kg m2", "about the centre of mass, along the bar", "(0, 1]")
+    inertia_xx: float = quantity("kg m2", "moment of inertia about the centre of mass", "(0, 1]")
+    inertia_yy: float = quantity("kg m2", "moment of inertia about the centre of mass", "(0, 1]")
+    inertia_zz: float = quantity(
+        "kg m2", "moment of inertia about the centre of mass, along the bar", "(0, 1]"
+    )
     width: float = quantity("m", "width across the wind", "(0, 1]")
     drag_coefficient: float = quantity("1", "C_D of the part in the jet", "[0, 10]")
 
@@ -74,14 +76,14 @@ class CheetahTailParameters(QuantityModel):
     it (Table 4.4).
     """
 
-    length: float = quantity("m", "root to tip", "(0, 3]")
+    length: float = quantity("m", "length from root to tip", "(0, 3]")
     major_axis: float = quantity(
         "m", "mean major width; reference width of both orientations (ERRATA E2)", "(0, 1]"
     )
     minor_axis: float = quantity("m", "mean minor width", "(0, 1]")
-    mass: float = quantity("kg", "tail", "(0, 5]")
-    com_distance: float = quantity("m", "centre of mass beyond the root", "(0, 3]")
-    gap: float = quantity("m", "root beyond the end of the bar", "[0, 0.5]")
+    mass: float = quantity("kg", "mass of the tail", "(0, 5]")
+    com_distance: float = quantity("m", "distance of the centre of mass beyond the root", "(0, 3]")
+    gap: float = quantity("m", "distance of the root beyond the end of the bar", "[0, 0.5]")
     fx_offset: float = _FORCE_OFFSET
     fy_offset: float = _FORCE_OFFSET
     fz_offset: float = _FORCE_OFFSET
@@ -102,7 +104,9 @@ class MaxonParameters(QuantityModel):
         "N m/A", "torque at the gearbox output per ampere, k_t N", "(0, 10]"
     )
     gear_ratio: float = quantity("1", "rotor turns per output turn", "[1, 1000]")
-    reflected_inertia: float = quantity("kg m2", "N^2 I_rotor, about the motor axis only", "[0, 1]")
+    reflected_inertia: float = quantity(
+        "kg m2", "reflected inertia of the rotor, N^2 I_rotor, about the motor axis only", "[0, 1]"
+    )
     current_limit: float = quantity("A", "largest current to either side", "(0, 200]")
     current_noise: float = quantity("A", "standard deviation of a logged current sample", "[0, 10]")
 
@@ -121,11 +125,15 @@ class RigEncoderParameters(QuantityModel):
 class TunnelParameters(QuantityModel):
     """The jet, and how the rig stands in it (design section 5, ERRATA E21)."""
 
-    jet_edge_depth: float = quantity("m", "upper edge of the jet below the pivot, h0", "[-2, 2]")
-    jet_slope: float = quantity("1", "rise of that edge per metre downstream", "[-1, 1]")
+    jet_edge_depth: float = quantity(
+        "m", "depth of the upper edge of the jet below the pivot, h0", "[-2, 2]"
+    )
+    jet_slope: float = quantity(
+        "1", "rise of the upper edge of the jet per metre downstream", "[-1, 1]"
+    )
     psi3: float = quantity("rad", "wind direction from -y, turned about z", "[-0.5, 0.5]")
     misalignment: float = quantity(
-        "rad", "tail axis from the bar's, positive downstream", "[-0.5, 0.5]"
+        "rad", "angle of the tail's axis from the bar's, positive downstream", "[-0.5, 0.5]"
     )
 
 
@@ -140,10 +148,10 @@ class ForceSensorParameters(QuantityModel):
     ty_accuracy: float = _TORQUE_BIAS
     tz_accuracy: float = _TORQUE_BIAS
     noise_fraction: float = quantity(
-        "1", "standard deviation of a sample's noise over that accuracy", "[0, 10]"
+        "1", "standard deviation of a sample's noise over the accuracy of its axis", "[0, 10]"
     )
     drift_fraction: float = quantity(
-        "1/s", "standard deviation of a log's drift over that accuracy", "[0, 1]"
+        "1/s", "standard deviation of a log's drift over the accuracy of its axis", "[0, 1]"
     )
     force_range_xy: float = quantity("N", "largest F_x and F_y reading", "(0, 1e5]")
     force_range_z: float = quantity("N", "largest F_z reading", "(0, 1e5]")
@@ -173,43 +181,73 @@ class RigUncertaintyParameters(QuantityModel):
     are relative to their value.
     """
 
-    mount_mass: float = quantity("kg", "of mount.mass", "[0, 1]")
-    mount_com_x: float = quantity("m", "of mount.com_x, the pivot staying where it is", "[0, 0.1]")
-    mount_com_y: float = quantity("m", "of mount.com_y, the pivot staying where it is", "[0, 0.1]")
-    pivot_x: float = quantity("m", "of the pivot from the sensor's measuring point", "[0, 0.1]")
-    pivot_y: float = quantity("m", "of the pivot from the sensor's measuring point", "[0, 0.1]")
-    pivot_z: float = quantity(
-        "m", "of the height of the pivot over the sensor's measuring point", "[0, 0.1]"
+    mount_mass: float = quantity("kg", "standard deviation of mount.mass", "[0, 1]")
+    mount_com_x: float = quantity(
+        "m", "standard deviation of mount.com_x, the pivot staying where it is", "[0, 0.1]"
     )
-    bar_mass: float = quantity("kg", "of bar.mass", "[0, 1]")
-    bar_com: float = quantity("m", "of bar.com_distance", "[0, 0.1]")
-    bar_inertia: float = quantity("kg m2", "of bar.inertia_xx", "[0, 0.1]")
-    bar_width: float = quantity("m", "of bar.width", "[0, 0.1]")
-    bar_drag: float = quantity("1", "of bar.drag_coefficient", "[0, 2]")
-    tail_mass: float = quantity("kg", "of the tail's mass", "[0, 1]")
-    tail_com: float = quantity("m", "of the tail's com_distance", "[0, 0.2]")
-    tail_gap: float = quantity("m", "of the tail's gap", "[0, 0.1]")
-    tail_length: float = quantity("m", "of the tail's length", "[0, 0.1]")
-    tail_width: float = quantity("m", "of the tail's reference width", "[0, 0.1]")
-    rotor_inertia: float = quantity("kg m2", "of maxon.reflected_inertia", "[0, 0.1]")
-    torque_constant: float = quantity("N m/A", "of maxon.torque_constant", "[0, 1]")
-    jet_edge_depth: float = quantity("m", "of tunnel.jet_edge_depth", "[0, 0.2]")
-    wind_speed: float = quantity("1", "of the wind speed, a part of it", "[0, 0.2]")
-    air_density: float = quantity("kg/m3", "of environment.air_density", "[0, 0.5]")
-    coulomb: float = quantity("N m", "of friction.coulomb, where it is not fitted", "[0, 1]")
-    viscous: float = quantity("N m s/rad", "of friction.viscous, where it is not fitted", "[0, 1]")
-    encoder_zero: float = quantity("rad", "angle of a reading of zero", "[0, 0.5]")
-    encoder_gain: float = quantity("1", "of the encoder's scale, a part of it", "[0, 0.2]")
-    current_bias: float = quantity("A", "of a logged current", "[0, 10]")
-    current_delay: float = quantity("s", "by which a logged current comes late", "[0, 0.1]")
-    force_gain: float = quantity("1", "of the force sensor's scale, a part of it", "[0, 0.2]")
+    mount_com_y: float = quantity(
+        "m", "standard deviation of mount.com_y, the pivot staying where it is", "[0, 0.1]"
+    )
+    pivot_x: float = quantity(
+        "m", "standard deviation of the pivot's x from the sensor's measuring point", "[0, 0.1]"
+    )
+    pivot_y: float = quantity(
+        "m", "standard deviation of the pivot's y from the sensor's measuring point", "[0, 0.1]"
+    )
+    pivot_z: float = quantity(
+        "m", "standard deviation of the pivot's height over the measuring point", "[0, 0.1]"
+    )
+    bar_mass: float = quantity("kg", "standard deviation of bar.mass", "[0, 1]")
+    bar_com: float = quantity("m", "standard deviation of bar.com_distance", "[0, 0.1]")
+    bar_inertia: float = quantity("kg m2", "standard deviation of bar.inertia_xx", "[0, 0.1]")
+    bar_width: float = quantity("m", "standard deviation of bar.width", "[0, 0.1]")
+    bar_drag: float = quantity("1", "standard deviation of bar.drag_coefficient", "[0, 2]")
+    tail_mass: float = quantity("kg", "standard deviation of the tail's mass", "[0, 1]")
+    tail_com: float = quantity("m", "standard deviation of the tail's com_distance", "[0, 0.2]")
+    tail_gap: float = quantity("m", "standard deviation of the tail's gap", "[0, 0.1]")
+    tail_length: float = quantity("m", "standard deviation of the tail's length", "[0, 0.1]")
+    tail_width: float = quantity(
+        "m", "standard deviation of the tail's reference width", "[0, 0.1]"
+    )
+    rotor_inertia: float = quantity(
+        "kg m2", "standard deviation of maxon.reflected_inertia", "[0, 0.1]"
+    )
+    torque_constant: float = quantity(
+        "N m/A", "standard deviation of maxon.torque_constant", "[0, 1]"
+    )
+    jet_edge_depth: float = quantity("m", "standard deviation of tunnel.jet_edge_depth", "[0, 0.2]")
+    wind_speed: float = quantity("1", "relative standard deviation of the wind speed", "[0, 0.2]")
+    air_density: float = quantity(
+        "kg/m3", "standard deviation of environment.air_density", "[0, 0.5]"
+    )
+    coulomb: float = quantity(
+        "N m", "standard deviation of friction.coulomb, where it is not fitted", "[0, 1]"
+    )
+    viscous: float = quantity(
+        "N m s/rad", "standard deviation of friction.viscous, where it is not fitted", "[0, 1]"
+    )
+    encoder_zero: float = quantity(
+        "rad", "standard deviation of the angle at which the encoder reads zero", "[0, 0.5]"
+    )
+    encoder_gain: float = quantity(
+        "1", "relative standard deviation of the encoder's scale", "[0, 0.2]"
+    )
+    current_bias: float = quantity(
+        "A", "standard deviation of the bias of the logged current", "[0, 10]"
+    )
+    current_delay: float = quantity(
+        "s", "standard deviation of the time by which the logged current comes late", "[0, 0.1]"
+    )
+    force_gain: float = quantity(
+        "1", "relative standard deviation of the force sensor's scale", "[0, 0.2]"
+    )
 
 
 class RigAeroParameters(QuantityModel):
     """Coefficients of the tail under test (design section 5)."""
 
     source: Literal["published", "constant"] = quantity(
-        "1", "tables in models/coefficients, or the constants here"
+        "1", "source of the coefficients: tables in models/coefficients, or the constants here"
     )
     drag: float = quantity("1", "C_D with source constant", "[0, 10]")
     lift: float = quantity("1", "C_L with source constant, towards the root", "[-10, 10]")
@@ -217,7 +255,7 @@ class RigAeroParameters(QuantityModel):
     lift_blend: float = quantity(
         "rad", "angle of attack within which the lift changes sides; 0 jumps", "[0, 0.7]"
     )
-    sections: int = quantity("1", "equal sections of the exposed length", "[1, 200]")
+    sections: int = quantity("1", "number of equal sections of the exposed length", "[1, 200]")
     added_mass: float = quantity(
         "kg", "added mass of each of five parts of the whole tail", "[-1, 10]"
     )
@@ -229,21 +267,23 @@ class ExperimentParameters(QuantityModel):
     kind: Literal["static", "swing", "bar_swing", "robot_swing"] = quantity(
         "1", "experiment, as in the log's metadata"
     )
-    tail: int = quantity("1", "cheetah tail", "[1, 3]")
+    tail: int = quantity("1", "number of the cheetah tail", "[1, 3]")
     axis: Literal["major", "minor"] = quantity(
         "1", "orientation of the tail: which width faces the wind"
     )
-    wind_speed: float = quantity("m/s", "wind, towards -y", "[0, 40]")
+    wind_speed: float = quantity("m/s", "speed of the wind, towards -y", "[0, 40]")
     angle: float = quantity(
         "rad", "angle that is held, or from which a swing starts", "[-1.75, 1.75]"
     )
     target: float = quantity("rad", "angle to which a swing goes", "[-1.75, 1.75]")
     wind_off: float = quantity(
-        "s", "static hold: rest without wind at the start of the log", "[0, 60]"
+        "s", "time of rest without wind at the start of the log of a static hold", "[0, 60]"
     )
-    rest: float = quantity("s", "how long the start angle is held before a swing", "[0, 60]")
+    rest: float = quantity("s", "time for which the start angle is held before a swing", "[0, 60]")
     duration: float = quantity("s", "length of the log", "(0, 600]")
-    actuated: bool = quantity("1", "swings: true drives the motor to the target, false lets go")
+    actuated: bool = quantity(
+        "1", "true: the motor drives the tail to the target in a swing; false: it lets go"
+    )
     kp: float = quantity("A/rad", "position gain of the current controller in a swing", "[0, 1000]")
     kd: float = quantity(
         "A s/rad", "velocity gain of the current controller in a swing", "[0, 1000]"

@@ -132,7 +132,7 @@ class ScenarioFile(StrictModel):
     """Present names of keys of earlier versions, by section and old name."""
 
     schema_: str = Field(alias="schema")
-    name: str = Field(description="what the run is called in reports", min_length=1, max_length=80)
+    name: str = Field(description="name of the run in reports", min_length=1, max_length=80)
     seed: int = Field(1, description="seed of every random number of the run", ge=0, le=2**63 - 1)
 
     @model_validator(mode="after")

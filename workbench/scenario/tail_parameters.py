@@ -58,36 +58,42 @@ class TailParameters(QuantityModel):
     """The tail arm: pitch joint, roll joint, rod and sail (thesis chapters 5 and 6.3)."""
 
     name: str = quantity(
-        "1", "which tail it is: built, or the name of a design", min_length=1, max_length=40
+        "1", "name of the tail: built, or the name of a design", min_length=1, max_length=40
     )
     mode: Literal["none", "held", "swing"] = quantity(
-        "1", "no tail arm, arm held on the inside, arm swung"
+        "1", "use of the tail: no tail arm, arm held on the inside, arm swung"
     )
-    length: float = quantity("m", "roll axis to tip", "(0.05, 3]")
-    mass: float = quantity("kg", "rod and sail together", "(0, 5]")
-    sail_mass_fraction: float = quantity("1", "share of that mass in the sail", "(0, 1)")
-    sail_length: float = quantity("m", "sail along the tail, ending at the tip", "(0.01, 3]")
-    sail_width: float = quantity("m", "sail across the tail", "(0.005, 2]")
-    hub_mass: float = quantity("kg", "moving part of the pitch joint", "(0, 2]")
-    mount_x: float = quantity("m", "tail joints ahead of the rear axle", "[-0.5, 0.5]")
-    mount_height: float = quantity("m", "tail joints above the ground", "(0, 1]")
+    length: float = quantity("m", "length from the roll axis to the tip", "(0.05, 3]")
+    mass: float = quantity("kg", "mass of rod and sail together", "(0, 5]")
+    sail_mass_fraction: float = quantity(
+        "1", "share of the sail in the mass of rod and sail together", "(0, 1)"
+    )
+    sail_length: float = quantity(
+        "m", "length of the sail along the tail, ending at the tip", "(0.01, 3]"
+    )
+    sail_width: float = quantity("m", "width of the sail across the tail", "(0.005, 2]")
+    hub_mass: float = quantity("kg", "mass of the moving part of the pitch joint", "(0, 2]")
+    mount_x: float = quantity(
+        "m", "distance of the tail joints ahead of the rear axle", "[-0.5, 0.5]"
+    )
+    mount_height: float = quantity("m", "height of the tail joints above the ground", "(0, 1]")
     coefficients: str = quantity(
-        "1", "of the sail: constant, an embedded set, or the path of a coefficient file"
+        "1", "sail coefficients: constant, an embedded set, or the path of a coefficient file"
     )
     normal_force_coefficient: float = quantity(
         "1", "C_N with shape built and coefficients constant", "[0, 10]"
     )
     sail: Literal["facing", "free", "locked"] = quantity(
-        "1", "facing the wind, free to turn, or locked"
+        "1", "state of the sail: facing the wind, free to turn, or locked"
     )
     sail_shape: str = quantity(
         "1", "shape of the sail: depth, board, and with coefficients constant its C_N"
     )
     sail_shell_offset: float = quantity(
-        "1", "of a free sail's shell behind its bearing, over sail_width", "[-1, 1]"
+        "1", "offset of a free sail's shell behind its bearing, over sail_width", "[-1, 1]"
     )
     sail_board_share: float = quantity(
-        "1", "backing board of a free sail, along the wind, over sail_width", "(0, 5]"
+        "1", "length of a free sail's backing board along the wind, over sail_width", "(0, 5]"
     )
     sail_side_coefficient: float = quantity(
         "1", "C_N of a free sail's shell and board across the wind", "[0, 10]"
@@ -103,7 +109,7 @@ class TailParameters(QuantityModel):
         "1", "none, or the path of a tail file, whose shape and mass stand in place of those here"
     )
     roll_limit: float = quantity(
-        "rad", "tail roll that may be commanded, to either side", "(0, 3.1416]"
+        "rad", "largest tail roll that may be commanded, to either side", "(0, 3.1416]"
     )
     roll_stop: float = quantity(
         "rad", "mechanical stop of the roll joint; 3.1416: none", "(0, 3.1416]"
