@@ -8,8 +8,9 @@ them there; settings of other full runs that name a motion are left out.
 import json
 import shutil
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -31,9 +32,32 @@ from aerodima.workbench.view.swerve_chapter import (
 from tests.code_measure import ROOT
 
 PAGE = ROOT / "docs" / "swerves.md"
+NO_TAIL = "no tail"
 BEGIN = "<!-- tables of models/swerve/swerves.csv -->\n"
 END = "<!-- end of the tables -->\n"
 SWING = "controller.swing_file="
+FIRST_PAGES = (ROOT / "README.md", ROOT / "docs" / "index.md", PAGE)
+FIRST_BEGIN = "<!-- first table of models/swerve/swerves.csv -->\n"
+FIRST_END = "<!-- end of the first table -->\n"
+FIRST_FLOORS = ("x 1", "x 1.2")
+FIRST_AIMS = {
+    "aside-0.5": "aside after 0.5 s",
+    "aside-1.0": "aside after 1 s",
+    "course": "change of course in 1 s *",
+    "sustained": "held turn *",
+}
+FIRST_PLANTS = {
+    "aside-0.5": "full",
+    "aside-1.0": "full",
+    "course": "reduced",
+    "sustained": "reduced",
+}
+FIRST_CANDIDATES = {
+    "feedback": "tail with the feedback law",
+    "bound": "best motion of the tail that was found",
+    "low ballast": "no tail, its mass bolted low",
+    "tail folded back, locked": "tail folded back and locked",
+}
 
 
 @styled()
@@ -57,36 +81,60 @@ def figure_from_above(run_logs: Mapping[str, RunLog]) -> Figure:
     return figure
 
 
-def page_rows(own: pd.DataFrame) -> Iterator[str]:
-    """Rows of a table: the median without tail in the unit of the aim, of all others the gain over
-    it with its interval, and how many cars complete the swerve where one does not.
+def page_cell(row: Mapping[str, Any]) -> str:
+    """The median without tail in the unit of the aim, of all others the gain over it with its
+    interval, and how many cars complete the swerve where one does not.
     """
-    summary = summarise_swerves(own)
-    for candidate, rows in summary.groupby("candidate", sort=False):
-        cells = [str(candidate)]
-        for row in rows.sort_values("speed_m_per_s").to_dict("records"):
-            gain, low, high = (100.0 * row[key] for key in ("gain", "gain_low", "gain_high"))
-            cell = f"{gain:+.0f} %"
-            if row["cars"] > 1:
-                cell += f" ({low:+.0f} to {high:+.0f})"
-            if candidate == "no tail":
-                cell = f"{row['median']:.3f} {AIMS[row['aim']].unit}"
-            if row["with_value"] < row["cars"]:
-                cell += f", {row['with_value']:.0f} of {row['cars']:.0f}"
-            cells.append(cell if row["with_value"] else "none")
-        yield f"| {' | '.join(cells)} |"
+    if not row["with_value"]:
+        return "none"
+    gain, low, high = (100.0 * row[key] for key in ("gain", "gain_low", "gain_high"))
+    cell = f"{gain:+.0f} %"
+    if row["cars"] > 1:
+        cell += f" ({low:+.0f} to {high:+.0f})"
+    if row["candidate"] == NO_TAIL:
+        cell = f"{row['median']:.3f} {AIMS[row['aim']].unit}"
+    if row["with_value"] < row["cars"]:
+        cell += f", {row['with_value']:.0f} of {row['cars']:.0f}"
+    return cell
 
 
 def page_tables(table: pd.DataFrame) -> str:
-    """The tables of the page, one for each kind of car, floor and aim."""
+    """The tables of the page: one for each kind of car and aim, with a column for each floor and
+    speed and a line for each candidate.
+    """
     parts = []
-    for (plant, floor, aim), own in table.groupby(["plant", "floor", "aim"], sort=False):
-        speeds = [f"{speed:g} m/s" for speed in sorted(own["speed_m_per_s"].unique())]
-        cars = own["car"].nunique()
-        words = f"{aim}, friction {floor}, {cars} {plant} car{'s' * (cars > 1)}"
-        head = f"| {' | '.join([words, *speeds])} |"
-        parts.append("\n".join([head, "|---" * (1 + len(speeds)) + "|", *page_rows(own)]) + "\n")
+    for (plant, aim), own in table.groupby(["plant", "aim"], sort=False):
+        places = sorted({*zip(own["floor"], own["speed_m_per_s"], strict=True)})
+        cells: dict[str, dict[Any, str]] = {}
+        for row in summarise_swerves(own).to_dict("records"):
+            place = (row["floor"], row["speed_m_per_s"])
+            cells.setdefault(row["candidate"], {})[place] = page_cell(row)
+        columns = [f"friction {floor}, {speed:g} m/s" for floor, speed in places]
+        lines = [[f"{aim}, {own['car'].nunique()} {plant} cars", *columns]]
+        lines.append(["---"] * len(lines[0]))
+        lines += [
+            [name, *[found.get(place, "") for place in places]] for name, found in cells.items()
+        ]
+        parts.append("".join(f"| {' | '.join(line)} |\n" for line in lines))
     return "\n".join(parts)
+
+
+def first_table(table: pd.DataFrame) -> str:
+    """The table of the first pages: median gains on `FIRST_FLOORS`, of the cars of
+    `FIRST_PLANTS`.
+    """
+    lines = [["", *FIRST_AIMS.values()], ["---"] * (1 + len(FIRST_AIMS))]
+    for candidate, words in FIRST_CANDIDATES.items():
+        cells = [words]
+        for aim in FIRST_AIMS:
+            own = table[table["aim"] == aim]
+            summary = summarise_swerves(own[own["plant"] == FIRST_PLANTS[aim]])
+            gains = summary[summary["candidate"] == candidate].set_index("floor")["gain"]
+            cells.append(
+                " / ".join(f"{100.0 * gains[floor]:+.0f}" for floor in FIRST_FLOORS) + " %"
+            )
+        lines.append(cells)
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 def store(folders: list[Path]) -> None:
@@ -109,10 +157,24 @@ def store(folders: list[Path]) -> None:
                 settings[number] = SWING + name
         table.loc[index, "settings"] = json.dumps(settings)
     table.to_csv(ROOT / "models" / SWERVES, index=False)
-    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-    _, after = rest.split(END)
-    PAGE.write_text(f"{before}{BEGIN}\n{page_tables(table)}\n{END}{after}", encoding="utf-8")
+    put(PAGE, (BEGIN, END), page_tables(table))
+    for page in FIRST_PAGES:
+        put(page, (FIRST_BEGIN, FIRST_END), first_table(table))
     draw(shown, table)
+
+
+def part_of(page: Path, marks: tuple[str, str]) -> str:
+    """The part of a page between two marks."""
+    _, rest = page.read_text(encoding="utf-8").split(marks[0])
+    return rest.split(marks[1])[0].strip("\n")
+
+
+def put(page: Path, marks: tuple[str, str], part: str) -> None:
+    """Writes a part of a page between two marks."""
+    begin, end = marks
+    before, rest = page.read_text(encoding="utf-8").split(begin)
+    _, after = rest.split(end)
+    page.write_text(f"{before}{begin}\n{part}\n{end}{after}", encoding="utf-8")
 
 
 def draw(shown: ShownSwerve, table: pd.DataFrame) -> None:

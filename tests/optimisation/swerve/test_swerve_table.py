@@ -14,7 +14,17 @@ from aerodima.optimisation.swerve.swerve_table import (
     swerve_page,
 )
 from aerodima.workbench import stored_swerves
-from tests.swerve_page import BEGIN, END, PAGE, page_tables
+from tests.swerve_page import (
+    BEGIN,
+    END,
+    FIRST_BEGIN,
+    FIRST_END,
+    FIRST_PAGES,
+    PAGE,
+    first_table,
+    page_tables,
+    part_of,
+)
 
 NONE = [0.40, 0.30, 0.50, 0.20]
 VALUES = {
@@ -35,8 +45,12 @@ def table(values=VALUES):
 
 
 def test_the_page_has_the_tables_of_the_stored_comparison():
-    _, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-    assert rest.split(END)[0].strip() == page_tables(stored_swerves()).strip()
+    assert part_of(PAGE, (BEGIN, END)) == page_tables(stored_swerves()).strip()
+
+
+@pytest.mark.parametrize("page", FIRST_PAGES, ids=lambda page: page.name)
+def test_a_first_page_has_the_gains_of_the_stored_comparison(page):
+    assert part_of(page, (FIRST_BEGIN, FIRST_END)) == first_table(stored_swerves()).strip()
 
 
 def test_gains_are_over_the_same_car_without_tail():
