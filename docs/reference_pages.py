@@ -98,7 +98,7 @@ def _package_page(package: str, folders: list[Path], exported: dict[str, dict[st
     lines += ["", "## Folders that export nothing", ""]
     for folder in folders:
         if folder.name not in exported:
-            summary = _docstring(folder / "__init__.py").split("\n")[0]
+            summary = _summary(_docstring(folder / "__init__.py"))
             lines.append(f"- [{folder.name}]({title}.{folder.name}.md): {summary}")
     return "\n".join(lines) + "\n"
 
@@ -135,7 +135,7 @@ def _folder_page(package: str, folder: Path, names: dict[str, str]) -> str:
         if not path.name.startswith("_"):
             name = path.relative_to(folder).as_posix()
             anchor = name.removesuffix(".py").replace("/", ".")
-            summary = _docstring(path).split("\n")[0].replace("|", "\\|")
+            summary = _summary(_docstring(path)).replace("|", "\\|")
             lines.append(f'| <span id="{anchor}">`{name}`</span> | {summary} |')
     return "\n".join(lines) + "\n"
 
