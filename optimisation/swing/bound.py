@@ -175,15 +175,20 @@ def find_bound(
     for start in starts:
         solutions.append(program.solve(start, effort.iterations, effort.solver))
         bar.advance("starts of the program")
+    best = _best_of(solutions)
+    found = shooting.scenarios_at(best.x)
+    return Bound(found, program, best, time.monotonic() - begin)
+
+
+def _best_of(solutions: Sequence[SwerveSolution]) -> SwerveSolution:
+    """Returns the solution of least cost that keeps all limits; SwingError if none does."""
     kept = [one for one in solutions if one.violation <= FEASIBILITY_TOL]
     if not kept:
         nearest = min(solutions, key=lambda one: one.violation)
         raise SwingError(
             f"no start reached a swerve that keeps its limits; nearest: {nearest.worst}"
         )
-    best = min(kept, key=lambda one: one.cost)
-    found = shooting.scenarios_at(best.x)
-    return Bound(found, program, best, time.monotonic() - begin)
+    return min(kept, key=lambda one: one.cost)
 
 
 def _with_one_steering(variables: SwerveVariables, points: FloatArray) -> FloatArray:

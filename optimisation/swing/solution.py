@@ -58,8 +58,8 @@ def solution_swing(
 ) -> SwingFile:
     """Returns a solution as the file of a swing to the left that the steering releases.
 
-    Its settings hold the steering of the first car, `found` holds its claims, and no torques are
-    fed forward.
+    Its settings hold the steering of the first car, and of its tail what the search has chosen.
+    `found` holds its claims. No torques are fed forward.
 
     Args:
         name: name of the swing.
@@ -68,7 +68,8 @@ def solution_swing(
         aim: name of the aim.
     """
     solution = bound.solution
-    variables = bound.program.shooting.variables
+    shooting = bound.program.shooting
+    variables = shooting.variables
     pitch, *rolls = (solution.x * variables.units)[: variables.motion]
     waiting = [0.0] * (len(KNOTS) - len(rolls))
     found: Json = {
@@ -83,6 +84,8 @@ def solution_swing(
     resolved = scenario.resolved()
     keys = [key.split(".") for key in CAR_KEYS]
     angle = scenario.tail.roll_limit
+    given = dict(shooting.scenarios[0].tail)
+    chosen = [f"tail.{key}={value}" for key, value in scenario.tail if value != given[key]]
     return swing_from_dict(
         {
             "schema": SCHEMA,
@@ -98,7 +101,7 @@ def solution_swing(
             "provenance": {
                 "source": "aerodima swing search",
                 "scenario": "swerve",
-                "settings": (*settings, *steering_settings(bound.steering())),
+                "settings": (*settings, *chosen, *steering_settings(bound.steering())),
                 "found": found,
                 "versions": software_versions(),
             },

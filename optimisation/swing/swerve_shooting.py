@@ -69,6 +69,8 @@ FOLLOW_GAINS = {"kp": 60.0, "kd": 3.0}
 """Gains of both joints of the tail, N m/rad and N m s/rad."""
 DIFFERENCE_STEP = 1e-7
 """Step of the scaled variables to either side for slopes."""
+FREE_STEP = 1e-5
+"""The same of a free number of the tail, since rounding of mass properties counts."""
 ANGLE_SCALE = 0.1
 """Steering angle of one scaled unit, rad."""
 TIME_SCALE = 0.2
@@ -359,8 +361,9 @@ class SwerveShooting:
         if self.free is None:
             return {}
         variables = self.variables
-        numbers = (x * variables.units)[variables.motion : variables.tail]
-        return dict(zip(self.free.ranges, numbers, strict=True))
+        first = variables.motion
+        units = variables.units
+        return {name: x[i] * units[i] for i, name in enumerate(self.free.ranges, first)}
 
     def scenarios_at(self, x: FloatArray) -> tuple[Scenario, ...]:
         """Returns the scenarios of the cars with their tail at scaled variables (size,)."""
@@ -401,8 +404,9 @@ class SwerveShooting:
         count = variables.members
         own = [variables.own(member) for member in range(count)]
         width = len(own[0])
-        steps = DIFFERENCE_STEP * np.eye(width)
-        tried = np.hstack([steps, -steps, np.zeros((width, 1))])
+        steps = np.full(width, DIFFERENCE_STEP)
+        steps[variables.motion : variables.tail] = FREE_STEP
+        tried = np.hstack([np.diag(steps), -np.diag(steps), np.zeros((width, 1))])
         columns = np.concatenate([x[places][:, None] + tried for places in own], axis=1)
         swerve = self.drive(columns, np.repeat(np.arange(count), tried.shape[1]))
         values = np.concatenate([self.aim(swerve)[None], self.rows(swerve)])
@@ -411,7 +415,7 @@ class SwerveShooting:
         for member, places in enumerate(own):
             ahead = values[:, member, :width]
             behind = values[:, member, width:-1]
-            slopes[member][:, places] = (ahead - behind) / (2.0 * DIFFERENCE_STEP)
+            slopes[member][:, places] = (ahead - behind) / (2.0 * steps)
         here = values[:, :, -1].T
         return Evaluation(here[:, 0], slopes[:, 0], here[:, 1:], slopes[:, 1:])
 

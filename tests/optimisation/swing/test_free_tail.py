@@ -14,6 +14,7 @@ from tests.refusals import assert_refused
 FEW = BoundEffort(members=24, generations=1, starts=1, iterations=4)
 MOTION = np.concatenate([[-1.05], np.linspace(0.0, 0.8, len(KNOTS) - 1)])
 STEERING = np.array([0.06, 0.04, 0.02, 0.2, 0.4])
+SETTINGS = ["tail.mode=swing", "manoeuvre.speed=6"]
 RANGES = {"length": (0.7, 1.3), "width": (0.8, 1.6)}
 
 
@@ -31,8 +32,7 @@ def resized(car, length, width):
 
 @pytest.fixture(scope="module")
 def cars():
-    settings = ["tail.mode=swing", "manoeuvre.speed=6"]
-    return [load_scenario("swerve", settings), load_scenario("swerve", [*settings, "car.mass=5.0"])]
+    return [load_scenario("swerve", [*SETTINGS, f"car.mass={mass}"]) for mass in (4.5, 5.0)]
 
 
 def test_slopes_of_a_number_are_differences_of_cars_with_other_tails(cars):
@@ -73,7 +73,8 @@ def test_the_tail_that_is_found_reaches_the_value_and_a_charge_makes_it_small(ca
     x = bound.solution.x
     alone = np.delete(x, [len(KNOTS), len(KNOTS) + 1])
     assert fixed.at(alone).aims == pytest.approx(bound.solution.aims, abs=1e-9)
-    swing = solution_swing("found", ["tail.mode=swing"], bound, aim.name)
+    swing = solution_swing("found", SETTINGS, bound, aim.name)
+    assert load_scenario("swerve", swing.provenance.settings).tail == built.tail
     assert swing.car["tail.length"] == pytest.approx(row["length"] * cars[0].tail.length)
     assert len(swing.knots.roll_position_rad) == len(KNOTS)
 
@@ -82,7 +83,7 @@ def test_the_tail_that_is_found_reaches_the_value_and_a_charge_makes_it_small(ca
 
     small = find_bound(cars[:1], aim, effort=FEW, free=free, extend=charge)
     assert small.table["length"][0] == pytest.approx(0.7, abs=1e-3)
-    assert row["length"] > 0.9
+    assert row["length"] > 0.75
 
 
 def test_ranges_and_tails_that_there_cannot_be_are_refused(cars):
