@@ -16,6 +16,7 @@ from aerodima.hardware.devices.motor_limits import clip
 from aerodima.hardware.devices.teensy_link import pulse
 from aerodima.hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.elementwise import roll_pitch_yaw
 from aerodima.workbench.core.errors import HardwareError
 from aerodima.workbench.core.quantity import QuantityModel, quantity
 from aerodima.workbench.core.resources import model_path
@@ -38,11 +39,15 @@ class Mounting(QuantityModel):
     tail_roll_direction: Sign = quantity("1", "sign of the roll motor's angle")
     sail_direction: Sign = quantity("1", "sign of the sail encoder")
     sail_zero: float = quantity("rad", "encoder angle at sail angle 0", "[-7, 7]")
-    steering_direction: Sign = quantity("1", "+1: a longer pulse steers to the left")
+    steering_direction: Sign = quantity(
+        "1", "sign of the steering; +1: a longer pulse steers to the left"
+    )
     steering_range: float = quantity(
         "rad", "steering angle at the least and most pulse", "(0, 1.2]"
     )
-    throttle_direction: Sign = quantity("1", "+1: a longer pulse drives forward")
+    throttle_direction: Sign = quantity(
+        "1", "sign of the throttle; +1: a longer pulse drives forward"
+    )
     imu_x: str = quantity("1", "chip axis along B's x, such as +x or -y")
     imu_y: str = quantity("1", "chip axis along B's y")
 
@@ -61,11 +66,8 @@ class Mounting(QuantityModel):
         rad/s; linear acceleration m/s2; in body axes.
         """
         R_BI = self.chip_to_body
-        R_WB = sample.rotation @ R_BI.T
-        roll = math.atan2(R_WB[2, 1], R_WB[2, 2])
-        pitch = math.asin(max(-1.0, min(1.0, -R_WB[2, 0])))
-        yaw = math.atan2(R_WB[1, 0], R_WB[0, 0])
-        return np.array([roll, pitch, yaw, *(R_BI @ sample.gyro), *(R_BI @ sample.acceleration)])
+        attitude = roll_pitch_yaw(sample.rotation @ R_BI.T)
+        return np.array([*attitude, *(R_BI @ sample.gyro), *(R_BI @ sample.acceleration)])
 
     def sail_angle(self, encoder: float) -> float:
         """Returns the sail angle in [0, 2 pi) rad that belongs to an encoder angle, rad."""

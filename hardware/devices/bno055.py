@@ -115,8 +115,7 @@ class Bno055Sample:
     @cached_property
     def rotation(self) -> np.ndarray:
         """Rotation (3, 3) from chip axes to world axes."""
-        w, x, y, z = self.quaternion
-        return np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix())
+        return np.asarray(Rotation.from_quat(self.quaternion, scalar_first=True).as_matrix())
 
 
 @dataclass(frozen=True, slots=True)

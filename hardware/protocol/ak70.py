@@ -299,15 +299,14 @@ def _special(motor_id: int, last: int) -> CanFrame:
 
 def _field(name: str, profile: FirmwareProfile) -> tuple[float, float, int, str]:
     """Returns lowest and highest value of a field, its bits and its unit."""
-    if name == "position":
-        return -profile.position, profile.position, 16, "rad"
-    if name == "velocity":
-        return -profile.speed, profile.speed, 12, "rad/s"
-    if name == "torque":
-        return -profile.torque, profile.torque, 12, "N m"
-    if name == "kp":
-        return 0.0, profile.kp, 12, "N m/rad"
-    return 0.0, profile.kd, 12, "N m s/rad"
+    fields = {
+        "position": (-profile.position, profile.position, 16, "rad"),
+        "velocity": (-profile.speed, profile.speed, 12, "rad/s"),
+        "torque": (-profile.torque, profile.torque, 12, "N m"),
+        "kp": (0.0, profile.kp, 12, "N m/rad"),
+        "kd": (0.0, profile.kd, 12, "N m s/rad"),
+    }
+    return fields[name]
 
 
 def _pack(values: MitCommand | MitReply, names: Sequence[str], profile: FirmwareProfile) -> int:

@@ -21,6 +21,7 @@ from scipy.stats import norm, qmc
 from aerodima.workbench.car.car_model import chassis_centre
 from aerodima.workbench.core.array_types import FloatArray, NamedArrays, Pair
 from aerodima.workbench.core.errors import ScenarioError
+from aerodima.workbench.core.file_reading import Settings
 from aerodima.workbench.core.key_errors import nearest, require_unique
 from aerodima.workbench.core.yaml_files import StrictModel, checked, find_file, read_yaml
 from aerodima.workbench.metrics.published_values import (
@@ -173,7 +174,7 @@ class CalibrationPlan(StrictModel):
     outcome_width: dict[Tail, Annotated[float, Field(gt=0, le=1)]]
     turns: tuple[Turn, ...] = Field(min_length=1)
     trends: tuple[Trend, ...] = ()
-    settings: dict[Platform, tuple[str, ...]]
+    settings: dict[Platform, Settings]
     left_out: dict[str, str]
     size: Budget
 
@@ -415,7 +416,7 @@ class CarPrior:
         if system == "physical":
             trigger = self._base.controller.trigger_yaw_rate - car[self.column("gyro_bias")]
             values["controller.trigger_yaw_rate"] = trigger
-        settings = [f"{key}={float(f'{value:.6g}'):.6g}" for key, value in values.items()]
+        settings = [f"{key}={value:.6g}" for key, value in values.items()]
         settings.append(f"manoeuvre.speed={turn.speed!r}")
         return [*settings, *self.plan.settings.get(system, ())]
 

@@ -1,11 +1,10 @@
 """Ensemble files of the cars of a posterior."""
 
-from typing import Any
-
 import yaml
 
 from aerodima.optimisation.calibrate.calibration import FineRuns
 from aerodima.optimisation.calibrate.calibration_plan import CarPrior
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.metrics.published_values import Platform
 from aerodima.workbench.scenario.ensemble import ENSEMBLE_SCHEMA
@@ -23,7 +22,7 @@ def ensemble_text(
     plan = prior.plan
     keys = {*plan.body, *plan.each, *OF_A_CAR}
     first = next(turn for turn in plan.turns if turn.system == system)
-    content: dict[str, Any] = {
+    content: Json = {
         "schema": ENSEMBLE_SCHEMA,
         "name": system,
         "provenance": {

@@ -10,7 +10,7 @@ from functools import partial
 from itertools import groupby
 
 import numpy as np
-from scipy.special import log_ndtr
+from scipy.special import log_ndtr, log_softmax
 from scipy.stats import norm
 
 from aerodima.optimisation.calibrate.calibration_plan import (
@@ -44,7 +44,7 @@ MIN_MARGIN = 0.005
 """Margin that counts as none."""
 QUADRATURE_NODES = np.linspace(-6.0, 6.0, 121)
 """Nodes of a quadrature: residuals of the surrogate for a car, over their deviation."""
-LOG_WEIGHTS = np.log(norm.pdf(QUADRATURE_NODES) / norm.pdf(QUADRATURE_NODES).sum())[:, None]
+LOG_WEIGHTS = log_softmax(norm.logpdf(QUADRATURE_NODES))[:, None]
 """Logarithms of the weights of the nodes."""
 
 

@@ -14,6 +14,7 @@ from aerodima import optimisation, workbench
 from aerodima.workbench.cli import options as cli
 from aerodima.workbench.core.atomic_write import make_folder, write_atomically
 from aerodima.workbench.core.errors import FitError, UserError
+from aerodima.workbench.core.file_reading import Settings
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -192,7 +193,7 @@ def robot_tables(results: list[FitResult], out: Path) -> Extra:
     return averages(results, out)
 
 
-def car_files(results: list[FitResult], out: Path, settings: tuple[str, ...]) -> Extra:
+def car_files(results: list[FitResult], out: Path, settings: Settings) -> Extra:
     """Writes each fitted car as a scenario file, and computes all averages.
 
     Args:

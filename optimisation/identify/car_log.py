@@ -16,6 +16,7 @@ from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE, DriverInput, th
 from aerodima.workbench.control.tail_law import Observation
 from aerodima.workbench.core.array_types import FloatArray, NamedArrays, Values
 from aerodima.workbench.core.errors import FitError, UserError
+from aerodima.workbench.core.file_reading import Settings
 from aerodima.workbench.logs.log_findings import inconsistent_rates
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import (
@@ -221,7 +222,7 @@ class CarDrive:
         }
 
 
-def car_drive(log: RunLog, settings: tuple[str, ...] = ()) -> CarDrive:
+def car_drive(log: RunLog, settings: Settings = ()) -> CarDrive:
     """Take from a log of a drive what a fit needs, but no truth.
 
     Args:
@@ -254,7 +255,7 @@ def _completed(log: RunLog, scenario: Scenario) -> tuple[RunLog, Scenario, list[
     return replace(log, table=table), scenario, notes
 
 
-def _car_drive(log: RunLog, settings: tuple[str, ...]) -> CarDrive:
+def _car_drive(log: RunLog, settings: Settings) -> CarDrive:
     if log.kind not in ("car_run", "car_log"):
         raise FitError(
             f"is a log of kind {log.kind!r}; this fit needs a drive of the car, 'car_run' or "

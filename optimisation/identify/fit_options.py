@@ -7,6 +7,7 @@ from typing import Literal
 from aerodima.optimisation.identify.huber import Loss
 from aerodima.optimisation.identify.least_squares import Parameter
 from aerodima.workbench.core.errors import FitError
+from aerodima.workbench.core.file_reading import Settings
 
 Knowledge = Literal["uncertain", "exact"]
 
@@ -31,7 +32,7 @@ class FitOptions:
     loss: Loss = "squares"
     bounds: tuple[tuple[str, float, float], ...] = ()
     rig: str = ""
-    settings: tuple[str, ...] = ()
+    settings: Settings = ()
     free: tuple[str, ...] = ()
     constants: Knowledge = "uncertain"
 

@@ -16,6 +16,8 @@ from aerodima.workbench.core.file_reading import Facts, Json
 
 Channels = Mapping[str, tuple[slice, float]]
 """Rows of a channel in the residual and the weight that they were divided by, by channel."""
+BOUND_WORDS = {-1: "lower", 0: "", 1: "upper"}
+"""Words for the sides of `Parameters.sides`."""
 
 
 @dataclass(frozen=True)
@@ -219,7 +221,7 @@ def make_result(
 def _estimates(solution: Solution, intervals: Uncertainty) -> list[Estimate]:
     """List the estimates of all parameters, in their order."""
     parameters = solution.problem.parameters
-    bounds = parameters.active(solution.x)
+    sides = parameters.sides(solution.x)
     indices = {name: i for i, name in enumerate(parameters.names)}
     estimates = []
     for p in parameters.all:
@@ -239,7 +241,7 @@ def _estimates(solution: Solution, intervals: Uncertainty) -> list[Estimate]:
                 float(intervals.upper[i]),
                 identifiable,
                 # An unidentifiable parameter stays where it started, which may be a bound.
-                bounds.get(p.name, "") if identifiable else "",
+                BOUND_WORDS[int(sides[i])] if identifiable else "",
                 noise_deviation=sigma,
             )
         estimates.append(estimate)

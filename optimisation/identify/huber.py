@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from scipy import special
 
 from aerodima.optimisation.identify.gauss_newton import solve
 from aerodima.optimisation.identify.least_squares import Problem, Solution
@@ -31,9 +32,7 @@ def huber(residual: FloatArray, limit: float = LIMIT) -> FloatArray:
     """Bend residuals (m) so that their squares are twice the Huber loss: unchanged within the
     limit, growing like a root beyond it.
     """
-    size = np.abs(residual)
-    beyond = np.sqrt(np.maximum(2.0 * limit * size - limit * limit, 0.0))
-    return np.where(size <= limit, residual, np.sign(residual) * beyond)
+    return np.asarray(np.sign(residual) * np.sqrt(2.0 * special.huber(limit, residual)))
 
 
 def huber_weight(size: FloatArray) -> FloatArray:

@@ -209,12 +209,6 @@ class Parameters:
         margin = _AT_BOUND * self.scales
         return np.where(x <= self.lower + margin, -1, np.where(x >= self.upper - margin, 1, 0))
 
-    def active(self, x: FloatArray) -> dict[str, str]:
-        """List the unknowns that sit on a bound, with `lower` or `upper`."""
-        words = {-1: "lower", 1: "upper"}
-        sides = self.by_name(self.sides(x))
-        return {name: words[round(side)] for name, side in sides.items() if side}
-
 
 @dataclass(frozen=True)
 class Problem:

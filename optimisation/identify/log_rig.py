@@ -13,7 +13,7 @@ import numpy as np
 from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.workbench.core.array_types import ArrayPair
 from aerodima.workbench.core.errors import FitError
-from aerodima.workbench.core.file_reading import Json
+from aerodima.workbench.core.file_reading import Json, Settings
 from aerodima.workbench.core.ranges import check_range
 from aerodima.workbench.core.yaml_files import find_file, read_yaml
 from aerodima.workbench.logs.schema import RunLog
@@ -95,7 +95,7 @@ def rig_of(log: RunLog, kind: str, options: FitOptions = FREE) -> RigScenario:
 
 
 @lru_cache(maxsize=16)
-def named_rig(rig: str, settings: tuple[str, ...]) -> Json:
+def named_rig(rig: str, settings: Settings) -> Json:
     """Reads the user's values of the rig, by section and key; do not change them in place.
 
     Raises:

@@ -29,7 +29,7 @@ from aerodima.workbench.batch.row_store import (
 from aerodima.workbench.control.swing_library import NO_SWING, find_swing
 from aerodima.workbench.control.user_law import in_words, load_law
 from aerodima.workbench.core.errors import UserError
-from aerodima.workbench.core.file_reading import Facts
+from aerodima.workbench.core.file_reading import Facts, Settings
 from aerodima.workbench.core.yaml_files import read_yaml
 from aerodima.workbench.logs.schema import RunLog, read_run_log, software_versions
 from aerodima.workbench.scenario.rig_scenario import RigScenario
@@ -85,7 +85,7 @@ class RunTask:
 
     name: str
     scenario: str
-    settings: tuple[str, ...] = ()
+    settings: Settings = ()
     signals: Literal["all", "outcome"] = "outcome"
     log: str = ""
     law: str = ""
@@ -103,7 +103,7 @@ def load_any_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenar
     return (RigScenario if is_rig else Scenario).load(name_or_path, settings)
 
 
-def step_settings(step: float) -> tuple[str, ...]:
+def step_settings(step: float) -> Settings:
     """Returns the settings for a step of the plant, s."""
     return (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")
 

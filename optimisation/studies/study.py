@@ -16,7 +16,7 @@ from scipy.stats import norm, qmc
 
 from aerodima.optimisation.studies.runs import RunTask, load_any_scenario
 from aerodima.workbench.core.errors import ScenarioError, SweepError
-from aerodima.workbench.core.file_reading import Json
+from aerodima.workbench.core.file_reading import Json, Settings
 from aerodima.workbench.core.yaml_files import StrictModel, checked, find_file, read_yaml
 from aerodima.workbench.scenario.ensemble import Member, load_ensemble
 from aerodima.workbench.scenario.scenario import Scenario
@@ -34,7 +34,7 @@ class Range(StrictModel):
 
     first: float
     last: float
-    number: int = Field(description="of values", ge=1, le=10_000)
+    number: int = Field(description="number of values", ge=1, le=10_000)
 
     def values(self) -> list[Value]:
         """Returns the values as the plain decimals that a reader expects, without rounding errors
@@ -75,14 +75,16 @@ class Sample(StrictModel):
     """Scattered values of several factors at once (scipy.stats.qmc), the same for the same seed."""
 
     method: Literal["sobol", "lhs"] = "sobol"
-    number: int = Field(description="of samples; a power of 2 balances Sobol's", ge=1, le=MAX_RUNS)
-    anew: bool = Field(
-        default=False, description="each combination of the grid has samples of its own"
+    number: int = Field(
+        description="number of samples; a power of 2 balances Sobol's", ge=1, le=MAX_RUNS
     )
-    seed: int = Field(default=1, description="of the scattering", ge=0)
+    anew: bool = Field(
+        default=False, description="true: each combination of the grid has samples of its own"
+    )
+    seed: int = Field(default=1, description="seed of the scattering", ge=0)
     factors: dict[str, Uniform | Normal] = Field(min_length=1)
     new_seeds: bool = Field(
-        default=False, description="each sample has its own seed, so its own sensor noise"
+        default=False, description="true: each sample has its own seed, so its own sensor noise"
     )
 
     def rows(self, times: int = 1) -> list[dict[str, Value]]:
@@ -112,9 +114,9 @@ class Block(StrictModel):
     The two values of a factor in both are added.
     """
 
-    name: str = Field(default="", description="of the block within the study", max_length=40)
-    scenario: str = Field(description="name or path")
-    settings: tuple[str, ...] = Field(
+    name: str = Field(default="", description="name of the block within the study", max_length=40)
+    scenario: str = Field(description="name or path of the scenario")
+    settings: Settings = Field(
         default=(), description="overrides of every run, such as car.mass=5.5"
     )
     grid: dict[str, list[Value] | Range] = Field(default={})
@@ -176,16 +178,19 @@ class Study(StrictModel):
     """Everything that is to be run. A file with one block may write its keys at the top level."""
 
     schema_: Literal["aerodima/study/1"] = Field(default="aerodima/study/1", alias="schema")
-    name: str = Field(description="of the study, in its page", min_length=1, max_length=80)
+    name: str = Field(description="name of the study on its page", min_length=1, max_length=80)
     signals: Literal["all", "outcome"] = Field(
-        default="outcome", description="all: the impulses of the tail too"
+        default="outcome",
+        description="signals of a run; all: those of the outcome and the impulses of the tail",
     )
-    logs: bool = Field(default=False, description="keep the log of each run in the folder `logs`")
+    logs: bool = Field(
+        default=False, description="true: the log of each run is kept in the folder `logs`"
+    )
     ensemble: str | None = Field(
-        default=None, description="name or path: every run for every member of it"
+        default=None, description="name or path of an ensemble; every run for every member of it"
     )
     members: int | None = Field(
-        default=None, description="only that many members, drawn by weight", ge=1
+        default=None, description="number of members if not all, drawn by weight", ge=1
     )
     blocks: tuple[Block, ...] = Field(min_length=1)
 

@@ -20,12 +20,12 @@ from aerodima.workbench.control.swing_library import find_swing
 from aerodima.workbench.control.user_law import load_law
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import SweepError, SwingFileError, UserError
+from aerodima.workbench.core.file_reading import Settings
 from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml, shipped_names
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 
 SCHEMA = "aerodima/candidates/1"
-Settings = tuple[str, ...]
 TRIM = "manoeuvre.trim_angle="
 """Beginning of the setting of a trim."""
 ALLOWED_SECTIONS = ("tail.", "controller.", "feedback.", "rollover_control.")

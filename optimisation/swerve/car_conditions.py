@@ -2,8 +2,9 @@
 
 from typing import NamedTuple
 
-from aerodima.optimisation.swerve.candidate import SWERVE, Settings
+from aerodima.optimisation.swerve.candidate import SWERVE
 from aerodima.optimisation.swerve.suite import Case
+from aerodima.workbench.core.file_reading import Settings
 from aerodima.workbench.scenario.scenario import load_scenario
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from aerodima.optimisation.studies.runs import code_content, scenario_content
 from aerodima.optimisation.swerve.aims import find_aim, score
-from aerodima.optimisation.swerve.candidate import SWERVE, Settings
+from aerodima.optimisation.swerve.candidate import SWERVE
 from aerodima.optimisation.swerve.steering import (
     SearchEffort,
     constant_steering,
@@ -30,6 +30,7 @@ from aerodima.workbench.control.swing_library import swing_of_scenario
 from aerodima.workbench.control.swing_player import RollTrajectory
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.core.file_reading import Settings
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 from aerodima.workbench.scenario.swing_file import SwingFile
 

@@ -23,7 +23,7 @@ from aerodima.optimisation.swerve.candidate import Candidate
 from aerodima.optimisation.swerve.suite import Case, candidate_settings
 from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.car.verdict import keeps_sides_down
-from aerodima.workbench.core.file_reading import Facts
+from aerodima.workbench.core.file_reading import Facts, Settings
 from aerodima.workbench.core.quantity import STANDARD_GRAVITY
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 
@@ -40,7 +40,7 @@ class StandardManoeuvre(NamedTuple):
 
     scenario: str
     factor: float
-    settings: tuple[str, ...] = ()
+    settings: Settings = ()
 
 
 MANOEUVRES: Mapping[str, StandardManoeuvre] = {
@@ -61,11 +61,6 @@ def stays_down(row: Facts) -> bool:
     lift = row.get("side_lift_m")
     upright = row["outcome"] == "survived" and row.get("touched_when_steered") == ""
     return upright and lift is not None and bool(keeps_sides_down(lift))
-
-
-def passed_from_below(results: Sequence[bool]) -> int:
-    """Returns how many speeds are passed before the first that is not."""
-    return next((count for count, passes in enumerate(results) if not passes), len(results))
 
 
 def compare_standard(
@@ -98,7 +93,8 @@ def compare_standard(
     number = len(SPEEDS)
     starts = range(0, len(tasks), number)
     frame = make_frame(rows)
-    frame["passed"] = [passed_from_below(results[first : first + number]) for first in starts]
+    # A speed counts where all below it are passed, too.
+    frame["passed"] = [[*results[one : one + number], False].index(False) for one in starts]
     frame["tips_at_m_per_s"] = frame["passed"].map(dict(enumerate(SPEEDS)))
     best = frame.groupby([*rows[0]], sort=False)["passed"].idxmax()
     return frame.loc[best].reset_index(drop=True)

@@ -14,6 +14,7 @@ from aerodima.workbench.car.reduced.swerves import LEVELS, STEERING
 from aerodima.workbench.car.swerve import Measure, Swerve
 from aerodima.workbench.core.array_types import ArrayPair, FloatArray
 from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.core.file_reading import Settings
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
 
 MIN_FIRST_LEVEL = 0.012
@@ -127,7 +128,7 @@ def scaled_steering(steering: FloatArray, share: float, limit: float = math.inf)
     return np.concatenate([angles, steering[LEVELS:]])
 
 
-def steering_settings(steering: FloatArray) -> tuple[str, ...]:
+def steering_settings(steering: FloatArray) -> Settings:
     """Returns the settings of a steering (`STEERING`,), or of one with a trim."""
     numbers = zip(STEERING_KEYS[: len(steering)], steering, strict=True)
     return tuple(f"manoeuvre.{key}={float(f'{value:.9g}')!r}" for key, value in numbers)

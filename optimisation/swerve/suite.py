@@ -12,11 +12,11 @@ from aerodima.optimisation.swerve.candidate import (
     SWERVE,
     Candidate,
     ListedCandidate,
-    Settings,
     read_candidates,
     user_law,
 )
 from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.core.file_reading import Settings
 from aerodima.workbench.core.key_errors import nearest, require_unique
 from aerodima.workbench.core.ranges import check_range
 from aerodima.workbench.core.resources import model_path

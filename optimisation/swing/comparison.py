@@ -15,7 +15,7 @@ from aerodima.optimisation.studies.runs import (
     make_frame,
 )
 from aerodima.optimisation.swerve.aims import FAILED
-from aerodima.optimisation.swerve.candidate import NO_TAIL, SWERVE, Candidate, Settings
+from aerodima.optimisation.swerve.candidate import NO_TAIL, SWERVE, Candidate
 from aerodima.optimisation.swerve.reduced_swerves import (
     ReducedSwerve,
     SteeringItem,
@@ -31,6 +31,7 @@ from aerodima.optimisation.swing.solution import LIMITS_OPTION, solution_swing
 from aerodima.optimisation.swing.swerve_shooting import read_limits, tail_at_knots
 from aerodima.optimisation.swing.verification import car_limit
 from aerodima.workbench.batch.row_store import Row, no_progress, print_progress
+from aerodima.workbench.core.file_reading import Settings
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.swing_file import swing_from_dict, write_swing
 

@@ -16,7 +16,7 @@ import numpy as np
 from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.optimisation.swerve.aims import AIMS, FAILED
 from aerodima.optimisation.swerve.aims import score as score_swerves
-from aerodima.optimisation.swerve.candidate import NO_TAIL, SWERVE, Candidate, Settings
+from aerodima.optimisation.swerve.candidate import NO_TAIL, SWERVE, Candidate
 from aerodima.optimisation.swerve.car_conditions import UNLIKE
 from aerodima.optimisation.swerve.reduced_swerves import ReducedSwerve
 from aerodima.optimisation.swerve.steering import constant_steering
@@ -31,6 +31,7 @@ from aerodima.optimisation.swing.feedback_training import (
     search_laws,
 )
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.file_reading import Settings
 from aerodima.workbench.scenario.scenario import load_scenario
 
 CONTROL_RANGES = {

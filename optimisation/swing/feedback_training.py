@@ -21,7 +21,7 @@ import numpy as np
 from aerodima.optimisation.studies.runs import CachedRunner
 from aerodima.optimisation.swerve.aims import AIMS, FAILED
 from aerodima.optimisation.swerve.aims import score as score_swerves
-from aerodima.optimisation.swerve.candidate import NO_TAIL, SWERVE, Candidate, Settings
+from aerodima.optimisation.swerve.candidate import NO_TAIL, SWERVE, Candidate
 from aerodima.optimisation.swerve.reduced_swerves import (
     ReducedSwerve,
     SteeringItem,
@@ -41,6 +41,7 @@ from aerodima.workbench.car.swerve import Swerve
 from aerodima.workbench.core.array_types import FloatArray, NamedArrays, Pair
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.core.extras import require
+from aerodima.workbench.core.file_reading import Settings
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.scenario.scenario import load_scenario
 
@@ -151,7 +152,7 @@ def train_feedback(
     return Candidate(f"trained {FEEDBACK.name}", (*FEEDBACK.settings, *law_settings(best)))
 
 
-def law_settings(law: Law) -> tuple[str, ...]:
+def law_settings(law: Law) -> Settings:
     """Returns the settings of a law."""
     return tuple(f"{name}={value!r}" for name, value in law.items())
 

@@ -20,7 +20,7 @@ from aerodima.optimisation.studies.runs import (
     step_settings,
 )
 from aerodima.optimisation.swerve.aims import FAILED, find_aim
-from aerodima.optimisation.swerve.candidate import SWERVE, Candidate, Settings
+from aerodima.optimisation.swerve.candidate import SWERVE, Candidate
 from aerodima.optimisation.swerve.steering import (
     STEERING_KEYS,
     scaled_steering,
@@ -32,6 +32,7 @@ from aerodima.workbench.batch.row_store import Row, content_key
 from aerodima.workbench.batch.simulation import simulate
 from aerodima.workbench.car.swerve import Swerve, swerve_of, swerve_row
 from aerodima.workbench.control.user_law import in_words, load_law
+from aerodima.workbench.core.file_reading import Settings
 from aerodima.workbench.scenario.scenario import load_scenario
 
 SHARE_SEARCH = LimitSearch("share of the angles", 0.4, 1.6, 0.1, 0.025)

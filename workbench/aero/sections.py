@@ -11,7 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.workbench.aero.section_laws import LineMotion, check_above_zero, cross, rotated
+from aerodima.workbench.aero.section_laws import (
+    LineMotion,
+    add_cross,
+    check_above_zero,
+    cross,
+    rotated,
+)
 from aerodima.workbench.core.array_types import FloatArray, Vector3
 from aerodima.workbench.core.errors import ModelError
 
@@ -119,12 +125,10 @@ class SectionLayout:
         """
         a = rotated(X_WB, self.axis_B)
         n = rotated(X_WB, self.normal_B)
-        v_x, v_y, v_z = v_WBo
+        v_WRo = v_WBo
         if any(self.p_BoRo_B):
-            x, y, z = cross(w_WB, rotated(X_WB, self.p_BoRo_B))
-            v_x += x
-            v_y += y
-            v_z += z
+            v_WRo = add_cross(v_WBo, w_WB, rotated(X_WB, self.p_BoRo_B))
+        v_x, v_y, v_z = v_WRo
         air_x, air_y, air_z = _STILL_AIR if v_WA is None else v_WA
         u = (air_x - v_x, air_y - v_y, air_z - v_z)
         return LineMotion(u, cross(a, w_WB), a, n)

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.systems.framework import Context
 
-from aerodima.workbench.aero.section_laws import add_cross, rotated
+from aerodima.workbench.aero.section_laws import add_cross, cross, rotated
 from aerodima.workbench.core.array_types import FloatArray
-from aerodima.workbench.core.elementwise import rotation_rows
+from aerodima.workbench.core.elementwise import roll_pitch_yaw, rotation_rows
 from aerodima.workbench.core.port_wiring import vector_of
 from aerodima.workbench.core.quantity import STANDARD_GRAVITY
 from aerodima.workbench.core.sampled import TURN, AngleEncoder, CounterNoise, SampledSensor
@@ -77,18 +77,10 @@ def felt_at(motion: ChassisMotion, p_BoImu_B: Any) -> tuple[Vector, Vector]:
         motion: motion of the body; its numbers may be arrays of one shape.
         p_BoImu_B: position (3) of the point in the body, m.
     """
-    wx, wy, wz = omega = in_body(motion.R_WB, motion.w_WB)
+    omega = in_body(motion.R_WB, motion.w_WB)
     alpha = in_body(motion.R_WB, motion.alpha_WB)
-    x, y, z = add_cross(in_body(motion.R_WB, motion.a_WB), alpha, p_BoImu_B)
-    px, py, pz = p_BoImu_B
-    along = wx * px + wy * py + wz * pz
-    square = wx * wx + wy * wy + wz * wz
-    acceleration = (
-        x + wx * along - square * px,
-        y + wy * along - square * py,
-        z + wz * along - square * pz,
-    )
-    return omega, acceleration
+    a_tangential = add_cross(in_body(motion.R_WB, motion.a_WB), alpha, p_BoImu_B)
+    return omega, add_cross(a_tangential, omega, cross(omega, p_BoImu_B))
 
 
 def motion_at_imu(motion: ChassisMotion, p_BoImu_B: Any) -> tuple[Vector, Vector, Vector]:
@@ -98,13 +90,7 @@ def motion_at_imu(motion: ChassisMotion, p_BoImu_B: Any) -> tuple[Vector, Vector
         Roll-pitch-yaw (3) of B in W, rad, yaw in (-pi, pi]; angular velocity (3), rad/s, and
         acceleration (3), m/s2, both in B axes.
     """
-    (r00, _, _), (r10, _, _), (r20, r21, r22) = motion.R_WB
-    roll_pitch_yaw = (
-        math.atan2(r21, r22),
-        math.asin(max(-1.0, min(1.0, -r20))),
-        math.atan2(r10, r00),
-    )
-    return roll_pitch_yaw, *felt_at(motion, p_BoImu_B)
+    return roll_pitch_yaw(motion.R_WB), *felt_at(motion, p_BoImu_B)
 
 
 class Imu(SampledSensor):

@@ -29,7 +29,6 @@ from aerodima.workbench.core.port_wiring import declare_output, vector_of
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.signal_table import CAR_TRUTH, GROUND_CONTACTS, WHEELS, names_of
 
-_XYZ = ("x", "y", "z")
 BASE_COLUMNS = [
     name
     for name in names_of(CAR_TRUTH["body_truth"])
@@ -37,8 +36,8 @@ BASE_COLUMNS = [
 ]
 """Columns of a base, named as those of the car's body: position, roll, pitch, yaw, tilt, velocity
 and angular velocity."""
-COM_COLUMNS = [f"com_{axis}_truth_m" for axis in _XYZ] + [
-    f"com_velocity_{axis}_truth_m_per_s" for axis in _XYZ
+COM_COLUMNS = [f"com_{axis}_truth_m" for axis in "xyz"] + [
+    f"com_velocity_{axis}_truth_m_per_s" for axis in "xyz"
 ]
 """Columns of position and velocity of the centre of mass of the whole plant in W."""
 BODY_TRUTH = PortFields("BodyTruth", tuple(names_of(CAR_TRUTH["body_truth"])))
@@ -54,14 +53,14 @@ LEAST_LOAD = 1e-9
 def pose_columns(body: str) -> list[str]:
     """Returns columns of the pose of a body in W: quaternion, then position of its origin, m."""
     return [f"pose_{body}_{part}" for part in ("qw", "qx", "qy", "qz")] + [
-        f"pose_{body}_{axis}_m" for axis in _XYZ
+        f"pose_{body}_{axis}_m" for axis in "xyz"
     ]
 
 
 def air_columns(stem: str) -> list[str]:
     """Returns columns of the air on a tail in W: force, moment about Wo, ends of its sections."""
     parts = (("", "n"), ("_moment", "n_m"), ("_root", "m"), ("_tip", "m"))
-    return [f"{stem}{what}_{axis}_truth_{unit}" for what, unit in parts for axis in _XYZ]
+    return [f"{stem}{what}_{axis}_truth_{unit}" for what, unit in parts for axis in "xyz"]
 
 
 def section_columns(stem: str, number: int) -> list[str]:

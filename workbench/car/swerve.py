@@ -9,7 +9,6 @@ right; the centre of mass alone would reward a car for turning about it. Definit
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.integrate import trapezoid
@@ -28,6 +27,7 @@ from aerodima.workbench.car.verdict import (
 )
 from aerodima.workbench.control.paths import place_outline
 from aerodima.workbench.core.array_types import BoolArray, FloatArray
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.scenario.car_parameters import CarParameters
 
@@ -285,7 +285,7 @@ def swerve_counts(swerve: Swerve) -> BoolArray:
     return np.asarray(is_upright(swerve) & starts_straight(swerve) & ends_straight)
 
 
-def swerve_row(swerve: Swerve) -> dict[str, Any]:
+def swerve_row(swerve: Swerve) -> Json:
     """Returns the measures of one car for a table; units are at the end of the names."""
     numbers = {
         "aside_soon_m": aside(swerve),
@@ -303,5 +303,5 @@ def swerve_row(swerve: Swerve) -> dict[str, Any]:
         "is_upright": is_upright(swerve),
         "starts_straight": starts_straight(swerve),
     }
-    row: dict[str, Any] = {name: float(values[0]) for name, values in numbers.items()}
+    row: Json = {name: float(values[0]) for name, values in numbers.items()}
     return row | {name: bool(values[0]) for name, values in truths.items()}

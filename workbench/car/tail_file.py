@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from pydrake.math import RollPitchYaw, RotationMatrix
 
 from aerodima.workbench.aero.tail_geometry import SCHEMA, Plate, TailGeometry
 from aerodima.workbench.aero.tail_pieces import Piece
@@ -68,10 +69,8 @@ def set_tail_shapes(model: SdfModel, geometry: TailGeometry, margin: float) -> l
     points = geometry.arm.points
     for number, (near, far) in enumerate(pairwise(points)):
         length = float(np.linalg.norm(far - near))
-        axis = (far - near) / length
-        across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-        across /= np.linalg.norm(across)
-        pose = _pose((near + far) / 2, np.column_stack([across, np.cross(axis, across), axis]))
+        frame = RotationMatrix.MakeFromOneVector(far - near, 2).matrix()
+        pose = _pose((near + far) / 2, frame)
         model.add_shape(
             "tail_rod",
             f"rod_{number}",
@@ -144,6 +143,4 @@ def _covers(piece: Piece, point: FloatArray) -> bool:
 
 
 def _pose(position: FloatArray, frame: FloatArray) -> list[float]:
-    from pydrake.math import RollPitchYaw, RotationMatrix
-
     return [*position.tolist(), *RollPitchYaw(RotationMatrix(frame)).vector().tolist()]

@@ -131,9 +131,9 @@ def _over_window(
     middle_axis = 0.5 * (axis[1:] + axis[:-1])
     change = np.diff(about_point, axis=0) + np.cross(np.diff(point, axis=0), middle_momentum)
     growth = {
-        "aerodynamic": cumulative_trapezoid(_dot(air, axis), time, initial=0.0),
-        "weight": cumulative_trapezoid(_dot(hanging, axis), time, initial=0.0),
-        "inertial": np.concatenate([[0.0], np.cumsum(-_dot(change, middle_axis))]),
+        "aerodynamic": cumulative_trapezoid(np.vecdot(air, axis), time, initial=0.0),
+        "weight": cumulative_trapezoid(np.vecdot(hanging, axis), time, initial=0.0),
+        "inertial": np.concatenate([[0.0], np.cumsum(-np.vecdot(change, middle_axis))]),
     }
     check_signals(time, {f"tail impulse ({cause})": sums for cause, sums in growth.items()})
     return Impulses(
@@ -142,8 +142,3 @@ def _over_window(
             for cause, s in growth.items()
         }
     )
-
-
-def _dot(vectors: FloatArray, axes: FloatArray) -> FloatArray:
-    """Returns the row by row scalar product of (n, 3) and (n, 3), shape (n,)."""
-    return np.einsum("ij,ij->i", vectors, axes)

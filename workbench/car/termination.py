@@ -18,6 +18,7 @@ from aerodima.workbench.control.manoeuvre import (
     turn_length,
     turn_start,
 )
+from aerodima.workbench.core.elementwise import rotation_rows
 from aerodima.workbench.core.event_order import EVENT_OFFSET, nominal_time, row_period, step_instant
 from aerodima.workbench.core.port_wiring import vector_of
 from aerodima.workbench.scenario.scenario import Scenario
@@ -122,5 +123,4 @@ def quaternion_flipped(quaternion: Any) -> Any:
     """Returns whether a body of this orientation w, x, y, z has tilted beyond the angle of a flip;
     for arrays row by row.
     """
-    w, x, y, z = quaternion
-    return is_beyond_flip(1.0 - 2.0 * (x * x + y * y) / (w * w + x * x + y * y + z * z))
+    return is_beyond_flip(rotation_rows(quaternion)[2][2])

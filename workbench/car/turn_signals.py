@@ -277,20 +277,13 @@ def _read(run_log: RunLog, source: str, turn_start: float) -> NamedArrays:
     else:
         level = np.cos(values["roll"]) * np.cos(run_log.signal("imu_pitch_rad"))
         values["tilt"] = np.arccos(np.clip(level, -1.0, 1.0))
-        values["roll_rate"] = _without_bias(run_log, "imu_gyro_x_rad_per_s", turn_start)
+        rate = run_log.signal("imu_gyro_x_rad_per_s")
+        time = run_log.time
+        # In the second half of the driving before the turn the car goes straight.
+        straight = (time >= 0.5 * (time[0] + turn_start)) & (time < turn_start)
+        bias = np.mean(rate[straight]) if np.any(straight) else 0.0
+        values["roll_rate"] = rate - bias
     return values
-
-
-def _without_bias(run_log: RunLog, column: str, turn_start: float) -> FloatArray:
-    """Returns a rate less its mean over the second half of the driving before the turn, when the
-    car goes straight.
-    """
-    time = run_log.time
-    rate = run_log.signal(column)
-    straight = (time >= 0.5 * (time[0] + turn_start)) & (time < turn_start)
-    if np.any(straight):
-        return rate - float(np.mean(rate[straight]))
-    return rate
 
 
 def _columns(run_log: RunLog, names: Sequence[str]) -> FloatArray | None:

@@ -5,7 +5,7 @@ from typing import Any
 
 from aerodima.workbench.core.array_types import Pair
 from aerodima.workbench.core.errors import ScenarioError, SwingFileError
-from aerodima.workbench.core.file_reading import Json
+from aerodima.workbench.core.file_reading import Json, Settings
 from aerodima.workbench.core.yaml_files import find_file
 from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.swing_file import (
@@ -88,7 +88,7 @@ def refuse_other_car(scenario: Any) -> None:
         )
 
 
-def turn_of_swing(swing: SwingFile, scenario: str | None = None) -> tuple[str, tuple[str, ...]]:
+def turn_of_swing(swing: SwingFile, scenario: str | None = None) -> tuple[str, Settings]:
     """Returns the scenario and overrides with which a swing is driven: the car, turn and speed of
     its file, at the grip it claims.
 

@@ -73,5 +73,5 @@ def roll_pitch_yaw(rows: Any) -> tuple[Any, Any, Any]:
     Rx(roll); pitch is within a quarter turn.
     """
     up = rows[2]
-    pitch = np.arcsin(np.clip(-up[0], -1.0, 1.0))
+    pitch = np.arcsin(clip(-up[0], -1.0, 1.0))
     return np.arctan2(up[1], up[2]), pitch, np.arctan2(rows[1][0], rows[0][0])

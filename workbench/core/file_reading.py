@@ -12,6 +12,8 @@ Json = dict[str, Any]
 """A JSON object."""
 Facts = Mapping[str, Any]
 """A read-only JSON object."""
+Settings = tuple[str, ...]
+"""Overrides of a scenario, each `section.key=value`."""
 MAX_TEXT = 32 * 2**20
 """Size of the largest scenario, mapping or other text that is read at once, bytes."""
 _MAX_REASON = 300

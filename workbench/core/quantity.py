@@ -25,17 +25,12 @@ def quantity(unit: str, description: str, interval: str = "", **options: Any) ->
         options: further options of pydantic's `Field`, such as a one-sided limit `gt`,
             `min_length` or `default`.
     """
-    if interval:
-        options |= limits_of(interval)
+    if interval:  # (0, 30] is {"gt": 0, "le": 30}
+        low, high = interval[1:-1].split(", ")
+        options[{"(": "gt", "[": "ge"}[interval[0]]] = literal_eval(low)
+        options[{")": "lt", "]": "le"}[interval[-1]]] = literal_eval(high)
     described: Any = {"unit": unit}
     return Field(description=description, json_schema_extra=described, **options)
-
-
-def limits_of(interval: str) -> dict[str, float]:
-    """Read an interval such as `(0, 30]` as pydantic's limits: `{"gt": 0, "le": 30}`."""
-    low, high = interval[1:-1].split(", ")
-    lower = {"(": "gt", "[": "ge"}[interval[0]]
-    return {lower: literal_eval(low), {")": "lt", "]": "le"}[interval[-1]]: literal_eval(high)}
 
 
 class QuantityModel(BaseModel):

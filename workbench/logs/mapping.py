@@ -11,7 +11,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, PrivateAttr, StrictBool, StrictFloat, StrictInt, model_validator
 
 from aerodima.workbench.core.errors import LogError
-from aerodima.workbench.core.file_reading import Json
+from aerodima.workbench.core.file_reading import Json, Settings
 from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
 from aerodima.workbench.scenario.signal_table import (
@@ -80,7 +80,7 @@ class ColumnSource(StrictModel):
         None, alias="from", description="name of the foreign column", min_length=1
     )
     constant: StrictFloat | StrictInt | None = Field(
-        None, description="instead of `from`: the same SI value in each row"
+        None, description="SI value that is the same in each row, instead of `from`"
     )
     unit: str | None = Field(
         None, description="unit of the foreign column; the SI unit when left out"
@@ -121,10 +121,10 @@ class TimeSource(StrictModel):
         "from 2",
     )
     starts_at: Number | None = Field(
-        None, description="shift times so that the first row has this one, s"
+        None, description="time that the first row gets by a shift of all times, s"
     )
     repeated: Literal["first", "last"] | None = Field(
-        None, description="which of rows with the same time counts; an error when left out"
+        None, description="row that counts of those with the same time; an error when left out"
     )
 
 
@@ -139,19 +139,29 @@ class CsvFormat(StrictModel):
     """Format of a text file."""
 
     delimiter: str = Field(
-        default=",", description="between cells; `\\t` for tabulators", min_length=1, max_length=1
+        default=",",
+        description="sign between cells; `\\t` for tabulators",
+        min_length=1,
+        max_length=1,
     )
     decimal: Literal[".", ","] = Field(default=".", description="decimal sign")
     names: tuple[str, ...] | None = Field(
         default=None,
-        description="of the columns of a file without a line of names; `[]` calls them 1, 2, ...",
+        description="names of the columns of a file without a line of names; `[]`: 1, 2, ...",
     )
-    skip_lines: int = Field(default=0, description="lines before the line with the names", ge=0)
+    skip_lines: int = Field(
+        default=0, description="number of lines before the line with the names", ge=0
+    )
     skip_after_names: int = Field(
-        default=0, description="lines after it, with units for example", ge=0
+        default=0,
+        description="number of lines after the line with the names, with units for example",
+        ge=0,
     )
     comment: str | None = Field(
-        default=None, description="lines from this sign on are left out", min_length=1, max_length=1
+        default=None,
+        description="sign from which on a line is left out",
+        min_length=1,
+        max_length=1,
     )
     encoding: str = Field(default="utf-8-sig", description="text encoding")
 
@@ -162,7 +172,7 @@ class ScenarioSource(StrictModel):
     """
 
     base: str = Field(description="shipped scenario, or YAML file by its path from the mapping's")
-    set: tuple[str, ...] = Field((), description="overrides, section.key=value")
+    set: Settings = Field((), description="overrides, section.key=value")
 
 
 class Mapping(StrictModel):
@@ -172,7 +182,7 @@ class Mapping(StrictModel):
         alias="schema", description="schema of the file"
     )
     kind: Literal["static", "swing", "bar_swing", "robot_swing", "car_log", "car_run"] = Field(
-        description="what was logged"
+        description="kind of experiment or drive that was logged"
     )
     stamps: dict[str, tuple[Name, Name]] = Field(
         default_factory=dict,
@@ -194,15 +204,15 @@ class Mapping(StrictModel):
         default_factory=dict,
         description="facts about the whole log: tail, axis, wind_speed_m_per_s, ...",
     )
-    csv: CsvFormat = Field(default_factory=CsvFormat, description="how a text file is written")
+    csv: CsvFormat = Field(default_factory=CsvFormat, description="format of a text file")
     sparse: StrictBool = Field(
-        False, description="an empty cell is no lost sample: several rates in one table"
+        False, description="true: an empty cell is no lost sample, with several rates in one table"
     )
     check_rates: StrictBool = Field(
-        True, description="compare every logged rate with the derivative of its angle"
+        True, description="true: every logged rate is compared with the derivative of its angle"
     )
     scenario: ScenarioSource | None = Field(
-        None, description="what was driven; for a rig log, the rig"
+        None, description="scenario that was driven; for a rig log, the rig"
     )
     _folder: Path = PrivateAttr(Path())
 

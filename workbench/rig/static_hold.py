@@ -1,11 +1,10 @@
 """The log of a static hold: one state of the plant, read by the sensors as long as it is held."""
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
 
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata
 from aerodima.workbench.rig.rig_log import RIG_COLUMN_NAMES, known_truth, rig_log_metadata
 from aerodima.workbench.rig.rig_plant import Rig
@@ -51,7 +50,7 @@ def simulate_static_log(
     newest_sample = np.floor(time * sensor.rate + 1e-6).astype(int)
     sample_time = np.arange(newest_sample[-1] + 1) / sensor.rate
     wrenches = np.tile(wrench, (len(sample_time), 1))
-    facts: dict[str, Any] = {}
+    facts: Json = {}
     if experiment.wind_off > 0.0:
         calm = calm or Rig(scenario.varied(experiment={"wind_speed": 0.0}))
         still_current, still_wrench = _hold(calm, experiment.angle)

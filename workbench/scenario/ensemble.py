@@ -18,7 +18,7 @@ from pydantic.dataclasses import dataclass as pydantic_dataclass
 
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import EnsembleError, ScenarioError
-from aerodima.workbench.core.file_reading import Json
+from aerodima.workbench.core.file_reading import Json, Settings
 from aerodima.workbench.core.key_errors import nearest, require_unique
 from aerodima.workbench.core.yaml_files import StrictModel, checked, find_file, read_yaml
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
@@ -57,7 +57,7 @@ class Member:
                 raise ValueError(f"member {self.name!r}: {error}") from None
         return self
 
-    def settings_on(self, scenario: str | Path) -> tuple[str, ...]:
+    def settings_on(self, scenario: str | Path) -> Settings:
         """List overrides for a scenario of that name or path, such as `car.com_height=0.25`.
 
         A tail other than the built one keeps its own size and mass.

@@ -21,7 +21,7 @@ from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_v
 from aerodima.workbench.core.array_types import ArrayPair, FloatArray
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import SwingFileError
-from aerodima.workbench.core.file_reading import Facts
+from aerodima.workbench.core.file_reading import Facts, Settings
 from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
 
 SCHEMA = "aerodima/swing/1"
@@ -163,7 +163,7 @@ class Provenance(_Strict):
     """Scenario that the swing was made with."""
     seed: int | None = Field(None, ge=0)
     """Seed of the solver's starts."""
-    settings: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    settings: Annotated[Settings, Field(strict=False)] = ()
     """Overrides of that scenario."""
     options: dict[str, float | int | str] = Field(default_factory=dict)
     """Options of the command that made the swing."""

@@ -112,7 +112,9 @@ def _motion(scenario: Scenario, time: FloatArray, signals: NamedArrays) -> pd.Da
     pose = positions[:, start : start + 7]
     velocity = speed * np.array([np.cos(yaw), np.sin(yaw)])
     pose[:, 4:6] = cumulative_trapezoid(velocity, time, initial=0.0).T
-    corners = _corners(scenario)
+    half = scenario.car.outer_half_track
+    box = ((0.0, scenario.car.wheelbase), (-half, half), (0.0, _BOX_HEIGHT))
+    corners = np.array([*product(*box)]).T  # of the car in B, m, (3, 8)
     R_WB = Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))
     heights = R_WB.as_matrix()[:, 2] @ corners
     pose[:, :4] = R_WB.as_quat(canonical=True, scalar_first=True)
@@ -144,12 +146,3 @@ def _centre_of_mass(car: CarPlant, positions: FloatArray) -> FloatArray:
         car.plant.SetPositions(context, values)
         com[row] = car.plant.CalcCenterOfMassPositionInWorld(context, car.instances)
     return com
-
-
-def _corners(scenario: Scenario) -> FloatArray:
-    """Gives the corners of the car's box in B, m, shape (3, 8); its lower face touches the ground
-    at nominal ride height.
-    """
-    half = scenario.car.outer_half_track
-    length = scenario.car.wheelbase
-    return np.array(list(product((0.0, length), (-half, half), (0.0, _BOX_HEIGHT)))).T

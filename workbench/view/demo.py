@@ -165,20 +165,13 @@ def demo_runs(out: Path, plan: DemoPlan) -> list[DemoRun]:
             replay = out / f"replay_{name}.html"
         runs.append(DemoRun(name, scenario, out / "logs" / f"turn_{name}.parquet", replay))
     runs.sort(key=lambda run: run.replay is None)  # the longest pieces of work first
-    if plan.opening:
-        return [*_opening_runs(out, plan.seed), *runs]
-    return runs
-
-
-def _opening_runs(out: Path, seed: int) -> list[DemoRun]:
-    """Makes the runs at the beginning of the page."""
-    runs = []
-    for name, scenario in load_shown_swerve().runs().items():
-        stem = re.sub(r"[^a-z0-9]+", "_", name)
-        content = scenario.resolved() | {"seed": seed}
-        log = out / "logs" / f"{stem}.parquet"
-        runs.append(DemoRun(f"swerve, {name}", content, log, opening=name))
-    return runs
+    opening = load_shown_swerve().runs() if plan.opening else {}
+    first = []
+    for name, scenario in opening.items():
+        log = out / "logs" / f"{re.sub(r'[^a-z0-9]+', '_', name)}.parquet"
+        content = scenario.resolved() | {"seed": plan.seed}
+        first.append(DemoRun(f"swerve, {name}", content, log, opening=name))
+    return [*first, *runs]
 
 
 def do_run(run: DemoRun) -> RunSummary:

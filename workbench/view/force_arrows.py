@@ -116,25 +116,24 @@ def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.einsum("ij,ij->i", a, b)[:, None]
 
 
-@dataclass(frozen=True)
 class DrawnArrow:
     """An arrow in Meshcat: a shaft that is stretched and a head, made once and then moved.
 
     Attributes:
-        path: path of the arrow in Meshcat.
+        path: path of the arrow in Meshcat, in the world that moves under the camera.
+
+    Args:
+        meshcat: viewer to which the arrow is added.
+        name: name of the force.
+        colour: colour of the arrow.
     """
 
-    path: str
-
-    @classmethod
-    def make(cls, meshcat: Meshcat, name: str, colour: Colour) -> DrawnArrow:
-        """Adds the arrow of a force to the world that moves under the camera."""
-        arrow = cls(f"{WORLD}/forces/{name}")
+    def __init__(self, meshcat: Meshcat, name: str, colour: Colour) -> None:
+        self.path = f"{WORLD}/forces/{name}"
         shaft = Cylinder(SHAFT_RADIUS, 1.0)
         head = MeshcatCone(HEAD_LENGTH, HEAD_RADIUS, HEAD_RADIUS)
-        meshcat.SetObject(f"{arrow.path}/shaft", shaft, Rgba(*colour))
-        meshcat.SetObject(f"{arrow.path}/head", head, Rgba(*colour))
-        return arrow
+        meshcat.SetObject(f"{self.path}/shaft", shaft, Rgba(*colour))
+        meshcat.SetObject(f"{self.path}/head", head, Rgba(*colour))
 
     def move(self, scene: Any, point: FloatArray, length: FloatArray, *frame: int) -> None:
         """Puts the arrow where it belongs.

@@ -196,7 +196,7 @@ def _draw_arrow(
     meshcat: Meshcat, animation: MeshcatAnimation, arrow: ForceArrow, rows: IntArray
 ) -> None:
     """Draws a force as an arrow that moves, and is hidden where it is short."""
-    drawn = DrawnArrow.make(meshcat, arrow.name, arrow.colour)
+    drawn = DrawnArrow(meshcat, arrow.name, arrow.colour)
     shown = arrow.shown[rows].tolist()
     for frame, row in enumerate(rows):
         changes = shown[frame] != shown[frame - 1]

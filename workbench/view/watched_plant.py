@@ -31,7 +31,6 @@ from aerodima.workbench.car.ground_truth import (
     pose_columns,
     section_columns,
 )
-from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import ModelError
 from aerodima.workbench.core.file_reading import Json
 from aerodima.workbench.core.port_wiring import add_and_connect, vector_of
@@ -267,7 +266,7 @@ class LiveScene(LeafSystem):
             self._poses = self.DeclareVectorInputPort("poses", 7 * len(reach))
         self._tails = []
         for name in tails:
-            arrow = DrawnArrow.make(meshcat, f"air_on_{name}", AIR_COLOUR)
+            arrow = DrawnArrow(meshcat, f"air_on_{name}", AIR_COLOUR)
             self._tails.append((arrow, self.DeclareVectorInputPort(f"{name}_air", 12)))
         self.DeclareInitializationPublishEvent(self._place)
         self.DeclarePeriodicPublishEvent(1.0 / PICTURES_PER_SECOND, 0.0, self._show)
@@ -276,7 +275,13 @@ class LiveScene(LeafSystem):
         com = vector_of(self._com, context)[:3]
         self._meshcat.SetTransform(WORLD, RigidTransform(-com * [1.0, 1.0, 0.0]))
         for arrow, port in self._tails:
-            self._draw(arrow, vector_of(port, context))
+            parts = np.split(vector_of(port, context), 4)
+            force, moment, root, tip = (part[None, :] for part in parts)
+            length = self._air_scale * force[0]
+            shown = bool(np.linalg.norm(length) > SHOWN_LENGTH)
+            self._meshcat.SetProperty(arrow.path, "visible", shown)
+            if shown:
+                arrow.move(self._meshcat, point_on_axis(force, moment, root, tip)[0], length)
         return EventStatus.Succeeded()
 
     def _place(self, context: Context) -> EventStatus:
@@ -294,12 +299,3 @@ class LiveScene(LeafSystem):
         if com[2] >= 0.0:
             draw_ground(self._meshcat, area_around(com[None, :], _FLOOR_MARGIN))
         return EventStatus.Succeeded()
-
-    def _draw(self, arrow: DrawnArrow, air: FloatArray) -> None:
-        """Moves the arrow of one tail force, or hides it."""
-        force, moment, root, tip = (part[None, :] for part in np.split(air, 4))
-        length = self._air_scale * force[0]
-        shown = bool(np.linalg.norm(length) > SHOWN_LENGTH)
-        self._meshcat.SetProperty(arrow.path, "visible", shown)
-        if shown:
-            arrow.move(self._meshcat, point_on_axis(force, moment, root, tip)[0], length)
