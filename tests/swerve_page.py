@@ -41,16 +41,10 @@ FIRST_BEGIN = "<!-- first table of models/swerve/swerves.csv -->\n"
 FIRST_END = "<!-- end of the first table -->\n"
 FIRST_FLOORS = ("x 1", "x 1.2")
 FIRST_AIMS = {
-    "aside-0.5": "aside after 0.5 s",
-    "aside-1.0": "aside after 1 s",
-    "course": "change of course in 1 s *",
-    "sustained": "held turn *",
-}
-FIRST_PLANTS = {
-    "aside-0.5": "full",
-    "aside-1.0": "full",
-    "course": "reduced",
-    "sustained": "reduced",
+    "aside-0.5": ("aside after 0.5 s", "full"),
+    "aside-1.0": ("aside after 1 s", "full"),
+    "course": ("change of course in 1 s", "reduced"),
+    "sustained": ("held turn", "reduced"),
 }
 FIRST_CANDIDATES = {
     "feedback": "tail with the feedback law",
@@ -120,21 +114,28 @@ def page_tables(table: pd.DataFrame) -> str:
 
 
 def first_table(table: pd.DataFrame) -> str:
-    """The table of the first pages: median gains on `FIRST_FLOORS`, of the cars of
-    `FIRST_PLANTS`.
+    """The table of the first pages: median gains on `FIRST_FLOORS`, in brackets where the interval
+    contains zero; a column of reduced cars has a star.
     """
-    lines = [["", *FIRST_AIMS.values()], ["---"] * (1 + len(FIRST_AIMS))]
+    plants = {aim: plant for aim, (_, plant) in FIRST_AIMS.items()}
+    stars = {"full": "", "reduced": " *"}
+    lines = [["", *[words + stars[plant] for words, plant in FIRST_AIMS.values()]]]
+    lines.append(["---"] * len(lines[0]))
     for candidate, words in FIRST_CANDIDATES.items():
         cells = [words]
-        for aim in FIRST_AIMS:
-            own = table[table["aim"] == aim]
-            summary = summarise_swerves(own[own["plant"] == FIRST_PLANTS[aim]])
-            gains = summary[summary["candidate"] == candidate].set_index("floor")["gain"]
-            cells.append(
-                " / ".join(f"{100.0 * gains[floor]:+.0f}" for floor in FIRST_FLOORS) + " %"
-            )
+        for aim, plant in plants.items():
+            chosen = (table["aim"] == aim) & (table["plant"] == plant)
+            summary = summarise_swerves(table[chosen])
+            rows = summary[summary["candidate"] == candidate].set_index("floor")
+            cells.append(" / ".join(first_gain(rows.loc[floor]) for floor in FIRST_FLOORS) + " %")
         lines.append(cells)
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def first_gain(row: pd.Series) -> str:
+    """A gain, in brackets where its interval contains zero."""
+    gain = f"{100.0 * row['gain']:+.0f}"
+    return f"({gain})" if row["gain_low"] <= 0.0 <= row["gain_high"] else gain
 
 
 def store(folders: list[Path]) -> None:

@@ -57,7 +57,9 @@ class GpsDevice(SerialSettings):
 
 
 class RadioDevice(SerialSettings):
-    """The car's XBee module; `operator` is the operator's 64-bit serial number (None: any)."""
+    """The car's XBee module; `operator` is the 64-bit serial number of the operator's module (None:
+    any).
+    """
 
     operator: int | None = Field(None, ge=0, lt=2**64)
 

@@ -152,7 +152,8 @@ class _Door:
 
 
 def run_server(listener: socket.socket, console: Console, access: Access, say: Say) -> None:
-    """Serves until Ctrl-C or SIGTERM; after an orderly end SIGTERM does what it did before.
+    """Serves until Ctrl-C or SIGTERM; after an orderly end the SIGTERM is raised again and does
+    what it did before.
 
     Raises:
         HardwareError: a part of the console has died; pages show the reason, and the car was sent

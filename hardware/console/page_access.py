@@ -22,7 +22,7 @@ REQUEST_TIME = 3.0
 """Time in which a connection must have made its whole request, the first one or the next, s."""
 MAX_WAITING = 64
 """Largest number of connections without a request; a browser opens six. The oldest is closed for
-the next one: one that has just been opened, such as by the operator, has its turn."""
+the next one: one that has just been opened, for example by the operator, gets its turn."""
 
 
 class Access:

@@ -17,7 +17,7 @@ class MotorSafety(QuantityModel):
     speed_limit: float = quantity(
         "rad/s", "largest speed, commanded (clipped) and measured (fault)", "(0, 50]"
     )
-    rated_torque: float = quantity("N m", "torque that the winding bears without an end", "(0, 50]")
+    rated_torque: float = quantity("N m", "torque that the winding bears indefinitely", "(0, 50]")
     overload: float = quantity(
         "N2 m2 s", "budget of squared torque less squared rated torque, over time", "(0, 1e5]"
     )

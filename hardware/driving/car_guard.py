@@ -77,7 +77,7 @@ class CarGuard:
             before.
         least_delay: least delay of the computer that explains the reason, s; infinite where none
             does.
-        left: whether the operator has left the mode and went on reporting while the car was being
+        left: whether the operator left the mode and went on reporting while the car was being
             stopped. One who falls silent then has not chosen to end the drive: the console sends
             the car to rest when its page has gone.
         reading: reading of the last cycle.
@@ -162,7 +162,7 @@ class CarGuard:
 
         Raises:
             HardwareError: the car does not take commands, or the operator has not reported IDLE
-                since it does.
+                since it began to take them.
         """
         if not self.ready:
             raise HardwareError(

@@ -10,7 +10,7 @@ from aerodima.hardware.devices.motor_monitors import Debounce
 from aerodima.workbench.scenario.signal_table import IMU
 
 _MAX_SPAN = 0.02
-"""Longest span for which the throttle rises at once, s: it does not jump after a pause of the
+"""Longest span for which the throttle rises in one cycle, s: it does not jump after a pause of the
 loop."""
 
 

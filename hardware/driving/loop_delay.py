@@ -24,8 +24,8 @@ _WATCHDOG_DELAY = 0.075
 
 
 def with_delay(reason: str, delay: float, least: float = _MIN_DELAY) -> str:
-    """Returns the reason of a stop, after the computer's delay (s) if that explains it: if it is at
-    least `least` (s), the value of `least_delay`.
+    """Returns the reason of a stop, preceded by the computer's delay (s) if that explains it: if
+    it is at least `least` (s), the value of `least_delay`.
     """
     if delay < least:
         return reason

@@ -69,7 +69,8 @@ class EmulatedBus:
 
     Attributes:
         watch: function of the second node that receives every frame of the owner and of the motors.
-        to_owner: function that receives what the second node sends and the motors answer to it.
+        to_owner: function that receives what the second node sends and what the motors answer to
+            it.
     """
 
     def __init__(self, motors: Sequence[EmulatedMotor], board: FaultBoard, log: TrafficLog) -> None:

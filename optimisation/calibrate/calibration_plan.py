@@ -19,7 +19,7 @@ from pydantic import AfterValidator, Field, model_validator
 from scipy.stats import norm, qmc
 
 from aerodima.workbench.car.car_model import chassis_centre
-from aerodima.workbench.core.array_types import FloatArray, NamedArrays, Pair
+from aerodima.workbench.core.array_types import FloatArray, NamedArrays, Pair, Texts
 from aerodima.workbench.core.errors import ScenarioError
 from aerodima.workbench.core.file_reading import Settings
 from aerodima.workbench.core.key_errors import nearest, require_unique
@@ -164,7 +164,7 @@ class CalibrationPlan(StrictModel):
     schema_: str = Field(alias="schema")
     name: str = Field(min_length=1, max_length=80)
     seed: int = Field(ge=0)
-    body: tuple[str, ...] = Field(min_length=1)
+    body: Texts = Field(min_length=1)
     each: tuple[Literal["car.tyre_friction"], Literal["car.tyre_slip_angle"]]
     ranges: dict[str, Range]
     density: dict[str, NormalPrior]
@@ -328,7 +328,7 @@ class CarPrior:
     """
 
     plan: CalibrationPlan
-    names: tuple[str, ...] = field(init=False)
+    names: Texts = field(init=False)
     ranges: FloatArray = field(init=False)
     _base: Scenario = field(init=False, repr=False)
 

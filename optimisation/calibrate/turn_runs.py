@@ -213,8 +213,8 @@ def _with_drawn_nuisances(prior: CarPrior, car: FloatArray, rng: np.random.Gener
 
 
 def _motions(driven: Turns, x: FloatArray, z: FloatArray) -> list[Motion]:
-    """Returns the motion of each reduced car at its IMU, which is at x and z (m) in B; all signals
-    are zero before the steering.
+    """Returns the motion of each reduced car at its IMU, which is at x and z (m) in B; before the
+    steering rates and acceleration are zero and both inner wheels bear load.
     """
     assert driven.history is not None
     assert driven.loads is not None

@@ -32,7 +32,8 @@ from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.scenario.scenario import load_scenario
 
 TRIES = 10_000
-"""Number of posterior cars that are drawn to find one that survives every turn with a table."""
+"""Largest number of posterior cars that are drawn to find one that survives every turn with a
+table."""
 DRAWS = 400
 """Number of outcomes of a measurement that are drawn for its information."""
 BAND = (0.05, 0.5, 0.95)

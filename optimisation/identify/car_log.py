@@ -14,7 +14,7 @@ from aerodima.workbench.car.laws import steady_speed
 from aerodima.workbench.car.turn_signals import STEERED
 from aerodima.workbench.control.manoeuvre import TICK_TOLERANCE, DriverInput, throttle_line
 from aerodima.workbench.control.tail_law import Observation
-from aerodima.workbench.core.array_types import FloatArray, NamedArrays, Values
+from aerodima.workbench.core.array_types import FloatArray, NamedArrays, Texts, Values
 from aerodima.workbench.core.errors import FitError, UserError
 from aerodima.workbench.core.file_reading import Settings
 from aerodima.workbench.logs.log_findings import inconsistent_rates
@@ -34,7 +34,8 @@ Signals = Mapping[str, FloatArray]
 LEAD = 0.6
 """Time before the first steering command from which the car of a model rolls, s."""
 SETTLING = 0.1
-"""Time after that from which its motion is compared, once pitch and tail have settled, s."""
+"""Time after it begins to roll from which its motion is compared, once pitch and tail have settled,
+s."""
 REACH = 0.5
 """Time after the last steering command until which its motion is compared, s."""
 MAX_TILT = 0.8
@@ -163,7 +164,7 @@ class CarDrive:
     channels: Mapping[str, Channel]
     turn: float
     line_speed: float
-    warnings: tuple[str, ...]
+    warnings: Texts
 
     @property
     def tailed(self) -> bool:

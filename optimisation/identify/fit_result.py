@@ -11,7 +11,7 @@ from pydantic import AliasChoices, Field
 
 from aerodima.optimisation.identify.least_squares import Solution
 from aerodima.optimisation.identify.uncertainty import Uncertainty
-from aerodima.workbench.core.array_types import Values
+from aerodima.workbench.core.array_types import Texts, Values
 from aerodima.workbench.core.file_reading import Facts, Json
 
 Channels = Mapping[str, tuple[slice, float]]
@@ -95,9 +95,9 @@ class FitResult:
     status: str
     attempts: tuple[Facts, ...]
     unidentifiable: Annotated[
-        tuple[str, ...], Field(validation_alias=AliasChoices("unidentifiable", "unseen"))
+        Texts, Field(validation_alias=AliasChoices("unidentifiable", "unseen"))
     ] = ()
-    warnings: tuple[str, ...] = ()
+    warnings: Texts = ()
     effective_samples: float = math.nan
     facts: Facts = field(default_factory=dict)
     curves: Facts = field(default_factory=dict)

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from aerodima.workbench.core.array_types import FloatArray, IntArray, Values
+from aerodima.workbench.core.array_types import FloatArray, IntArray, Texts, Values
 from aerodima.workbench.core.deprecation import warn_renamed
 from aerodima.workbench.core.errors import FitError
 
@@ -152,7 +152,7 @@ class Parameters:
         return tuple(parameter for parameter in self.all if not parameter.fixed)
 
     @property
-    def names(self) -> tuple[str, ...]:
+    def names(self) -> Texts:
         """Names of the unknowns."""
         return tuple(parameter.name for parameter in self.free)
 

@@ -37,8 +37,8 @@ wind held almost nothing."""
 _TAILS = (1, 2, 3)
 """Numbers of the tails with published holds."""
 _COPIED_TABLE = "Table 11.6"
-"""Table of the robot tail whose rows are repeated in a table of a lower wind speed, where they
-cannot be from."""
+"""Table of the robot tail whose rows are repeated in a table of a lower wind speed, to which
+they cannot belong."""
 _CELL = ["tail", "axis", "angle_of_attack_deg", "wind_speed_m_per_s"]
 
 

@@ -9,7 +9,7 @@ import pandas as pd
 from aerodima.optimisation.identify.fit_options import FitOptions
 from aerodima.optimisation.identify.least_squares import Parameter
 from aerodima.optimisation.identify.log_rig import is_simulated, named_rig
-from aerodima.workbench.core.array_types import FloatArray, Values
+from aerodima.workbench.core.array_types import FloatArray, Texts, Values
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.core.key_errors import nearest
 from aerodima.workbench.core.quantity import unit_of
@@ -48,7 +48,7 @@ def speed_accuracy() -> float:
     return float(published_table("residual_weights").uncertainty_factor.iloc[6])
 
 
-def constant_names(kind: str) -> tuple[str, ...]:
+def constant_names(kind: str) -> Texts:
     """Names the constants that a fit of a log of this kind can free."""
     logs = {"static": "static", "robot_swing": "robot"}.get(kind, "swing")
     return tuple(_TABLE.index[_TABLE.logs.str.contains(logs)])

@@ -30,7 +30,7 @@ from aerodima.optimisation.identify.log_rig import (
 )
 from aerodima.optimisation.identify.noise import correlation_time
 from aerodima.optimisation.identify.rig_constants import BIASES, constant_parameters
-from aerodima.workbench.core.array_types import FloatArray, NamedArrays, Pair
+from aerodima.workbench.core.array_types import FloatArray, NamedArrays, Pair, Texts
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.core.file_reading import Facts
 from aerodima.workbench.logs.schema import RunLog
@@ -116,7 +116,7 @@ class StaticData:
     offset_deviation: FloatArray
     constants: tuple[Parameter, ...]
     still: bool
-    warnings: tuple[str, ...]
+    warnings: Texts
 
 
 def static_data(
@@ -296,7 +296,7 @@ class Offset:
     added: FloatArray
     deviation: FloatArray
     tare: float | None
-    warnings: tuple[str, ...] = ()
+    warnings: Texts = ()
 
 
 def _stated_offset(log: RunLog, scenario: RigScenario) -> Offset:
@@ -312,7 +312,7 @@ def _stated_offset(log: RunLog, scenario: RigScenario) -> Offset:
     if tared is not None and (isinstance(tared, bool) or not isinstance(tared, int | float)):
         raise FitError(f"metadata {TARED!r} is {tared!r}; an angle in rad is needed")
     stated = log.stated(OFFSETS_UNCERTAINTY, len(REACTIONS))
-    warnings: tuple[str, ...] = ()
+    warnings: Texts = ()
     if stated is not None:
         if min(stated) < 0.0:
             raise FitError(

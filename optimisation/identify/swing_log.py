@@ -13,7 +13,7 @@ from aerodima.optimisation.identify.log_rig import CURRENT, checked_angle, is_ou
 from aerodima.optimisation.identify.rig_constants import constant_parameters
 from aerodima.optimisation.identify.static_log import CURRENT_MARGIN
 from aerodima.workbench.car.car_sensors import POSITION_BITS
-from aerodima.workbench.core.array_types import ArrayPair, FloatArray, IntArray
+from aerodima.workbench.core.array_types import ArrayPair, FloatArray, IntArray, Texts
 from aerodima.workbench.core.errors import FitError
 from aerodima.workbench.core.file_reading import Facts, Json
 from aerodima.workbench.logs.schema import RunLog
@@ -150,7 +150,7 @@ class SwingData:
     current: LoggedCurrent | None
     constants: tuple[Parameter, ...]
     facts: Facts = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
+    warnings: Texts = ()
 
     @property
     def step(self) -> float:

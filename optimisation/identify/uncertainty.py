@@ -24,7 +24,7 @@ from aerodima.optimisation.identify.active_bounds import (
 )
 from aerodima.optimisation.identify.least_squares import Solution
 from aerodima.optimisation.identify.noise import Noise
-from aerodima.workbench.core.array_types import ArrayPair, FloatArray
+from aerodima.workbench.core.array_types import ArrayPair, FloatArray, Texts
 from aerodima.workbench.core.errors import FitError
 
 CONFIDENCE = 0.95
@@ -77,7 +77,7 @@ class Uncertainty:
     upper: FloatArray
     beyond: FloatArray
     identifiable: np.ndarray
-    unidentifiable: tuple[str, ...]
+    unidentifiable: Texts
     effective_samples: float
 
 
@@ -310,7 +310,7 @@ def _hidden_directions(Vt: FloatArray, seen: np.ndarray) -> FloatArray:
     return hidden / np.where(norms > 0.0, norms, 1.0)
 
 
-def _in_words(direction: FloatArray, names: tuple[str, ...]) -> str:
+def _in_words(direction: FloatArray, names: Texts) -> str:
     """Describe a direction of scaled unknowns: `cd`, or `0.80 gap + 0.60 h0`."""
     order = np.argsort(-np.abs(direction))
     parts = [(direction[i], names[i]) for i in order if abs(direction[i]) > _SHARE]

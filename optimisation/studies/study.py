@@ -88,7 +88,7 @@ class Sample(StrictModel):
     )
 
     def rows(self, times: int = 1) -> list[dict[str, Value]]:
-        """Draws the values of the factors, by factor, for `times` times the number of samples."""
+        """Draws one dict of values by factor per sample, `times` times the number of samples."""
         dimensions = len(self.factors)
         number = times * self.number
         generator = np.random.default_rng(self.seed)

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from aerodima.optimisation.studies.runs import make_frame
 from aerodima.optimisation.swerve.candidate import LOW_BALLAST, NO_TAIL
 from aerodima.workbench.batch.row_store import Row
-from aerodima.workbench.core.array_types import FloatArray, Pair
+from aerodima.workbench.core.array_types import FloatArray, Pair, Texts
 from aerodima.workbench.core.text_table import text_table
 from aerodima.workbench.view.figure_style import BLUE, SKY, new_figure, styled
 from aerodima.workbench.view.report_page import Page, Plot, Section, Table, percent
@@ -94,7 +94,7 @@ def median_interval(values: FloatArray, seed: int) -> Pair:
 
 def swerve_lines(summary: pd.DataFrame) -> list[str]:
     """Makes a table for the terminal: a heading per comparison, a line per candidate."""
-    rows: list[tuple[str, ...]] = []
+    rows: list[Texts] = []
     for names, own in summary.groupby(GROUP, sort=False):
         rows += [(_title(names),), *_cells(own)]
     return text_table(_HEADER, rows)
@@ -122,8 +122,8 @@ def _title(names: Any) -> str:
     return f"{aim} at {speed:g} m/s, {plant} cars, {tail} tail, friction {floor}"
 
 
-def _cells(summary: pd.DataFrame) -> list[tuple[str, ...]]:
-    cells: list[tuple[str, ...]] = []
+def _cells(summary: pd.DataFrame) -> list[Texts]:
+    cells: list[Texts] = []
     for row in summary.to_dict("records"):
         interval = f"{_percent(row['gain_low'])} to {_percent(row['gain_high'])}"
         cells.append(

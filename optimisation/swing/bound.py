@@ -9,7 +9,6 @@ the same tail, so that the bound does not fall below a candidate whose motion it
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -35,7 +34,7 @@ from aerodima.optimisation.swing.swerve_shooting import (
     SwerveVariables,
     within_reach,
 )
-from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, no_progress
+from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, Row, no_progress
 from aerodima.workbench.car.reduced.swerves import STEERING
 from aerodima.workbench.car.swerve import Measure
 from aerodima.workbench.core.array_types import ArrayPair, FloatArray
@@ -96,7 +95,7 @@ class Bound:
         return (self.solution.x * variables.units)[variables.own(member)[variables.tail :]]
 
     @property
-    def result(self) -> dict[str, Any]:
+    def result(self) -> Row:
         """Aim and steering of the first car, as `best_steering` returns them."""
         aim = float(self.solution.aims[0])
         return {"score": aim, "steering": self.steering().tolist(), "variant": 0}
@@ -108,7 +107,7 @@ class Bound:
         """
         solution = self.solution
         steerings = [self.steering(member) for member in range(len(self.scenarios))]
-        columns: dict[str, Any] = {
+        columns: Row = {
             "car": [scenario.name for scenario in self.scenarios],
             "speed_m_per_s": [scenario.manoeuvre.speed for scenario in self.scenarios],
             "aim": solution.aims,
@@ -138,7 +137,8 @@ def find_bound(
 
     Args:
         scenarios: scenarios of kind `levels` of cars with a tail; each has its own steering.
-        aim: aim that is maximised: its name, or a function of a `Swerve` (n,).
+        aim: aim that is maximised: its name, or a function of a `Swerve` that returns the aim of
+            each car (n,).
         limits: limits beside those of every swerve.
         effort: budget of the search; by default `BoundEffort()`.
         candidates: further starts: pitch of the tail and its rolls at the knots after the first
@@ -147,7 +147,8 @@ def find_bound(
         progress: function that receives a line after the first search and after each start.
         announced: whether the tail knows of the turn and may wait at a side while the driver keeps
             the car straight; the last candidate is then also started from the rolls `WAITS`.
-        free: numbers of the tail that the program also chooses, from the middle of their ranges;
+        free: numbers of the tail that the program also chooses, from the middle of their ranges, so
+            that the bound may fall below a candidate whose tail is not there;
             `extend` finds them under `program.numbers`.
 
     Raises:

@@ -59,7 +59,7 @@ WORST_SHARE = 0.2
 """Share of the places, the worst ones, that make up the second half of the score."""
 PASSED = 1.25
 """Worth of a law that keeps a car upright in both manoeuvres of the standard: about its worth in a
-swerve. Half of it in one of the two."""
+swerve. A law that does so in one of the two is worth half of it."""
 FISHHOOK = load_scenario(MANOEUVRES["fishhook"].scenario)
 """Scenario of the fishhook, with the roll rate that its driver waits for."""
 Law = Mapping[str, float]

@@ -58,7 +58,8 @@ def solution_swing(
 ) -> SwingFile:
     """Returns a solution as the file of a swing to the left that the steering releases.
 
-    Its settings hold the steering of the first car, and of its tail what the search has chosen.
+    Its settings hold the steering of the first car and the numbers of its tail that the search
+    chose.
     `found` holds its claims. No torques are fed forward.
 
     Args:

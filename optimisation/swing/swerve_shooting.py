@@ -287,7 +287,7 @@ class Evaluation(NamedTuple):
 
     Attributes:
         aims: aim of each car (members,).
-        aim_slopes: derivatives of the aims with the scaled variables (members, size).
+        aim_slopes: derivatives of the aims with respect to the scaled variables (members, size).
         rows: scaled values of the limits (members, rows).
         row_slopes: derivatives of these values (members, rows, size).
     """
@@ -344,7 +344,7 @@ class SwerveShooting:
             pitches=(max(PITCHES[0], -far), min(PITCHES[1], far)),
             max_angle=min(one.servo.limit for one in scenarios),
             announced=announced,
-            free=() if free is None else tuple(free.ranges.values()),
+            free=() if free is None else free.bounds,
         )
         if announced:
             limits = [STRAIGHT, *limits]

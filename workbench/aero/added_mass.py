@@ -3,8 +3,8 @@ part in contact.
 
 Each of n equal parts of the tail feels -m_added times its acceleration normal to the tail axis. A
 straight row of such parts is one body without weight: mass M = n m_added at the middle of the row,
-moment of inertia m_added sum (s_i - s)^2 about the normals and none about the axis. It must only be
-freed along the axis:
+moment of inertia m_added sum (s_i - s)^2 about the normals and none about the axis. What remains is
+to free it along the axis:
 
 - m_added > 0: the body slides on a frictionless prismatic joint along the axis, so that its inertia
   acts on the tail only across the axis: eliminating the slide leaves exactly M_added = sum J_i^T m

@@ -197,7 +197,8 @@ def plate_force(
     along: float,
     against: float,
 ) -> LineForce:
-    """Applies F = 1/2 rho A C_N |v_p| v_n n to every section; see `SectionLaw.line_force`.
+    """Returns force and moment of F = 1/2 rho A C_N |v_p| v_n n summed over all sections; see
+    `SectionLaw.line_force`.
 
     With one C_N for both sides all numbers may be arrays of one shape, for many cars at once.
 

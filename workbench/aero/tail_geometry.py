@@ -358,7 +358,7 @@ class TailGeometry(TailPart):
 
     def centre_of_pressure(self, direction: Sequence[float] | None = None) -> FloatArray:
         """Returns the centroid in T (3), m, of the planform seen along a direction, by default the
-        first plate's normal; each piece counts with the cosine of its own normal.
+        first plate's normal; each piece counts with the cosine of its own normal's angle to it.
 
         Raises:
             ModelError: no plate faces that direction.

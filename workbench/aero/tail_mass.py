@@ -25,7 +25,7 @@ _ROUNDING = 1e-14
 
 
 class Slice(NamedTuple):
-    """A thin slice across z, symmetric to both sides of x = 0.
+    """A thin slice across z, symmetric about x = 0.
 
     Attributes:
         place: z of the slice, m.

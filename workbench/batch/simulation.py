@@ -51,7 +51,7 @@ def simulate(
         force: whether an existing log is replaced.
         meshcat: Meshcat that shows the run live.
         real_time_rate: 0 for a run as fast as possible, 1 for real time.
-        progress: function that receives time and length of the run, s, every simulated 0.1 s.
+        progress: function that receives time and length of the run, s, at most 0.1 s apart.
 
     Raises:
         UserError: no valid plant, a rig beyond its limits, an unwritable or existing log.

@@ -252,7 +252,7 @@ class TailAerodynamics(LeafSystem):
 def add_sail_report(
     builder: DiagramBuilder, plant: MultibodyPlant, scenario: Scenario, wind: OutputPort | None
 ) -> dict[str, OutputPort]:
-    """Adds systems that report the air on the sail; its force on the plant is `TailAerodynamics`.
+    """Adds systems that report the air on the sail; `TailAerodynamics` applies its force.
 
     Returns:
         The ports `sections` and `validity` of `TailForce`: those of the sail's opening, or those of

@@ -110,7 +110,8 @@ def unsprung_mass(car: CarParameters, axle: str) -> float:
 
 
 def chassis_inertial(car: CarParameters, tail: TailParameters, gravity: float) -> Inertial:
-    """Makes a chassis link with which the whole car has the scenario's mass and centre of mass.
+    """Returns mass and inertia of the chassis with which the whole car has the scenario's mass and
+    centre of mass.
 
     Raises:
         ModelError: gearbox and wheels alone are heavier than the car, or the chassis' own centre of
@@ -160,7 +161,7 @@ def board_centre(car: CarParameters) -> Pair:
 
 
 def gearbox_height(car: CarParameters, tail: TailParameters) -> float:
-    """Returns the height (m) of the gearbox centre; the tail joints cross at its upper face."""
+    """Returns the gearbox centre's height (m); the tail joints are as high as its upper face."""
     return tail.mount_height - car.gearbox_height / 2
 
 

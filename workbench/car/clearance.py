@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Texts
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.scenario.scenario import Scenario
 from aerodima.workbench.scenario.tail_parameters import TailParameters
@@ -43,9 +43,7 @@ class RangeOfMotion:
     roll: FloatArray
     clearances: FloatArray
 
-    def clearance(
-        self, pitch: ArrayLike, roll: ArrayLike, parts: tuple[str, ...] = PARTS
-    ) -> NDArray[Any]:
+    def clearance(self, pitch: ArrayLike, roll: ArrayLike, parts: Texts = PARTS) -> NDArray[Any]:
         """Returns the least clearance to some parts, m: bilinear between the nodes, that of the
         edge beyond the map.
 

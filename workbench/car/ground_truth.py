@@ -47,7 +47,8 @@ AIR_TRUTH = "_air_truth"
 """Ending of the names of a station's ports with the force of the air on a body other than its
 tail."""
 LEAST_LOAD = 1e-9
-"""Load that a wheel in the air is given, N; its contact point is then the origin."""
+"""Least load by which the sum of contact points is divided, N; the contact point of a wheel in the
+air is then the origin."""
 
 
 def pose_columns(body: str) -> list[str]:
@@ -287,7 +288,9 @@ class CarTruth(_Kinematics):
 def ground_forces(
     results: ContactResults, slots: dict[int, str]
 ) -> Iterator[tuple[str, FloatArray, PointPairContactInfo]]:
-    """Yields slot (`contact_slots`), ground's force (3) in W, N, and Drake's info of contacts."""
+    """Yields for each contact its slot (`contact_slots`), the ground's force (3) in W, N, and
+    Drake's own description.
+    """
     for index in range(results.num_point_pair_contacts()):
         info = results.point_pair_contact_info(index)
         pair = info.point_pair()

@@ -40,7 +40,7 @@ Signals = Sequence[tuple[Any, Sequence[str]]]
 
 COSTLY = ("roll_estimate", "status", "tail_pitch_torque", "tail_roll_torque")
 """Beginnings of the names of columns that are not recorded: a Python system would compute them at
-every row and no metric needs them, or there is a cheaper way to them."""
+every row and no metric needs them, or they can be had more cheaply."""
 SETTLED = "settled_s"
 """Key in `extra` of a log that ends once the car has settled after its turn: the time of its last
 row, s."""

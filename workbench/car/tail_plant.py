@@ -54,7 +54,7 @@ class ArmInertia(NamedTuple):
         pitch_upright: inertia of hub, rod and sail about the pitch axis, arm straight up.
         pitch_sideways: the same inertia with the arm along the pitch axis.
         pitch_product: product of inertia yz of rod and sail about the joints; 0 for a tail that is
-            symmetric to both sides.
+            symmetric about the plane y = 0.
     """
 
     roll: float

@@ -137,7 +137,7 @@ def stays_upright(lift: Any, touched: Any, flipped: Any) -> Any:
     """Returns whether nothing but wheels carries a car, and not those of one side alone.
 
     Args:
-        lift: lift of one side, m, see `side_lift`.
+        lift: lift of the side that is lifted higher, m, see `side_lift`.
         touched: whether a contact counts, see `touches_ground`.
         flipped: whether the car has rolled over, see `has_flipped`.
     """

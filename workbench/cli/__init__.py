@@ -1,4 +1,4 @@
-"""The program `aerodima` and the commands of the workbench, which do heavy imports inside."""
+"""The program `aerodima` and the workbench's commands; heavy imports are inside the functions."""
 
 from importlib import import_module
 

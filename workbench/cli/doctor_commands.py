@@ -1,7 +1,7 @@
 """`aerodima doctor`: checks of this machine, and how to get what is missing.
 
-Each check prints a line with what it found. Only what every job needs is `required`; all other
-checks name the job that needs the thing.
+Each check prints a line with what it found. Only what every job needs is `required`; every
+other check names the job that needs what it looks for.
 """
 
 import importlib

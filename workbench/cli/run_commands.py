@@ -136,7 +136,13 @@ def run(options: RunOptions) -> None:
     scenario = workbench.load_scenario(str(name), [*own, *cli.settings_of(options)])
     law = None
     if options.law is not None:
-        law = _user_law(options.law, scenario)
+        from aerodima.workbench.control.user_law import load_law
+
+        if scenario.tail.mode == "none":
+            raise UserError(
+                f"--law {options.law}: this car has no tail; needs --tail held or swing"
+            )
+        law = load_law(options.law, scenario)
     if law is None and options.diagram is None and not options.other_car:
         refuse_other_car(scenario)
     refuse_existing(options.out, options.force, LogError)
@@ -198,14 +204,6 @@ def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> 
                 err=True,
             )
         raise
-
-
-def _user_law(place: str, scenario: Scenario) -> TailLaw:
-    from aerodima.workbench.control.user_law import load_law
-
-    if scenario.tail.mode == "none":
-        raise UserError(f"--law {place}: this car has no tail; needs --tail held or swing")
-    return load_law(place, scenario)
 
 
 def list_scenarios() -> None:

@@ -15,7 +15,7 @@ from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.ranges import check_range
 
 TICK_TOLERANCE = 1e-9
-"""Time within which a tick counts as having reached an instant of the schedule, for rounding, s."""
+"""Time within which a tick counts as having reached an instant of the schedule, s."""
 WITHDRAWN = (0.3, 0.4)
 """Interval in which the announcement of a steering step is withdrawn, s after the end of the step;
 a law that swings late has swung by then."""

@@ -19,7 +19,7 @@ NO_COMMAND = np.zeros(5)
 """Command with gains of zero: the motors are free."""
 NO_COMMAND.flags.writeable = False
 EPSILON = 1e-9
-"""Time within which a tick counts as having reached a limit, for rounding, s."""
+"""Time within which a tick counts as having reached a limit, s; it allows for rounding."""
 AGE_LIMIT = 0.1
 """Age beyond which a signal counts as silent, s."""
 

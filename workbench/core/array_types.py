@@ -1,4 +1,4 @@
-"""Types of arrays that every package uses."""
+"""Types of arrays and collections that every package uses."""
 
 from collections.abc import Mapping
 
@@ -16,5 +16,7 @@ Pair = tuple[float, float]
 """Two numbers that belong together, such as the ends of a range."""
 Values = Mapping[str, float]
 """Numbers by their names."""
+Texts = tuple[str, ...]
+"""Texts in their order, such as names or warnings."""
 NamedArrays = dict[str, FloatArray]
 """Arrays by their names."""

@@ -12,7 +12,7 @@ from aerodima.workbench.core.errors import UserError
 
 
 def refuse_existing(path: Path | None, force: bool, error: type[UserError]) -> None:
-    """Raise `error` if `path` is a folder, or exists and `force` is not set; None is let pass."""
+    """Raise `error` if `path` is a folder, or exists and `force` is not set; None passes."""
     if path is None:
         return
     if path.is_dir():

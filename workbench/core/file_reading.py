@@ -1,4 +1,4 @@
-"""Files from outside: any failure of a reader becomes one error; texts are read up to a limit."""
+"""Files from outside: any failure of a reader becomes one error; too long a text is refused."""
 
 import json
 from collections.abc import Iterator, Mapping

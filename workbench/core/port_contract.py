@@ -7,7 +7,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import AffineSystem, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from aerodima.workbench.core.array_types import Values
+from aerodima.workbench.core.array_types import Texts, Values
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.port_fields import PortFields
 from aerodima.workbench.core.port_wiring import add_and_connect, concatenate
@@ -80,7 +80,7 @@ def require_ports(
     system: System,
     inputs: Contract,
     outputs: Contract,
-    besides: tuple[str, ...] = (),
+    besides: Texts = (),
 ) -> None:
     """Raises UserError unless the ports have the names and sizes of the contract.
 

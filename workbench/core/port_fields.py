@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.array_types import FloatArray, Texts
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class PortFields:
     """
 
     name: str
-    fields: tuple[str, ...]
+    fields: Texts
 
     @cached_property
     def _tuple(self) -> Any:

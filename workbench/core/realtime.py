@@ -77,7 +77,7 @@ def _set_priority(priority: int) -> str:
 
 
 def _may_lock() -> bool:
-    """Tell whether memory may be locked without limit; a limit fails allocations in mid-drive."""
+    """Tell whether memory may be locked without limit; with one, allocations fail in mid-drive."""
     if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         return True
     try:

@@ -121,10 +121,10 @@ class TimeSource(StrictModel):
         "from 2",
     )
     starts_at: Number | None = Field(
-        None, description="time that the first row gets by a shift of all times, s"
+        None, description="time of the first row, s; all times are shifted"
     )
     repeated: Literal["first", "last"] | None = Field(
-        None, description="row that counts of those with the same time; an error when left out"
+        None, description="row that counts among those with the same time; an error when left out"
     )
 
 
@@ -140,7 +140,7 @@ class CsvFormat(StrictModel):
 
     delimiter: str = Field(
         default=",",
-        description="sign between cells; `\\t` for tabulators",
+        description="character between cells; `\\t` for tabs",
         min_length=1,
         max_length=1,
     )
@@ -159,7 +159,7 @@ class CsvFormat(StrictModel):
     )
     comment: str | None = Field(
         default=None,
-        description="sign from which on a line is left out",
+        description="character from which the rest of a line is ignored",
         min_length=1,
         max_length=1,
     )
@@ -206,7 +206,7 @@ class Mapping(StrictModel):
     )
     csv: CsvFormat = Field(default_factory=CsvFormat, description="format of a text file")
     sparse: StrictBool = Field(
-        False, description="true: an empty cell is no lost sample, with several rates in one table"
+        False, description="true: an empty cell is not a lost sample (several rates in one table)"
     )
     check_rates: StrictBool = Field(
         True, description="true: every logged rate is compared with the derivative of its angle"

@@ -20,7 +20,7 @@ from scipy.integrate import cumulative_trapezoid, trapezoid
 from aerodima.workbench.car.tail_impulses import tail_effort
 from aerodima.workbench.car.turn_signals import TurnSignals, settled_row, turn_signals
 from aerodima.workbench.car.verdict import FLIP_TILT, has_flipped, is_loaded
-from aerodima.workbench.core.array_types import BoolArray, FloatArray
+from aerodima.workbench.core.array_types import BoolArray, FloatArray, Texts
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, check_time, low_pass
 from aerodima.workbench.metrics.published_values import (
@@ -56,7 +56,7 @@ class Outcome:
     max_tilt_rad: float
     end_tilt_rad: float
     end_wheels_loaded: int | None
-    touched: tuple[str, ...]
+    touched: Texts
     board_before_turn_s: float | None = None
 
 
@@ -67,7 +67,7 @@ class RunMetrics:
     "From the turn on" = from the steering command to the end of the log.
 
     Attributes:
-        source: signals used for all but `filtered`, `truth` or `sensors`.
+        source: `truth` or `sensors`, the signals used for everything except `filtered`.
         direction: side of the turn.
         raw: the eight metrics as Tables 7.1 and 7.2 have them: motion at the IMU's place at up to
             1000 Hz, unfiltered.
@@ -240,7 +240,7 @@ def outcome_from(
         end_loaded = int(_wheels_loaded(wheel_loads[-1:])[0])
     lifted = end_loaded is None or end_loaded < 4
     flipped = bool(has_flipped(np.max(tilt) > FLIP_TILT, end_tilt, lifted))
-    touched: tuple[str, ...] = ()
+    touched: Texts = ()
     clean = None
     board_before = None
     if ground_contact is not None:

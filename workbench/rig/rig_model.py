@@ -35,14 +35,14 @@ def mount_properties(mount: MountParameters) -> Inertial:
 
 
 def bar_properties(bar: BarParameters) -> Inertial:
-    """Returns mass and inertia of the bar, placed from the pivot."""
+    """Returns mass, centre of mass from the pivot, and inertia of the bar."""
     moments = (bar.inertia_xx, bar.inertia_yy, bar.inertia_zz)
     return Inertial(bar.mass, (0.0, 0.0, -bar.com_distance), moments)
 
 
 def cheetah_tail_properties(tail: CheetahTailParameters) -> Inertial:
-    """Returns mass and inertia of a cheetah tail, placed from its root, with m L^2 / 12 about its
-    centre of mass.
+    """Returns mass, centre of mass from the root, and inertia of a cheetah tail, m L^2 / 12 about
+    its centre of mass.
 
     The inertia of Table 4.2 cannot be about that point (ERRATA E10). About its own axis the tail
     has the inertia of an elliptic cylinder, which no experiment on the rig feels.
@@ -53,8 +53,8 @@ def cheetah_tail_properties(tail: CheetahTailParameters) -> Inertial:
 
 
 def robot_tail_properties(tail: TailParameters) -> Inertial:
-    """Returns mass and inertia of the robot's rod and sail, a plate without thickness, as one body
-    placed from the motor axis.
+    """Returns mass, centre of mass from the motor axis, and inertia of the robot's rod and sail, a
+    plate without thickness, as one body.
     """
     sail_mass = tail.mass * tail.sail_mass_fraction
     rod_mass = tail.mass - sail_mass

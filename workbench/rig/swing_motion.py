@@ -89,8 +89,8 @@ def torque_response(
     """Differentiates the angles (n) by the torque during each step (n - 1): an n x (n - 1) matrix,
     rad / N m.
 
-    The result is linear about a motion: the one-step maps are differentiated by finite differences
-    and multiplied up.
+    The response is linearised about a motion: the one-step maps are differentiated by finite
+    differences and multiplied up.
     """
     equation = equation_of_motion(pendulum, torques, added_mass)
     states = np.array(motion).T

@@ -58,7 +58,7 @@ class RolloverControlParameters(QuantityModel):
         "1/rad", "share of the steering that is lost per roll beyond start; 0 is off", "[0, 1000]"
     )
     start: float = quantity("rad", "roll from which steering is lost", "[0, 1.5708]")
-    lead: float = quantity("s", "time by which the roll is taken ahead, by the roll rate", "[0, 5]")
+    lead: float = quantity("s", "time by which the roll rate extrapolates the roll", "[0, 5]")
     acceleration: float = quantity(
         "m/s2", "lateral acceleration of the kinematic car at which the wheels stop", "(0, 1000]"
     )

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Self
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from aerodima.workbench.core.array_types import Pair
+from aerodima.workbench.core.array_types import Pair, Texts
 from aerodima.workbench.core.errors import ScenarioError
 from aerodima.workbench.core.file_reading import Facts, Json
 from aerodima.workbench.core.key_errors import nearest
@@ -119,7 +119,7 @@ class ScenarioFile(StrictModel):
     """Name of a run whose scenario gives none."""
     example: ClassVar[str]
     """Example of a setting, for the message about a malformed one."""
-    rates: ClassVar[tuple[str, ...]]
+    rates: ClassVar[Texts]
     """Keys of rates, Hz, that must not be above 1/step."""
     parameter_folder: ClassVar[str] = "parameters"
     """Folder of `models/` with one file per section."""

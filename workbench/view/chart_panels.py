@@ -2,7 +2,7 @@
 
 Every figure is drawn once, with Matplotlib; `chart_panels` reads its lines, error bars, stripes and
 ticks. A line whose x increases and that has a name becomes a series, whose values are read at the
-mouse; all else is drawn below it as it is.
+mouse; all else is drawn below the series as it is.
 """
 
 import math

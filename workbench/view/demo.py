@@ -1,4 +1,4 @@
-"""The demo: a swerve of several cars in step and the thesis' own turn, on a page in one folder."""
+"""The demo, a swerve of several cars in step and the thesis' own turn: logs, replays and a page."""
 
 import json
 import math
@@ -46,7 +46,7 @@ DEMO_SCHEMA = "aerodima/demo/3"
 PAGE = "index.html"
 SUMMARY = "summary.csv"
 MARK = "demo.json"
-"""File with the scenarios of a folder's logs, and whether the demo is finished."""
+"""File that holds the scenarios of a folder's logs and says whether the demo is finished."""
 FINISHED = "finished"
 """Key in that file of a finished demo."""
 _METRICS = {
@@ -167,9 +167,9 @@ def demo_runs(out: Path, plan: DemoPlan) -> list[DemoRun]:
     runs.sort(key=lambda run: run.replay is None)  # the longest pieces of work first
     opening = load_shown_swerve().runs() if plan.opening else {}
     first = []
-    for name, scenario in opening.items():
+    for name, shown in opening.items():
         log = out / "logs" / f"{re.sub(r'[^a-z0-9]+', '_', name)}.parquet"
-        content = scenario.resolved() | {"seed": plan.seed}
+        content = shown.resolved() | {"seed": plan.seed}
         first.append(DemoRun(f"swerve, {name}", content, log, opening=name))
     return [*first, *runs]
 
@@ -198,7 +198,7 @@ def do_run(run: DemoRun) -> RunSummary:
 
 
 def _claimed(out: Path, runs: Sequence[DemoRun], force: bool) -> RowStore:
-    """Claims the folder for this demo, or raises UserError that says why it must not."""
+    """Claims the folder for this demo; UserError, with the reason, where that is not allowed."""
     scenarios = {run.name: run.scenario for run in runs}
     identity = {"schema": DEMO_SCHEMA, "versions": software_versions(), "scenarios": scenarios}
     store = RowStore(out / MARK, identity, force=force, alone=True)

@@ -39,7 +39,7 @@ class ForceArrow:
     Attributes:
         name: name of the force.
         colour: red, green and blue of the arrow, from 0 to 1.
-        points: points of W where the force acts, m, shape (n, 3).
+        points: points in W where the force acts, m, shape (n, 3).
         lengths: vectors of the arrow, force times scale, W axes, m, shape (n, 3).
     """
 

@@ -146,7 +146,7 @@ def observe(
         plant: finalised plant, or simulated station.
         meshcat: viewer that shows the run live; for a station, give it to `make_car_station` too.
         log: path of the Parquet file; None keeps the log in memory.
-        base: body whose tilt, heading and speed count, z axis up; default: only floating base.
+        base: body whose tilt, heading and speed count, z axis up; by default the floating base.
         rate: rate of the rows, Hz.
         name: name of the run, for titles; by default that of the plant.
         settings: nested numbers and texts; `aerodima log compare` names those that differ.

@@ -77,7 +77,7 @@ class Camera:
 
     Attributes:
         p_WC: position of the camera in W, m, shape (3,).
-        target: point of W that the camera looks at, m, shape (3,).
+        target: point in W that the camera looks at, m, shape (3,).
         focal_length: focal length, pixels.
         width: width of the picture, pixels.
         height: height of the picture, pixels.

@@ -1,4 +1,4 @@
-"""Visible shapes of a plant to plain data for a log and back: a replay needs no model file.
+"""Visible shapes of a plant as plain data in a log, and back: a replay needs no model file.
 
 A mesh is kept as the convex hull of at most `MAX_POINTS` of its points, a capsule as a cylinder
 and two spheres. Half spaces are left out: a replay has a floor of its own. So are meshes that

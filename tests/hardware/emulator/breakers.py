@@ -141,8 +141,8 @@ class OpenedAgain(Breaker):
 
 class SecondProgram(Breaker):
     """Another program reaches for the devices of the car that drives; it must be refused, and say
-    who has them. It loads its modules before the car is armed: two processors have no third one for
-    that beside a car in real time.
+    who has them. It loads its modules before the car is armed: on two processors, loading them
+    while the car drives in real time would stall the drive.
     """
 
     def __init__(self, program):
@@ -157,6 +157,7 @@ class SecondProgram(Breaker):
         arguments = (self.program, scenario, ports, car.name, theirs)
         self.process = processes.Process(target=_try, args=arguments, daemon=True)
         self.process.start()
+        theirs.close()
         assert self.line.poll(60.0), "the second program does not begin"
         assert self.line.recv() == "ready"
 

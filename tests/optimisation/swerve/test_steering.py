@@ -135,6 +135,20 @@ def test_ballast_is_driven_at_each_of_its_places_and_the_best_counts():
     assert list(table["tips_at_m_per_s"]) == [SPEEDS[0], SPEEDS[2]] * 2
 
 
+def test_a_car_that_passes_all_speeds_tips_at_none():
+    class Runs:
+        def rows(self, tasks):
+            return [
+                {"outcome": "survived", "touched_when_steered": "", "side_lift_m": 0.0}
+                for _ in tasks
+            ]
+
+    cases = ensemble_cases("physical", "test", 1, "built", [1.0])
+    table = compare_standard([NO_TAIL], cases, Runs())
+    assert list(table["passed"]) == [len(SPEEDS)] * 2
+    assert table["tips_at_m_per_s"].isna().all()
+
+
 def test_a_speed_is_passed_where_nothing_tips_or_touches():
     row = {"outcome": "survived", "touched_when_steered": "", "side_lift_m": 0.004}
     assert stays_down(row)

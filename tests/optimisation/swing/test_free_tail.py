@@ -52,7 +52,7 @@ def test_slopes_of_a_number_are_differences_of_cars_with_other_tails(cars):
         ahead, behind = values
         index = len(KNOTS) + place
         unit = shooting.variables.units[index]
-        assert unit == pytest.approx((0.3, 0.4)[place])
+        assert unit == pytest.approx((0.3, 0.4)[place], rel=3e-3)
         for slopes, name in (("aim_slopes", "aims"), ("row_slopes", "rows")):
             expected = unit * (getattr(ahead, name) - getattr(behind, name)) / 2e-5
             found = getattr(evaluation, slopes)[..., index]
@@ -94,3 +94,59 @@ def test_ranges_and_tails_that_there_cannot_be_are_refused(cars):
         )
     far = FreeTail({"length": (0.5, 20.0)}, lambda car, length: resized(car, length, 1.0))
     assert_refused(lambda: find_bound(cars, free=far), ScenarioError, "tail.length")
+
+
+def test_a_mixed_corner_that_there_cannot_be_is_refused(cars):
+    """Each number alone, and both at their ends, make a tail; a short one with a long sail does
+    not.
+    """
+    length = cars[0].tail.length
+    free = FreeTail(
+        {"length": (0.6 * length, length), "sail_length": (0.1 * length, 0.9 * length)},
+        lambda car, length, sail: car.varied(tail={"length": length, "sail_length": sail}),
+    )
+    assert_refused(lambda: find_bound(cars, free=free), ScenarioError, "sail_length")
+
+
+def test_a_sail_may_be_as_long_as_its_tail(cars):
+    """Differences and tolerance of the solver stay inside a range whose end is a limit."""
+    tail = cars[0].tail
+    free = FreeTail(
+        {"sail_length": (0.5 * tail.sail_length, tail.length)},
+        lambda car, sail: car.varied(tail={"sail_length": sail}),
+    )
+
+    def reward(program):
+        program.prog.AddLinearCost(-20.0 * program.numbers["sail_length"])
+
+    bound = find_bound(cars[:1], effort=FEW, free=free, extend=reward)
+    assert bound.table["sail_length"][0] == pytest.approx(tail.length, rel=0.01)
+    assert bound.table["sail_length"][0] <= tail.length
+
+
+@pytest.mark.parametrize(
+    "change", [{"tail": {"roll_limit": 1.6}}, {"tail_motor": {"torque_limit": 5.0}}]
+)
+def test_only_numbers_of_the_tail_are_free(cars, change):
+    free = FreeTail({"length": (0.5, 1.0)}, lambda car, _: car.varied(**change))
+    assert_refused(lambda: find_bound(cars, free=free), SwingError, "FreeTail.build", "roll_limit")
+
+
+def test_a_free_tail_may_wait_at_a_side(cars):
+    """Two cars, announced: slopes by waiting roll, both numbers and a trim, each of its own row."""
+    shooting = SwerveShooting.from_scenarios(
+        cars, AIMS["aside-0.5"], announced=True, free=FreeTail(RANGES, resized)
+    )
+    drivers = [*STEERING, -0.002, *STEERING, -0.004]
+    x = np.concatenate([MOTION[:1], [-0.3], MOTION[1:], [1.1, 1.3], drivers])
+    x = x / shooting.variables.units
+    evaluation = shooting.at(x)
+    assert evaluation.row_slopes.shape[-1] == 11 + 2 + 2 * 6
+    step = 1e-5
+    for index in (1, 11, 12, 18):
+        direction = step * np.eye(x.size)[index]
+        ahead, behind = (shooting.at(x + sign * direction) for sign in (1.0, -1.0))
+        expected = (ahead.aims - behind.aims) / (2.0 * step)
+        assert evaluation.aim_slopes[:, index] == pytest.approx(expected, rel=1e-3, abs=1e-4)
+    assert (np.abs(evaluation.aim_slopes[:, 11:13]) > 1e-4).all()
+    assert list(np.abs(evaluation.aim_slopes[:, 18]) > 1e-4) == [True, False]

@@ -39,7 +39,7 @@ SPINS = [6, 7, 8, 9]
 JOINTS = [10, 11]
 """Rows of the tail's joints in such a matrix."""
 EPS_SQRT = 1e-12
-"""Number added under roots so that they are smooth at 0; m2/s2, or that of squared sines."""
+"""Number added under roots so that they are smooth at 0; m2/s2, or 1 beside squared sines."""
 
 
 class Commands(NamedTuple):

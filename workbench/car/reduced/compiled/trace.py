@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 _PI_REMAINDER = 1.2246467991473532e-16
-"""Difference of pi and its double."""
+"""Pi less its value as a double."""
 _DIRECT = {
     "maximum": "max",
     "minimum": "min",
