@@ -63,6 +63,11 @@ def stays_down(row: Facts) -> bool:
     return upright and lift is not None and bool(keeps_sides_down(lift))
 
 
+def passed_from_below(results: Sequence[bool]) -> int:
+    """Returns how many speeds are passed before the first that is not."""
+    return [*results, False].index(False)
+
+
 def compare_standard(
     candidates: Sequence[Candidate], cases: Sequence[Case], runs: CachedRunner
 ) -> pd.DataFrame:
@@ -93,8 +98,7 @@ def compare_standard(
     number = len(SPEEDS)
     starts = range(0, len(tasks), number)
     frame = make_frame(rows)
-    # A speed counts where all below it are passed, too.
-    frame["passed"] = [[*results[one : one + number], False].index(False) for one in starts]
+    frame["passed"] = [passed_from_below(results[first : first + number]) for first in starts]
     frame["tips_at_m_per_s"] = frame["passed"].map(dict(enumerate(SPEEDS)))
     best = frame.groupby([*rows[0]], sort=False)["passed"].idxmax()
     return frame.loc[best].reset_index(drop=True)

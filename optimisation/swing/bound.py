@@ -107,18 +107,19 @@ class Bound:
         """
         solution = self.solution
         steerings = [self.steering(member) for member in range(len(self.scenarios))]
-        columns: Row = {
-            "car": [scenario.name for scenario in self.scenarios],
-            "speed_m_per_s": [scenario.manoeuvre.speed for scenario in self.scenarios],
-            "aim": solution.aims,
-            **dict(zip(STEERING_KEYS, np.transpose(steerings), strict=False)),
-            **self.program.shooting.free_numbers(solution.x),
-            "violation": solution.violation,
-            "worst": solution.worst,
-            "evaluations": solution.evaluations,
-            "wall_time_s": self.wall_time,
-        }
-        return pd.DataFrame(columns)
+        return pd.DataFrame(
+            {
+                "car": [scenario.name for scenario in self.scenarios],
+                "speed_m_per_s": [scenario.manoeuvre.speed for scenario in self.scenarios],
+                "aim": solution.aims,
+                **dict(zip(STEERING_KEYS, np.transpose(steerings), strict=False)),
+                **self.program.shooting.free_numbers(solution.x),
+                "violation": solution.violation,
+                "worst": solution.worst,
+                "evaluations": solution.evaluations,
+                "wall_time_s": self.wall_time,
+            }
+        )
 
 
 def find_bound(

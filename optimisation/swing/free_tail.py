@@ -54,6 +54,6 @@ class FreeTail:
                 tail = built.tail.model_dump(exclude=FIXED)
                 if built.resolved() != scenario.varied(tail=tail).resolved():
                     raise SwingError(
-                        f"FreeTail.build: changes more of {scenario.name} than its tail, or one of "
-                        f"{', '.join(sorted(FIXED))} there"
+                        f"FreeTail.build: {scenario.name} differs in more than its tail, or in one "
+                        f"of {', '.join(sorted(FIXED))}; these must stay as they are"
                     )

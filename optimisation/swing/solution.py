@@ -59,8 +59,7 @@ def solution_swing(
     """Returns a solution as the file of a swing to the left that the steering releases.
 
     Its settings hold the steering of the first car and the numbers of its tail that the search
-    chose.
-    `found` holds its claims. No torques are fed forward.
+    chose. `found` holds its claims. No torques are fed forward.
 
     Args:
         name: name of the swing.

@@ -11,6 +11,7 @@ from aerodima.optimisation.swerve.reduced_swerves import ReducedSwerve
 from aerodima.optimisation.swerve.standard_manoeuvres import (
     SPEEDS,
     compare_standard,
+    passed_from_below,
     standard_angle,
     stays_down,
 )
@@ -149,11 +150,13 @@ def test_a_car_that_passes_all_speeds_tips_at_none():
     assert table["tips_at_m_per_s"].isna().all()
 
 
-def test_a_speed_is_passed_where_nothing_tips_or_touches():
+def test_a_speed_is_passed_where_all_below_are_and_nothing_tips_or_touches():
     row = {"outcome": "survived", "touched_when_steered": "", "side_lift_m": 0.004}
     assert stays_down(row)
     for change in ({"side_lift_m": 0.006}, {"touched_when_steered": "tail"}, {"outcome": None}):
         assert not stays_down(row | change)
+    assert passed_from_below([True, False, True, True]) == 1
+    assert passed_from_below([True, True]) == 2
 
 
 @pytest.mark.parametrize(
