@@ -3,10 +3,12 @@
 `out/tests/durations.csv` holds the latest duration of every test that was run in the checkout. A
 test above `MAX_SECONDS` stands in
 `tests/slow_tests.toml` with its seconds on a quiet machine and the reason. The command ends with
-status 1 if a test is missing there, or takes more than twice its seconds.
+status 1 if a test is missing there, or takes more than twice its seconds. On a slower machine
+every limit is longer by the factor of the median entry.
 """
 
 import csv
+import statistics
 import sys
 import tomllib
 from collections import defaultdict
@@ -60,14 +62,41 @@ def read_budgets(path: Path) -> dict[str, float]:
     return {entry["name"]: float(entry["seconds"]) for entry in entries}
 
 
-def too_slow(durations: Mapping[str, float], budgets: Mapping[str, float]) -> list[str]:
-    """One line for each test that has no entry, or takes more than `SLACK` times its seconds."""
+def longest_cases(durations: Mapping[str, float]) -> dict[str, float]:
+    """Seconds of the longest case of each test, by the test's name without its parameters."""
+    longest: dict[str, float] = defaultdict(float)
+    for test, seconds in durations.items():
+        name = test.partition("[")[0]
+        longest[name] = max(longest[name], seconds)
+    return longest
+
+
+def machine_factor(durations: Mapping[str, float], budgets: Mapping[str, float]) -> float:
+    """Factor by which this machine is slower than that of the entries: their median, at least 1.
+
+    One slow test moves the median of all entries by little, so it is found on any machine.
+    """
+    longest = longest_cases(durations)
+    ratios = [longest[name] / budget for name, budget in budgets.items() if name in longest]
+    return max(1.0, statistics.median(ratios)) if ratios else 1.0
+
+
+def too_slow(
+    durations: Mapping[str, float], budgets: Mapping[str, float], factor: float = 1.0
+) -> list[str]:
+    """One line for each test that has no entry, or takes more than `SLACK` times its seconds.
+
+    Args:
+        durations: seconds of each case of each test.
+        budgets: seconds of each entry.
+        factor: `machine_factor`; both limits are multiplied by it.
+    """
     lines = []
     for test, seconds in durations.items():
         budget = budgets.get(test.partition("[")[0])
-        if budget is None and seconds > MAX_SECONDS:
+        if budget is None and seconds > factor * MAX_SECONDS:
             lines.append(f"{test}: {seconds:.1f} s, no entry in {BUDGETS.name}")
-        elif budget is not None and seconds > SLACK * budget:
+        elif budget is not None and seconds > factor * SLACK * budget:
             lines.append(f"{test}: {seconds:.1f} s, entry: {budget} s")
     return lines
 
@@ -77,7 +106,10 @@ def main() -> int:
     if not DURATIONS.is_file():
         print(f"error: {DURATIONS} is missing; run `make test-all` first", file=sys.stderr)
         return 2
-    lines = too_slow(read_durations(DURATIONS), read_budgets(BUDGETS))
+    durations, budgets = read_durations(DURATIONS), read_budgets(BUDGETS)
+    factor = machine_factor(durations, budgets)
+    print(f"this machine takes {factor:.2f} times the seconds of {BUDGETS.name}")
+    lines = too_slow(durations, budgets, factor)
     for line in lines:
         print(line)
     return int(bool(lines))

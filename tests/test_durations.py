@@ -8,6 +8,7 @@ import pytest
 from tests.durations import (
     BUDGETS,
     ROOT,
+    machine_factor,
     read_budgets,
     read_durations,
     too_slow,
@@ -30,6 +31,19 @@ def test_a_slow_test_without_entry_and_one_above_its_entry_are_found() -> None:
         "a.py::test_old[y]",
     ]
     assert too_slow(durations, {"a.py::test_old": 11.0, "a.py::test_new": 3.0}) == []
+
+
+def test_on_a_machine_of_half_the_speed_one_slow_test_is_found_as_before() -> None:
+    budgets = {f"a.py::test_{name}": 10.0 for name in "abcde"}
+    seconds = zip(budgets, (9.0, 10.0, 9.0, 8.0, 21.0), strict=True)
+    usual = {f"{name}[case]": value for name, value in seconds}
+    slow = {name: 2.0 * value for name, value in usual.items()}
+    assert machine_factor(usual, budgets) == 1.0
+    assert machine_factor(slow, budgets) == pytest.approx(1.8)
+    assert machine_factor({"b.py::test_new": 9.0}, budgets) == 1.0
+    for durations in (usual, slow):
+        lines = too_slow(durations, budgets, machine_factor(durations, budgets))
+        assert [line.partition("[")[0] for line in lines] == ["a.py::test_e"]
 
 
 def test_a_test_that_a_clock_or_a_number_of_draws_paces_is_not_timed(tmp_path) -> None:
