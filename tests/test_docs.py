@@ -81,6 +81,7 @@ def test_examples_of_the_page_run(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
     matplotlib.use("Agg")
     told: dict[str, str] = {}
 
