@@ -54,11 +54,9 @@ def tail_motors(
     Raises:
         HardwareError: a zero at which a joint's range does not fit the firmware profile.
     """
-    if scenario.tail.mode == "none":
+    if not scenario.has_tail:
         return ()
-    controller = scenario.controller
     tail = scenario.tail
-    gains = (controller.hold_kp, controller.hold_kd)
     joints = (
         ("tail pitch", ports.tail_pitch, tail.pitch_limit, mounting.tail_pitch_direction),
         ("tail roll", ports.tail_roll, tail.roll_limit, mounting.tail_roll_direction),
@@ -70,7 +68,7 @@ def tail_motors(
             ports.profile,
             scenario.tail_motor,
             (-limit, limit),
-            gains,
+            scenario.controller.hold_gains,
             part.direction or sign,
             part.zero,
         )

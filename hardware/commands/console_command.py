@@ -81,7 +81,7 @@ def console(scenario: cli.OtherScenario = None, *, options: ConsoleOptions) -> N
     record = ConsoleRecord(options.record or _next_record())
     car = None
     if scenario is not None:
-        has_tail = loaded.tail.mode != "none"
+        has_tail = loaded.has_tail
         car = EmulatedCarProcess(scenario, settings, has_tail, wiring, options.out, options.view)
     with listener:
         try:

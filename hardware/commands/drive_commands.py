@@ -264,7 +264,7 @@ def motor_test(
     from aerodima.hardware.driving.motor_test import run_motor_test
 
     loaded, ports, wiring, _ = _load(scenario, car)
-    if joint not in JOINTS or loaded.tail.mode == "none":
+    if joint not in JOINTS or not loaded.has_tail:
         raise HardwareError(
             f"--joint {joint}: must be {' or '.join(JOINTS)}, with a scenario that has a tail"
         )

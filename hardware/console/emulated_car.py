@@ -68,7 +68,7 @@ class EmulatedCarProcess:
         self._has_tail = has_tail
         self.wiring = wiring
         self.folder = _own_folder(folder)
-        self._flags = [*(["--view"] if view else []), *(["--console"] if console else [])]
+        self._flags = ["--view"] * view + ["--console"] * console
         self._flags += [] if faults is None else ["--faults", str(faults)]
         self._emulator: Process | None = None
         self._drive: Process | None = None
@@ -229,7 +229,7 @@ def emulated_car(
         settled = Path(temporary) / "scenario.yaml"
         settled.write_text(json.dumps(scenario.resolved()), encoding="utf-8")
         place = Path(folder or Path(temporary) / "car")
-        has_tail = scenario.tail.mode != "none"
+        has_tail = scenario.has_tail
         car = EmulatedCarProcess(
             str(settled), [], has_tail, chosen, place, view, console=False, faults=faults
         )

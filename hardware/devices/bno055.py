@@ -46,9 +46,9 @@ WRITE_DONE = 0x01
 _STATUS_CODES = range(0x01, 0x0B)
 """Codes behind `EE`: write done, then nine kinds of failure (data sheet table 4-2, UART
 protocol)."""
-_SAMPLE = struct.Struct("<3h6x4h3h3hbB")
-"""Layout of a sample: gyro, Euler angles that nobody reads, quaternion, acceleration, gravity,
-temperature, calibration."""
+_SAMPLE = struct.Struct("<3h6x4h3h3hxB")
+"""Layout of a sample: gyro, Euler angles that nobody reads, quaternion, acceleration, gravity, a
+temperature that nobody reads, calibration."""
 _GYRO = 900.0
 """Counts of the gyro per rad/s."""
 _QUATERNION = 16384.0
@@ -103,14 +103,12 @@ class Bno055Sample:
         gyro: angular rates about the chip's axes, rad/s.
         acceleration: linear acceleration along the chip's axes, m/s2, gravity removed.
         calibration: levels of system, gyro, accelerometer, magnetometer, 0 (none) to 3 (full).
-        temperature: temperature of the chip, degrees Celsius.
     """
 
     quaternion: tuple[float, ...]
     gyro: tuple[float, ...]
     acceleration: tuple[float, ...]
     calibration: tuple[int, ...] = (3, 3, 3, 3)
-    temperature: int = 25
 
     @cached_property
     def rotation(self) -> np.ndarray:
@@ -162,7 +160,7 @@ def decode_sample(data: bytes) -> Bno055Sample:
     """
     if len(data) != SAMPLE_BYTES:
         raise FrameError(f"BNO055 sample of {len(data)} bytes; allowed is {SAMPLE_BYTES}")
-    *numbers, temperature, levels = _SAMPLE.unpack(data)
+    *numbers, levels = _SAMPLE.unpack(data)
     gyro = tuple(value / _GYRO for value in numbers[0:3])
     quaternion = tuple(value / _QUATERNION for value in numbers[3:7])
     norm = math.hypot(*quaternion)
@@ -183,7 +181,6 @@ def decode_sample(data: bytes) -> Bno055Sample:
         quaternion=quaternion,
         gyro=gyro,
         acceleration=tuple(value / _ACCELERATION for value in numbers[7:10]),
-        temperature=temperature,
         calibration=tuple(levels >> shift & 3 for shift in (6, 4, 2, 0)),
     )
     if math.dist(reported, STANDARD_GRAVITY * sample.rotation[2]) > _DIRECTION_TOLERANCE:
@@ -203,7 +200,7 @@ def encode_sample(sample: Bno055Sample) -> bytes:
     levels = 0
     for level in sample.calibration:
         levels = levels << 2 | level
-    return _SAMPLE.pack(*gyro, *quaternion, *acceleration, *gravity, sample.temperature, levels)
+    return _SAMPLE.pack(*gyro, *quaternion, *acceleration, *gravity, levels)
 
 
 def _words(values: Iterable[float], counts: float) -> list[int]:

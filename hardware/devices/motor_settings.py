@@ -172,7 +172,7 @@ def motor_settings(
         parameters: parameters of the motor, `scenario.tail_motor`.
         joint_range: lower and upper end of the joint's range, rad (`scenario.tail.roll_limit` to
             either side, ...).
-        hold_gains: kp and kd of holding (`scenario.controller.hold_kp` and `hold_kd`).
+        hold_gains: kp and kd of holding (`scenario.controller.hold_gains`).
     """
     kp_max = min(parameters.kp_max, profile.kp)
     kd_max = min(parameters.kd_max, profile.kd)

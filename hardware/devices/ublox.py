@@ -92,7 +92,7 @@ def make_nav_pvt(sample: GpsSample) -> bytes:
     clock = 0.0 if sample.time_of_day is None else sample.time_of_day
     minutes, seconds = divmod(clock, 60.0)
     hours, minutes = divmod(minutes, 60.0)
-    frame: bytes = pyubx2.UBXMessage(
+    return pyubx2.UBXMessage(
         "NAV",
         "NAV-PVT",
         pyubx2.GET,
@@ -109,4 +109,3 @@ def make_nav_pvt(sample: GpsSample) -> bytes:
         gnssFixOk=int(sample.fix),
         gSpeed=round(sample.speed * 1000) if sample.fix else 0,
     ).serialize()
-    return frame

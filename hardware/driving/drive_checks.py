@@ -143,14 +143,14 @@ def motor_checks(car: WiredCar, scenario: Scenario, ports: CarPorts, safety: Dri
 
 
 def _rates(scenario: Scenario) -> Checks:
-    checks = []
-    for key, rate, allowed in (
+    rates = (
         ("controller.rate", scenario.controller.rate, 1.0 / PERIOD),
         ("imu.rate", scenario.imu.rate, IMU_RATE),
-    ):
-        text = f"{rate:g} Hz; allowed on the car: {allowed:g} Hz"
-        checks.append(Check(key, math.isclose(rate, allowed), text))
-    return checks
+    )
+    return [
+        Check(key, math.isclose(rate, allowed), f"{rate:g} Hz; allowed on the car: {allowed:g} Hz")
+        for key, rate, allowed in rates
+    ]
 
 
 def _disk(folder: Path, safety: DriveSafety) -> Check:

@@ -166,7 +166,7 @@ class DriveSession:
         self._safety = load_drive_safety()
         self._law = law or law_of_scenario(scenario)
         self._car = car
-        self._guard = CarGuard(car, self._safety, has_tail=scenario.tail.mode != "none")
+        self._guard = CarGuard(car, self._safety, has_tail=scenario.has_tail)
         self._scenario = scenario
         self._ports = ports
         self._options = options

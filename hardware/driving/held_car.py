@@ -1,5 +1,5 @@
 """A car whose tail is held by its motors, for first tests: it is armed without a guard, and its
-motors are switched off on every exit.
+motors are switched off on every exit, also on that by a signal.
 """
 
 import time
@@ -13,6 +13,7 @@ from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import PERIOD, CarCommand, wiring_name
 from aerodima.hardware.car.wirings import wire_car
 from aerodima.hardware.devices.motor_settings import load_motor_safety
+from aerodima.hardware.driving.interrupts import interrupted_by_signals
 from aerodima.hardware.driving.plain_loop import wait_until
 from aerodima.hardware.driving.watchdog_record import require_watchdog_test
 from aerodima.workbench.core.deprecation import renamed
@@ -71,23 +72,25 @@ def holding(car: WiredCar) -> Iterator[WiredCar]:
     Raises:
         HardwareError: no watchdog test of its wiring, a port that cannot be opened, motors that do
             not answer.
+        KeyboardInterrupt: SIGINT, SIGTERM or SIGHUP within the block.
     """
     car.authorise()
-    prefer_realtime(DRIVE_PRIORITY)
-    try:
-        car.start()
-        run_cycles(car, CarCommand(), _ANSWER_TIME)
-        car.arm()
-        _await_armed(car)
-        run_cycles(car, CarCommand(), load_motor_safety().gain_ramp)
-        if not car.reading.named_status.armed:
-            raise HardwareError(
-                f"not armed: {car.reading.fault_text or 'the motors do not answer'}"
-            )
-        yield car
-    finally:
-        car.stop("motors disabled")
-        restore_ordinary()
+    with interrupted_by_signals():
+        prefer_realtime(DRIVE_PRIORITY)
+        try:
+            car.start()
+            run_cycles(car, CarCommand(), _ANSWER_TIME)
+            car.arm()
+            _await_armed(car)
+            run_cycles(car, CarCommand(), load_motor_safety().gain_ramp)
+            if not car.reading.named_status.armed:
+                raise HardwareError(
+                    f"not armed: {car.reading.fault_text or 'the motors do not answer'}"
+                )
+            yield car
+        finally:
+            car.stop("motors disabled")
+            restore_ordinary()
 
 
 held = renamed("held", holding)

@@ -6,7 +6,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn
@@ -16,6 +16,8 @@ from aerodima.hardware.driving.plain_loop import Pilot, PilotStep
 
 Stop = Callable[[str], None]
 """Function that stops the car for a reason, given in words."""
+Handler = Callable[[int, FrameType | None], object]
+"""Function that handles a signal; it gets the signal's number and the interrupted frame."""
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _MAX_INTERRUPTS = 3
 """Number of interrupts of one tick after which a controller that catches them is given up."""
@@ -62,6 +64,26 @@ def stop_on_exit(stop: Stop) -> Iterator[None]:
 
 
 @contextmanager
+def handling(handlers: Mapping[signal.Signals, Handler]) -> Iterator[None]:
+    """Handles signals within the block by the handlers of their numbers, and by the earlier
+    handlers after it.
+    """
+    earlier = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    try:
+        yield
+    finally:
+        for number, handler in earlier.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def interrupted_by_signals() -> Iterator[None]:
+    """Raises `KeyboardInterrupt` within the block for every signal that ends a program."""
+    with handling(dict.fromkeys(_SIGNALS, signal.default_int_handler)):
+        yield
+
+
+@contextmanager
 def stop_on_signals(stop: Stop, give_up: Stop) -> Iterator[list[int]]:
     """Calls `stop` with the name of a signal that ends a drive; yields the list of the signal
     numbers received.
@@ -93,15 +115,13 @@ def stop_on_signals(stop: Stop, give_up: Stop) -> Iterator[list[int]]:
             give_up("the controller goes on after it was interrupted")
         raise TickTimeout("the controller does not come to an end")
 
-    handlers = {number: signal.signal(number, handle) for number in _SIGNALS}
-    handlers[signal.SIGALRM] = signal.signal(signal.SIGALRM, interrupt)
+    handlers = {**dict.fromkeys(_SIGNALS, handle), signal.SIGALRM: interrupt}
     threading.Thread(target=watch, name="hang-watch", daemon=True).start()
     try:
-        yield numbers
+        with handling(handlers):
+            yield numbers
     finally:
         over.set()
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
 
 
 @contextmanager

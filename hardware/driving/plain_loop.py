@@ -17,17 +17,25 @@ import numpy as np
 from aerodima.hardware.car.wiring import PERIOD, CarCommand, CarReading
 from aerodima.hardware.devices.motor_limits import clip
 from aerodima.hardware.devices.motor_settings import load_motor_safety
+from aerodima.hardware.devices.radio_link import IDLE
 from aerodima.hardware.driving.car_guard import CarGuard
 from aerodima.hardware.driving.run_journal import RunJournal, drive_columns
 from aerodima.workbench.car.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
+from aerodima.workbench.control.driver_law import (
+    DriverLaw,
+    DriverView,
+    ScheduledDriver,
+    limited_driver,
+    make_driver,
+)
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
-from aerodima.workbench.control.manoeuvre import make_schedule
+from aerodima.workbench.control.manoeuvre import DriverInput
 from aerodima.workbench.control.tail_law import TailLaw, observe
-from aerodima.workbench.core.array_types import FloatArray, Pair
+from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.realtime import SWITCH_INTERVAL
 from aerodima.workbench.logs.signals import RowUnwrapper
 from aerodima.workbench.scenario.scenario import Scenario
-from aerodima.workbench.scenario.signal_table import CAR_PORTS, STATION_OUTPUTS
+from aerodima.workbench.scenario.signal_table import CAR_PORTS, IMU, STATION_OUTPUTS
 
 WRITE_DELAY = 0.001
 """Time from a tick to its commands, s; the same in the plain loop and in the diagram."""
@@ -207,67 +215,54 @@ class Pilot:
 
 
 class LawPilot(Pilot):
-    """A pilot whose tail follows `law`, or the scenario's law when that is None."""
+    """A driver and a tail law, tick for tick as `TurnDriver` and `TailController` run them.
 
-    def __init__(self, scenario: Scenario, law: TailLaw | None = None) -> None:
+    The law sees the steering and the turn that was announced one tick before, as the discrete
+    systems of the diagram do.
+
+    Args:
+        scenario: scenario of the car.
+        driver: driver of the car; it looks at the IMU alone.
+        law: law of the tail; None is that of the scenario.
+    """
+
+    def __init__(self, scenario: Scenario, driver: DriverLaw, law: TailLaw | None) -> None:
         self._law = law or law_of_scenario(scenario)
         self._memory = self._law.start()
+        self._driver = driver
+        self._driver_memory = driver.start()
+        _, self._given = driver.step(self._driver_memory, DriverView(0.0))
 
-    def _step(
-        self,
-        time: float,
-        reading: CarReading,
-        observed: Pair,
-        drive: Pair,
-        plan: float,
-    ) -> PilotStep:
-        """Runs one tick of the law.
+    def start(self) -> PilotStep:
+        """Implements `Pilot`."""
+        given = self._given
+        return PilotStep(CarCommand(given.steering_angle, given.throttle), given.planned_turn, 0)
 
-        Args:
-            time: time since the start of the run, s.
-            reading: reading of the car.
-            observed: planned turn and steering angle (rad) that the law sees.
-            drive: steering angle (rad) and throttle of the command.
-            plan: turn that is announced now.
-        """
+    def step(self, time: float, reading: CarReading) -> PilotStep:
+        """Implements `Pilot`."""
+        before = self._given
+        imu = IMU.read(reading.imu)
+        view = DriverView(time, yaw_rate=imu.gyro_z, roll=imu.roll, roll_rate=imu.gyro_x)
+        self._driver_memory, self._given = self._driver.step(self._driver_memory, view)
+        steering, throttle, plan = self._given
         observation = observe(
             time,
             reading.tail_state,
             reading.imu,
             reading.status,
-            observed[0],
+            before.planned_turn,
             reading.speed,
-            steering_angle=observed[1],
+            steering_angle=before.steering_angle,
         )
         self._memory, pitch, roll, state = self._law.step(self._memory, observation)
-        return PilotStep(CarCommand(*drive, pitch, roll), plan, state)
+        return PilotStep(CarCommand(steering, throttle, pitch, roll), plan, state)
 
 
 class AutoPilot(LawPilot):
-    """The schedule of a scenario and its tail law, tick for tick as `TurnDriver` and
-    `TailController` run them.
-
-    The law sees the turn that was announced one tick before, as the discrete systems of the diagram
-    do.
-    """
+    """The manoeuvre of a scenario and its tail law."""
 
     def __init__(self, scenario: Scenario, law: TailLaw | None = None) -> None:
-        super().__init__(scenario, law)
-        self._schedule = make_schedule(scenario)
-        self._driver = self._schedule.at(0.0)
-
-    def start(self) -> PilotStep:
-        """Implements `Pilot`."""
-        driver = self._driver
-        return PilotStep(CarCommand(driver.steering_angle, driver.throttle), driver.planned_turn, 0)
-
-    def step(self, time: float, reading: CarReading) -> PilotStep:
-        """Implements `Pilot`."""
-        before = self._driver
-        self._driver = self._schedule.at(time)
-        drive = self._driver.steering_angle, self._driver.throttle
-        observed = before.planned_turn, before.steering_angle
-        return self._step(time, reading, observed, drive, self._driver.planned_turn)
+        super().__init__(scenario, make_driver(scenario), law)
 
 
 class ControlPilot(LawPilot):
@@ -276,17 +271,20 @@ class ControlPilot(LawPilot):
     """
 
     def __init__(self, scenario: Scenario, law: TailLaw | None = None) -> None:
-        super().__init__(scenario, law)
         self._steer = scenario.servo.limit
-        self._steering = 0.0
+        self._operator = IDLE
+        super().__init__(scenario, limited_driver(ScheduledDriver(self), scenario), law)
+
+    def at(self, time: float) -> DriverInput:
+        """Implements `Schedule`: the inputs of the operator now."""
+        del time
+        steering = clip(self._operator.steering, self._steer)
+        return DriverInput(steering, self._operator.throttle, float(np.sign(steering)))
 
     def step(self, time: float, reading: CarReading) -> PilotStep:
         """Implements `Pilot`."""
-        operator = reading.operator
-        before = self._steering
-        plan = float(np.sign(before))
-        self._steering = clip(operator.steering, self._steer)
-        return self._step(time, reading, (plan, before), (self._steering, operator.throttle), plan)
+        self._operator = reading.operator
+        return super().step(time, reading)
 
 
 class ManualPilot(Pilot):
@@ -298,7 +296,7 @@ class ManualPilot(Pilot):
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        self._gains = (scenario.controller.hold_kp, scenario.controller.hold_kd)
+        self._gains = scenario.controller.hold_gains
         self._steer = scenario.servo.limit
         self._tail: FloatArray | None = None
         self._max_travel = load_motor_safety().ramp_speed / scenario.controller.rate

@@ -23,7 +23,7 @@ from aerodima.workbench.core.file_reading import Facts, Json
 from aerodima.workbench.logs.journal import JournalWriter
 from aerodima.workbench.logs.schema import run_metadata
 from aerodima.workbench.scenario.scenario import Scenario
-from aerodima.workbench.scenario.signal_table import sensor_columns
+from aerodima.workbench.scenario.signal_table import names_of, sensor_columns
 
 LINK_COLUMNS = ("loop_lateness_s", "imu_sample_time_s", "teensy_sent_time_s", "controller_time_s")
 """Columns that only a drive has: lateness of the cycle, times at which IMU and Teensy sampled the
@@ -42,7 +42,7 @@ _LAST_WAIT = 5.0
 
 def drive_columns() -> list[str]:
     """Returns the columns of a drive's log, in order."""
-    return [*(column.name for column in sensor_columns()), *LINK_COLUMNS]
+    return [*names_of(sensor_columns()), *LINK_COLUMNS]
 
 
 class RunJournal(JournalWriter):

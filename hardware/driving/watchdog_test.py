@@ -55,7 +55,7 @@ def run_watchdog_test(
         HardwareError: the motors cannot be held, the watchdog did not act in time, or the motors
             were not seen off. No record is written then.
     """
-    if scenario.tail.mode == "none":
+    if not scenario.has_tail:
         raise HardwareError("tail.mode: none; a watchdog test needs the motors of a tail")
     cut, answer = _CUTS[wiring]
     # The page that is the radio of an emulated car is not there yet.

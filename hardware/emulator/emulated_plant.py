@@ -11,10 +11,11 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from aerodima.hardware.car.car_ports import JOINTS
 from aerodima.hardware.driving.run_journal import RunJournal
+from aerodima.workbench.car.ak70 import TAIL_JOINTS
 from aerodima.workbench.car.car_diagram import truth_signals
 from aerodima.workbench.car.car_station import make_car_station, simulated_car
+from aerodima.workbench.car.plant_ports import tail_rate_places
 from aerodima.workbench.car.roll_estimator import RollEstimator
 from aerodima.workbench.car.roll_filter import RollFilterSettings
 from aerodima.workbench.core.array_types import FloatArray
@@ -103,7 +104,7 @@ class EmulatedCar:
         else:
             self._camera = ChaseCamera(station, meshcat)
         self._picture_due = 0.0
-        self.has_tail = scenario.tail.mode != "none"
+        self.has_tail = scenario.has_tail
         if self.has_tail:
             self._joints = _joint_places(simulated_car(station).plant)
         else:
@@ -148,9 +149,8 @@ def _joint_places(plant: Any) -> list[int]:
     """Returns the indices of the angles, then of the rates, of pitch and roll in the plant's
     state.
     """
-    joints = [plant.GetJointByName(name) for name in JOINTS]
-    rates = [plant.num_positions() + joint.velocity_start() for joint in joints]
-    return [*(joint.position_start() for joint in joints), *rates]
+    angles = [plant.GetJointByName(name).position_start() for name in TAIL_JOINTS]
+    return angles + tail_rate_places(plant)
 
 
 def _with_eager_imu(scenario: Scenario) -> Scenario:

@@ -104,7 +104,7 @@ def with_a_rest(scenario: Scenario) -> Scenario:
     """Returns a scenario whose limp tail rests at the controller's limit of its roll at the latest:
     nobody is there to lift it off the ground before the motors are armed.
     """
-    if scenario.tail.mode == "none":
+    if not scenario.has_tail:
         return scenario
     stop = min(scenario.tail.roll_stop, scenario.tail.roll_limit)
     return scenario.varied(tail={"roll_stop": stop})
@@ -163,7 +163,7 @@ class Emulator:
         self._motors = [
             EmulatedMotor(joint, motor_id, board, self._events, direction=direction)
             for joint, motor_id, direction in zip(JOINTS, ports.motor_ids, directions, strict=True)
-            if settings.scenario.tail.mode != "none"
+            if settings.scenario.has_tail
         ]
         bus = EmulatedBus(self._motors, board, self._log)
         self._adapter = SlcanAdapter(bus, board)

@@ -64,7 +64,8 @@ Candidates = Annotated[
 Aims = Annotated[
     list[str] | None,
     typer.Option(
-        help="aside-0.5, aside-1.0, course, sustained; may be repeated; by default the first."
+        help="aside-0.5 (taken by default), aside-1.0, course, sustained, or mine.py:my_aim; "
+        "may be repeated."
     ),
 ]
 

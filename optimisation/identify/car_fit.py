@@ -189,7 +189,7 @@ class CarModel:
         """State the least-squares problem; its finite differences step from x towards the middle of
         the ranges.
         """
-        steps = {**STEPS, DELAY: 2.0 * self._step} if self.drive.tailed else STEPS
+        steps = {**STEPS, DELAY: 2.0 * self._step} if self.drive.scenario.has_tail else STEPS
         sizes = np.array([steps.get(name, 1e-3) for name in self.parameters.names])
         return Problem(
             self.parameters,
@@ -218,7 +218,7 @@ class CarModel:
             step: step of the plant, s; that of the scenario by default.
         """
         values = self.parameters.values(x)
-        latency = self._whole_ticks(values[DELAY]) if self.drive.tailed else self.latency
+        latency = self._whole_ticks(values[DELAY]) if self.drive.scenario.has_tail else self.latency
         motion = self.drive.sampled(
             self.run(values, latency, step or self._step), values[DELAY] - latency
         )

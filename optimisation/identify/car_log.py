@@ -166,11 +166,6 @@ class CarDrive:
     line_speed: float
     warnings: Texts
 
-    @property
-    def tailed(self) -> bool:
-        """True for a car with a tail."""
-        return self.scenario.tail.mode != "none"
-
     def run(self, car: Values, begin: float, driven: float, latency: float, step: float) -> Signals:
         """Simulate the drive; return channels without noise and bias, and `time`, s of the log.
 
@@ -202,7 +197,7 @@ class CarDrive:
                 servo={"frame_rate": 1.0 / step},
                 controller={"rate": 1.0 / step},
             )
-            law = played if self.tailed else None
+            law = played if self.scenario.has_tail else None
             table = run_outcome(changed, False, law, LiveView(), played, begin).table
         except (UserError, RuntimeError) as error:
             raise FitError(str(error)) from error
@@ -251,7 +246,8 @@ def _completed(log: RunLog, scenario: Scenario) -> tuple[RunLog, Scenario, list[
     if "throttle_command" in absent:
         scenario = scenario.varied(drive={"governor": True})
         line = throttle_line(scenario)
-        table["throttle_command"] = (log.signal("speed_m_per_s") - line.offset) / line.gain
+        speed = checked_signals(log, ["speed_m_per_s"])["speed_m_per_s"]
+        table["throttle_command"] = (speed - line.offset) / line.gain
     notes = [f"without {name} {WITHOUT[name]}" for name in absent]
     return replace(log, table=table), scenario, notes
 
@@ -268,9 +264,8 @@ def _car_drive(log: RunLog, settings: Settings) -> CarDrive:
     scenario = Scenario.from_dict(log.scenario, "its scenario", settings)
     log, scenario, notes = _completed(log, scenario)
     time = log.time
-    tailed = scenario.tail.mode != "none"
     names = [*DRIVER, "imu_roll_rad", "imu_pitch_rad"]
-    if tailed:
+    if scenario.has_tail:
         names += [*TAIL["pitch"], *TAIL["roll"], "tail_roll_angle_rad"]
     signals = checked_signals(log, names)
     steered = np.flatnonzero(np.abs(signals[DRIVER[0]]) > STEERED)
@@ -296,7 +291,7 @@ def _car_drive(log: RunLog, settings: Settings) -> CarDrive:
         if rolls or name != "roll_rate"
     }
     tail: FloatArray = np.zeros((2, time.size, 5))
-    if tailed:
+    if scenario.has_tail:
         joints = [[signals[name] for name in columns] for columns in TAIL.values()]
         tail = np.array(joints).swapaxes(1, 2)
     driver = np.array([signals[name] for name in DRIVER])

@@ -86,7 +86,6 @@ class LimitSearch:
     """Range and steps of a search.
 
     Attributes:
-        factor: number of the scenario that is varied.
         low: lowest value; the grid of a climb begins here.
         high: highest value.
         stride: first stride of a climb; at least the tolerance.
@@ -94,7 +93,6 @@ class LimitSearch:
             the grid of a climb.
     """
 
-    factor: str
     low: float
     high: float
     stride: float

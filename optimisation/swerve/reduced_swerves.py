@@ -97,7 +97,7 @@ def reduced_car_knows(scenario: Scenario) -> bool:
     """Returns whether a scenario has no tail, or one with a law that reduced cars can follow."""
     swing = swing_of_scenario(scenario)
     if swing is None:
-        return scenario.tail.mode == "none" or scenario.follows_state
+        return not scenario.has_tail or scenario.follows_state
     if scenario.rollover_control.gain:
         return False
     is_released = swing.trigger.kind == "steering" and swing.trigger.delay_s == 0.0

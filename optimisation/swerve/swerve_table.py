@@ -123,21 +123,18 @@ def _title(names: Any) -> str:
 
 
 def _cells(summary: pd.DataFrame) -> list[Texts]:
-    cells: list[Texts] = []
-    for row in summary.to_dict("records"):
-        interval = f"{_percent(row['gain_low'])} to {_percent(row['gain_high'])}"
-        cells.append(
-            (
-                str(row["candidate"]),
-                "–" if math.isnan(row["median"]) else f"{row['median']:.3g}",
-                f"{row['with_value']:.0f} of {row['cars']:.0f}",
-                _percent(row["gain"]),
-                interval,
-                _percent(row["gain_worst"]),
-                f"{row['above_low_ballast']:.0f}".replace("nan", "–"),
-            )
+    return [
+        (
+            str(row["candidate"]),
+            "–" if math.isnan(row["median"]) else f"{row['median']:.3g}",
+            f"{row['with_value']:.0f} of {row['cars']:.0f}",
+            _percent(row["gain"]),
+            f"{_percent(row['gain_low'])} to {_percent(row['gain_high'])}",
+            _percent(row["gain_worst"]),
+            f"{row['above_low_ballast']:.0f}".replace("nan", "–"),
         )
-    return cells
+        for row in summary.to_dict("records")
+    ]
 
 
 def _percent(share: float) -> str:

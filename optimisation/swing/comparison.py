@@ -85,7 +85,7 @@ def best_motion(item: BoundItem) -> Row:
         announced=item.announced,
     )
     swing = solution_swing(item.name, item.settings, bound, item.aim)
-    content = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
+    content = swing.plain()
     if item.limits:
         content["provenance"]["options"] = {LIMITS_OPTION: " ".join(item.limits)}
     return bound.result | {"swing": content}

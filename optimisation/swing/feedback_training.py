@@ -286,11 +286,10 @@ def search_laws(
 def laws_at(shares: FloatArray, ranges: Ranges = RANGES) -> list[Law]:
     """Returns the laws at shares (n, numbers) of ranges, rounded to four digits."""
     low, high = np.array(list(ranges.values())).T
-    laws: list[Law] = []
-    for row in low + shares * (high - low):
-        numbers = [float(f"{value:.4g}") for value in row]
-        laws.append(dict(zip(ranges, numbers, strict=True)))
-    return laws
+    return [
+        dict(zip(ranges, (float(f"{value:.4g}") for value in row), strict=True))
+        for row in low + shares * (high - low)
+    ]
 
 
 def shares_of(law: Law, ranges: Ranges = RANGES) -> FloatArray:

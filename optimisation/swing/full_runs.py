@@ -35,14 +35,14 @@ from aerodima.workbench.control.user_law import in_words, load_law
 from aerodima.workbench.core.file_reading import Settings
 from aerodima.workbench.scenario.scenario import load_scenario
 
-SHARE_SEARCH = LimitSearch("share of the angles", 0.4, 1.6, 0.1, 0.025)
+SHARE_SEARCH = LimitSearch(low=0.4, high=1.6, stride=0.1, tolerance=0.025)
 """Search of the share of the angles with which the full car is driven: strides of a tenth from 1,
 up until the swerve no longer counts, or down until it first counts, then the last stride halved."""
 
 CLIMB_STEP = 0.002
 """Step of the plant, s, at which steerings are scaled and searched. At a finer one only the best
 run of each candidate is driven, with smaller angles until it also counts there."""
-CONFIRM_SEARCH = LimitSearch("share of the best angles", 0.4, 1.0, 0.1, 0.025)
+CONFIRM_SEARCH = LimitSearch(low=0.4, high=1.0, stride=0.1, tolerance=0.025)
 """Search of the share of the best run's angles at the finer step: all of them, and smaller ones
 where the swerve does not count with these."""
 
@@ -141,7 +141,7 @@ class Descent:
     @property
     def has_tail(self) -> bool:
         """Whether the car has a tail."""
-        return load_scenario(SWERVE, self.settings).tail.mode != "none"
+        return load_scenario(SWERVE, self.settings).has_tail
 
     @property
     def max_angle(self) -> float:

@@ -157,7 +157,7 @@ def varied_swing(swing: SwingFile, change: FloatArray, steering: Sequence[str]) 
     reach = float(np.max(np.abs(swing_at(swing, times).roll_position)))
     most = swing.limits.roll_position_rad - KNOT_ROUNDING
     share = min(share, max(1.0, most / max(reach, 1e-9)))
-    data = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
+    data = swing.plain()
     knots = data["knots"]
     limits = data["limits"]
     provenance = data["provenance"]

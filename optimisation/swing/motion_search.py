@@ -108,7 +108,7 @@ def write_verified(path: Path, settings: Sequence[str]) -> list[str]:
     result = verify_swing(tried, settings=own)
     complaints = result.complaints
     (value,) = (one.value for one in result.checks if one.name.startswith("aim "))
-    data = result.swing.model_dump(mode="json", by_alias=True, exclude_none=True)
+    data = result.swing.plain()
     data["provenance"]["settings"] = own
     data["provenance"]["found"] |= (
         {"refused": "; ".join(complaints)} if complaints else {AIM_VALUE: value}

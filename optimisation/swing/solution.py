@@ -120,7 +120,7 @@ def with_tail(swing: SwingFile, tail: FloatArray) -> SwingFile:
     pitch = float(np.clip(tail[0], -far, far))
     roll = np.append(0.0, within_reach(tail[None, 1:], stop))
     rate = knot_rates() @ roll
-    data = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
+    data = swing.plain()
     data["knots"] = _knots(roll, rate, pitch)
     data["limits"]["velocity_rad_per_s"] = max(
         swing.limits.velocity_rad_per_s, *np.abs(rate).tolist()

@@ -335,7 +335,7 @@ class SwerveShooting:
             UserError: a car without tail, or one that the reduced car does not know; as
                 `FreeTail.check`.
         """
-        if any(one.tail.mode == "none" for one in scenarios):
+        if not all(one.has_tail for one in scenarios):
             raise SwingError("tail.mode: none; must be a tail that can swing")
         far = min(one.tail.pitch_limit for one in scenarios)
         variables = SwerveVariables(
@@ -429,7 +429,4 @@ class SwerveShooting:
         swerve = self.drive(
             np.mean(self.variables.bounds, axis=0)[self.variables.own(0)][:, None], np.zeros(1, int)
         )
-        rows: list[Limit] = []
-        for limit in self.limits:
-            rows += [limit] * len(limit.function(swerve))
-        return rows
+        return [limit for limit in self.limits for _ in limit.function(swerve)]

@@ -3,6 +3,7 @@ not wait.
 """
 
 import math
+import signal
 from types import SimpleNamespace
 
 import numpy as np
@@ -153,3 +154,17 @@ def test_an_exception_in_the_block_lets_the_tail_go(bench):
     with pytest.raises(ZeroDivisionError):
         drop()
     bench.assert_off()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_in_the_block_lets_the_tail_go(bench, number):
+    def drop():
+        with held_car.holding(bench.car):
+            assert bench.roll.entered
+            signal.raise_signal(number)
+
+    before = signal.getsignal(number)
+    with pytest.raises(KeyboardInterrupt):
+        drop()
+    bench.assert_off()
+    assert signal.getsignal(number) == before

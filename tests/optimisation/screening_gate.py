@@ -30,7 +30,7 @@ from aerodima.workbench.car.reduced.turn_plans import TurnPlans
 from aerodima.workbench.car.reduced.turns import drive_turns
 
 SCENARIO, SPEED = "turn_designed", ("manoeuvre.speed=4.5",)
-SEARCH = LimitSearch(FRICTION, 0.3, 1.2, 0.1, 0.0125)
+SEARCH = LimitSearch(0.3, 1.2, 0.1, 0.0125)
 GRID = np.round(np.arange(0.3, 1.2 + 1e-9, SEARCH.tolerance), 4)
 """Of the values that `SEARCH` evaluates."""
 MIDDLE = 0.75

@@ -48,10 +48,11 @@ def idle_normal(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -
 
 def _section_motion(plant: MultibodyPlant, body: RigidBody, layout: SectionLayout) -> FloatArray:
     """Returns section velocities in B per unit rate of each joint, in several poses (3, n)."""
-    moving: list[int] = []
-    for joint in joints_of(plant):
-        start = joint.velocity_start()
-        moving += range(start, start + joint.num_velocities())
+    moving = [
+        joint.velocity_start() + index
+        for joint in joints_of(plant)
+        for index in range(joint.num_velocities())
+    ]
     frame = body.body_frame()
     centres = layout.p_BoSi_B.T
     motions = [np.zeros((3, 0))]

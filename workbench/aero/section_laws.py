@@ -327,9 +327,10 @@ class NormalForceLaw(SectionLaw):
         coefficient = self.coefficient
         if not callable(coefficient):
             return plate_force(line, distances, areas, density, coefficient, coefficient)
-        weighted = []
-        for s, area in zip(distances, areas, strict=True):
-            weighted.append(area * coefficient(length(line.velocity(s))))
+        weighted = [
+            area * coefficient(length(line.velocity(s)))
+            for s, area in zip(distances, areas, strict=True)
+        ]
         return plate_force(line, distances, weighted, density, 1.0, 1.0)
 
     def covers(self, speed: float, angle: float) -> bool:

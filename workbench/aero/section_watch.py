@@ -1,12 +1,10 @@
 """A watch on the sections of a `TailForce` during a run."""
 
-from __future__ import annotations
-
 import numpy as np
-from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, OutputPort
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from aerodima.workbench.core.event_order import EventPriority, period_of
-from aerodima.workbench.core.port_wiring import add_and_connect, vector_of
+from aerodima.workbench.core.port_wiring import vector_of
 
 SECTION_COLUMNS = ("relative_speed_m_per_s", "angle_of_attack_rad", "reynolds_number", "force_n")
 """Columns of each section in the port `sections` of a `TailForce`."""
@@ -51,20 +49,6 @@ class SectionWatch(LeafSystem):
         self._clear()
         self.DeclareInitializationPublishEvent(self._start)
         self.DeclarePeriodicPublishEvent(period_of(rate, EventPriority.RECORD), 0.0, self._look)
-
-    @classmethod
-    def add_to_builder(
-        cls,
-        builder: DiagramBuilder,
-        name: str,
-        sections: OutputPort,
-        validity: OutputPort,
-        rate: float,
-    ) -> SectionWatch:
-        """Adds a watch, at `rate` Hz, on these ports of a `TailForce`."""
-        return add_and_connect(
-            builder, cls(validity.size(), rate), name, sections=sections, validity=validity
-        )
 
     def facts(self) -> dict[str, float]:
         """Sums up the run so far, for `extra` of its log.

@@ -187,10 +187,11 @@ def sampled_poses(plant: Any, count: int) -> Iterator[Any]:
     limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
     default = np.clip(plant.GetPositions(context), *limits)
     ends = np.clip(limits, -math.pi, math.pi)
-    free: list[int] = []
-    for joint in joints_of(plant):
-        start = joint.position_start()
-        free += range(start, start + joint.num_positions())
+    free = [
+        joint.position_start() + index
+        for joint in joints_of(plant)
+        for index in range(joint.num_positions())
+    ]
     for sample in range(count):
         positions = default.copy()
         if sample:

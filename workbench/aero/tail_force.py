@@ -202,11 +202,8 @@ class TailForceParts(SystemParts):
         output.SetFromVector(values)
 
     def _calc_validity(self, context: Any, output: Any) -> None:
-        validity = []
-        for row in self._section_rows(context):
-            area, speed, angle = map(float_of, row[1:4])
-            validity.append(self._validity(area, speed, angle))
-        output.SetFromVector(validity)
+        rows = self._section_rows(context)
+        output.SetFromVector([self._validity(*map(float_of, row[1:4])) for row in rows])
 
     def _calc_wind_direction(self, context: Any, output: Any) -> None:
         X_WB, line = self._motion(context)

@@ -114,12 +114,15 @@ class TailArm(TailPart):
     @property
     def inertia(self) -> SpatialInertia:
         """Inertia about the origin of T from the density."""
-        parts = []
-        for start, step, length in zip(self.points, self._steps, self.lengths, strict=False):
-            rod = rod_inertia(self.density, length, self.radius)
-            frame = RotationMatrix.MakeFromOneVector(step, 2)
-            parts.append(placed(rod, frame, start))
-        return total_inertia(parts)
+        pieces = zip(self.points, self._steps, self.lengths, strict=False)
+        return total_inertia(
+            placed(
+                rod_inertia(self.density, length, self.radius),
+                RotationMatrix.MakeFromOneVector(step, 2),
+                start,
+            )
+            for start, step, length in pieces
+        )
 
     @property
     def _steps(self) -> FloatArray:

@@ -41,8 +41,9 @@ def simulate(
         scenario: resolved scenario of a car or a rig.
         log: path of the Parquet file to be written; None keeps the log in memory.
         record: `all` columns, or the `outcome` of a car, in half the time (design section 9).
-        stop_when_certain: whether a run ends once the car has tilted past 75 degrees after a turn,
-            or settled after one in still air (`extra`: `STOPPED`, `SETTLED`); None: for `outcome`.
+        stop_when_certain: whether a run ends once the car has tilted past 75 degrees after a turn
+            or, with `outcome`, settled in still air (`extra`: `STOPPED`, `SETTLED`); None: for
+            `outcome` without `build`, whose last steering nobody knows.
         law: tail law in place of the scenario's; `extra` names its class as `tail_law`.
         build: function that replaces driver and tail law: `build(builder, station)` adds systems
             and connects every input port of the station. An export or `LogVectorOutput` named
@@ -76,6 +77,5 @@ def simulate(
         return run_car(scenario, log, bool(stop_when_certain), law, force, view, build, bodies)
     if log is not None:
         raise UserError(f"{log}: must be None with record='outcome', which leaves out columns")
-    return run_outcome(
-        scenario, stop_when_certain is not False, law, view, build=build, bodies=bodies
-    )
+    stops = build is None if stop_when_certain is None else stop_when_certain
+    return run_outcome(scenario, stops, law, view, build=build, bodies=bodies)

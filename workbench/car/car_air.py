@@ -59,7 +59,7 @@ def wind_model(scenario: Scenario, more_bodies: bool = False) -> WindModel | Non
     """
     wind = scenario.wind
     has_bodies = more_bodies or scenario.car.has_bodies
-    if wind.is_still or (scenario.tail.mode == "none" and not has_bodies):
+    if wind.is_still or (not scenario.has_tail and not has_bodies):
         return None
     gust = wind.gust_amplitude
     return WindModel(
@@ -261,9 +261,8 @@ def add_sail_report(
     tail = scenario.tail
     _, limit = sail_law(tail)
     air = Air(scenario.environment.air_density, scenario.environment.air_viscosity)
-    lines = []
-    for number, (layout, law) in enumerate(sail_strips(tail)):
-        line = add_tail_force(
+    lines = [
+        add_tail_force(
             builder,
             plant,
             "tail_sail",
@@ -275,7 +274,8 @@ def add_sail_report(
             applied=False,
             name=f"tail_force_tail_sail_{number}" if number else None,
         )
-        lines.append(line)
+        for number, (layout, law) in enumerate(sail_strips(tail))
+    ]
     if tail.sail == "free":
         lines = lines[:1]
     report = {}

@@ -80,7 +80,7 @@ def default_build(
             station=station,
             controller_rate=law.rate,
         )
-        idle = minimal and tail_law is None and scenario.tail.mode == "none"
+        idle = minimal and tail_law is None and not scenario.has_tail
         TailController.add_to_builder(
             builder, scenario, station=station, driver=driver, law=law, idle=idle
         )

@@ -117,7 +117,7 @@ def add_car_plant(
     car = parse_model(plant, car_sdf(scenario), drawn)
     tail = None
     added: AddedMass | None = None
-    if scenario.tail.mode != "none":
+    if scenario.has_tail:
         tail = _add_tail_arm(plant, scenario, drawn)
         if scenario.tail.added_mass != 0.0:
             # All of it is on the rod: it does not turn with a free sail.

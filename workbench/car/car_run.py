@@ -69,8 +69,12 @@ def run_car(
         if car.station.HasOutputPort("tail_sections_truth"):
             flow = car.station.GetOutputPort("tail_sections_truth")
             valid = car.station.GetOutputPort("tail_validity_truth")
-            sections = SectionWatch.add_to_builder(
-                car.builder, "section_watch", flow, valid, scenario.controller.rate
+            sections = add_and_connect(
+                car.builder,
+                SectionWatch(valid.size(), scenario.controller.rate),
+                "section_watch",
+                sections=flow,
+                validity=valid,
             )
         simulator = Simulator(car.builder.Build())
         _set_rolling(car, simulator.get_mutable_context(), scenario, start_speed(scenario))

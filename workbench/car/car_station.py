@@ -104,7 +104,7 @@ def make_car_station(
         UserError: the interface, the simulated car or a tail motor has other ports than it must
             have.
     """
-    if tail_motor is not TailMotor and (interface is not None or scenario.tail.mode == "none"):
+    if tail_motor is not TailMotor and (interface is not None or not scenario.has_tail):
         raise UserError(f"tail_motor: {tail_motor!r}: only a simulated car with a tail has one")
     if bodies is not None and interface is not None:
         raise UserError(f"bodies: {bodies!r}: only a simulated car takes them")

@@ -22,6 +22,7 @@ from aerodima.workbench.car.car_sensors import (
     in_body,
     motion_at_imu,
 )
+from aerodima.workbench.car.plant_ports import tail_rate_places
 from aerodima.workbench.car.tail_plant import tail_geometry
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.port_fields import PortFields
@@ -210,8 +211,8 @@ class CarTruth(_Kinematics):
         self._chassis = plant.GetBodyByName("chassis").index()
         self._p_BoImu_B = np.array([scenario.imu.x, 0.0, scenario.imu.z])
         self._step = plant.time_step()
-        nq = plant.num_positions()
-        self._shaft = nq + plant.GetJointByName("drive_shaft_spin").velocity_start()
+        shaft = plant.GetJointByName("drive_shaft_spin")
+        self._shaft = plant.num_positions() + shaft.velocity_start()
         self._contact_slots = contact_slots(car_plant)
         self._motion_port = self.DeclareVectorInputPort("chassis_motion", CHASSIS_MOTION_SIZE)
         self._contact_port = self.DeclareAbstractInputPort(
@@ -223,8 +224,7 @@ class CarTruth(_Kinematics):
         if self._tail is not None:
             self._p_ToTip_T = tail_geometry(scenario.tail).arm.points[-1]
             self._rod = plant.GetBodyByName("tail_rod").index()
-            joints = [plant.GetJointByName(name) for name in ("tail_pitch", "tail_roll")]
-            self._tail_rates = [nq + joint.velocity_start() for joint in joints]
+            self._tail_rates = tail_rate_places(plant)
             self._torque_port = self.DeclareVectorInputPort("tail_torque", 2)
             self._air_port = self.DeclareVectorInputPort("tail_air", 6)
             declare_output(self, "tail_truth", TAIL_TRUTH.size, self._calc_tail)
@@ -294,17 +294,15 @@ def ground_forces(
     for index in range(results.num_point_pair_contacts()):
         info = results.point_pair_contact_info(index)
         pair = info.point_pair()
-        slot = slots.get(pair.id_B.get_value())
         force: Any = info.contact_force()
-        if slot is None:
-            yield slots[pair.id_A.get_value()], -1.0 * force, info
-        else:
-            yield slot, force, info
+        for shape, on_it in ((pair.id_A, -1.0 * force), (pair.id_B, force)):
+            if shape.get_value() in slots:
+                yield slots[shape.get_value()], on_it, info
 
 
 def contact_slots(car_plant: CarPlant) -> dict[int, str]:
     """Returns the wheel, or `cage`, `board`, `tail`, that each collision shape belongs to, by the
-    value of the shape's GeometryId.
+    value of the shape's GeometryId; shapes of a user's bodies are left out.
     """
     plant = car_plant.plant
     inspector = car_plant.scene_graph.model_inspector()
@@ -318,5 +316,6 @@ def contact_slots(car_plant: CarPlant) -> dict[int, str]:
                     part = body.name().removesuffix("_wheel")
                 else:
                     part = shape.split("_")[0]
-                slots[geometry.get_value()] = part
+                if part in (*WHEELS, *GROUND_CONTACTS):
+                    slots[geometry.get_value()] = part
     return slots

@@ -18,6 +18,7 @@ from aerodima.workbench.car.car_sensors import ChassisMotion, felt_at, in_body
 from aerodima.workbench.car.car_station import simulated_car
 from aerodima.workbench.car.ground_loads import GroundLoads
 from aerodima.workbench.car.ground_truth import BODY_TRUTH
+from aerodima.workbench.car.plant_ports import tail_rate_places
 from aerodima.workbench.car.termination import STOPPED, quaternion_flipped
 from aerodima.workbench.car.tip_up import LIFT_COLUMNS
 from aerodima.workbench.car.turn_signals import settled_row
@@ -161,10 +162,7 @@ class OutcomeRecord:
     def _over(self, state: FloatArray, time: FloatArray, stop_after: float) -> BoolArray:
         """Returns, row by row, whether the car has flipped and its run is over."""
         rotations = state[self._quaternion][:, self._steps(time)]
-        over: BoolArray = np.logical_or.accumulate(quaternion_flipped(rotations)) & (
-            time >= stop_after
-        )
-        return over
+        return np.logical_or.accumulate(quaternion_flipped(rotations)) & (time >= stop_after)
 
     def _steps(self, time: FloatArray) -> IntArray:
         """Returns the step of the plant that a row shows: between two steps the one that began."""
@@ -213,9 +211,7 @@ class OutcomeRecord:
         at_end = vector_of(port, self._station.GetMyContextFromRoot(context))
         last = self._steps_log.FindLog(context).data()[self._plant.num_multibody_states() :]
         torques = np.column_stack((last[:, 1:], at_end))[:, steps]
-        joints = [self._plant.GetJointByName(f"tail_{name}") for name in ("pitch", "roll")]
-        places = [self._plant.num_positions() + joint.velocity_start() for joint in joints]
-        rates = states[places][:, steps]
+        rates = states[tail_rate_places(self._plant)][:, steps]
         columns = dict(zip(names, torques, strict=True))
         columns["tail_power_truth_w"] = np.sum(torques * rates, axis=0)
         return columns

@@ -211,6 +211,12 @@ class PlantPorts:
         return port, [elements.get(place, self.zero) for place in range(port.size())]
 
 
+def tail_rate_places(plant: MultibodyPlant) -> list[int]:
+    """Returns the places of the rates of `TAIL_JOINTS` in the plant's state [q; v]."""
+    joints = [plant.GetJointByName(name) for name in TAIL_JOINTS]
+    return [plant.num_positions() + joint.velocity_start() for joint in joints]
+
+
 def _wheel_starts(plant: MultibodyPlant) -> list[int]:
     return [int(plant.GetJointByName(f"{wheel}_spin").velocity_start()) for wheel in WHEELS]
 

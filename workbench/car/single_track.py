@@ -8,7 +8,6 @@ Mass, centre of mass and yaw inertia are those of the whole plant, the tail at r
 
 import math
 
-from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.car.car_plant import add_car_plant
@@ -48,8 +47,9 @@ def gym_parameters(scenario: Scenario) -> dict[str, float]:
     servo = scenario.servo
     if car.tyre_slip_angle == 0.0:
         raise ModelError("car.tyre_slip_angle: 0 rad must be > 0 for a cornering stiffness")
-    plant = add_car_plant(DiagramBuilder(), scenario).plant
-    bodies = [BodyIndex(index) for index in range(1, plant.num_bodies())]
+    built = add_car_plant(DiagramBuilder(), scenario)
+    plant = built.plant
+    bodies = [body for instance in built.instances for body in plant.GetBodyIndices(instance)]
     M_VWo_W = plant.CalcSpatialInertia(plant.CreateDefaultContext(), plant.world_frame(), bodies)
     I_VVcm_W = M_VWo_W.Shift(M_VWo_W.get_com()).CalcRotationalInertia()
     lr, _, height = M_VWo_W.get_com().tolist()

@@ -49,19 +49,17 @@ def turn_course(run_log: RunLog) -> TurnCourse:
     """
     signals = turn_signals(run_log, "truth")
     speed, course = ground_velocity(run_log)
-    started = np.flatnonzero(signals.from_start)
+    first = np.flatnonzero(signals.from_start)[0]
     course = signals.sign * course
-    turned = course - course[started[0]]
     straight = signals.from_start & ~signals.in_window
     over = np.flatnonzero(has_left_turn(straight, signals.yaw_rate))
     if over.size == 0:
         return TurnCourse(None, None, None, None, None)
     at = over[0]
-    first = started[0]
     heading = signals.yaw[at]
     return TurnCourse(
         exit_time_s=float(signals.time[at] - signals.window[0]),
-        course_change_rad=float(turned[at]),
+        course_change_rad=float(course[at] - course[first]),
         exit_heading_change_rad=float(heading - signals.yaw[first]),
         exit_sideslip_rad=math.remainder(float(heading - course[at]), 2.0 * math.pi),
         exit_speed_m_per_s=float(speed[at]),

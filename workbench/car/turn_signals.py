@@ -21,7 +21,7 @@ from aerodima.workbench.control.manoeuvre import turn_length
 from aerodima.workbench.core.array_types import BoolArray, FloatArray, NamedArrays, Pair
 from aerodima.workbench.core.errors import LogError
 from aerodima.workbench.logs.schema import DRIVEN_BY, PLANT_RUN, RunLog
-from aerodima.workbench.logs.signals import check_signals, check_time, checked_signals
+from aerodima.workbench.logs.signals import check_signals, check_time, checked_table
 from aerodima.workbench.scenario.signal_table import GROUND_CONTACTS, TIME, WHEELS
 
 STEERED = 0.01
@@ -289,7 +289,7 @@ def _read(run_log: RunLog, source: str, turn_start: float) -> NamedArrays:
 def _columns(run_log: RunLog, names: Sequence[str]) -> FloatArray | None:
     if not all(name in run_log.table.columns for name in names):
         return None
-    return np.column_stack([*checked_signals(run_log, names).values()])
+    return checked_table(run_log, names)
 
 
 def settled_row(table: pd.DataFrame | Mapping[str, FloatArray], turn_end: float) -> int | None:

@@ -127,21 +127,22 @@ def run(options: RunOptions) -> None:
         raise UserError(
             "SCENARIO: missing; must be a file or a name of `aerodima scenarios list`, or --swing"
         )
-    if options.swing is None and options.other_car:
-        raise UserError("--other-car: needs --swing")
     name = options.scenario
     own = tuple[str, ...]()
     if options.swing is not None:
         name, own = turn_of_swing(find_swing(options.swing), name)
     scenario = workbench.load_scenario(str(name), [*own, *cli.settings_of(options)])
+    swing = swing_of_scenario(scenario)
+    if swing is None and options.other_car:
+        raise UserError("--other-car: needs a swing that is played, see --swing")
+    if swing is None and options.swing is not None:
+        raise UserError(f"--swing {options.swing}: needs --tail swing")
     law = None
     if options.law is not None:
         from aerodima.workbench.control.user_law import load_law
 
-        if scenario.tail.mode == "none":
-            raise UserError(
-                f"--law {options.law}: this car has no tail; needs --tail held or swing"
-            )
+        if not scenario.has_tail:
+            raise UserError(f"--law {options.law}: the car has no tail; needs --tail held or swing")
         law = load_law(options.law, scenario)
     if law is None and options.diagram is None and not options.other_car:
         refuse_other_car(scenario)
@@ -150,8 +151,7 @@ def run(options: RunOptions) -> None:
     if options.html is not None:
         make_folder(options.html.parent, UserError)
     run_log = _simulated(scenario, options, law)
-    swing = swing_of_scenario(scenario) if own else None
-    if swing is not None:
+    if own and swing is not None:
         typer.echo(f"turn: {scenario.name}, {turn_words(swing, scenario)}")
     for line in summary_lines(run_log):
         typer.echo(line)

@@ -1,6 +1,5 @@
 """A scenario in one JSON file that needs no other: resolved, with its swing inside."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,11 +8,9 @@ from aerodima.workbench.control.swing_library import SWING, swing_facts
 from aerodima.workbench.control.swing_player import SwingPlayer
 from aerodima.workbench.control.tail_law import TailLaw
 from aerodima.workbench.core.errors import ScenarioError
-from aerodima.workbench.core.file_reading import Json, read_text, reading
+from aerodima.workbench.core.file_reading import Json, read_json
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario, scenario_from_dict
-from aerodima.workbench.scenario.swing_file import (
-    swing_from_dict,
-)
+from aerodima.workbench.scenario.swing_file import swing_from_dict
 
 
 def make_bundle(scenario: Scenario) -> Json:
@@ -45,8 +42,7 @@ def load_drive(name_or_path: str, settings: Sequence[str] = ()) -> tuple[Scenari
         raise ScenarioError(
             f"--set {' '.join(settings)}: {path} is a bundle; allowed: set it before the export"
         )
-    with reading(path, "JSON", ScenarioError):
-        data = json.loads(read_text(path))
+    data = read_json(path, ScenarioError)
     if not isinstance(data, dict):
         raise ScenarioError(
             f"{path}: holds a {type(data).__name__}; allowed is a bundle of `aerodima models "

@@ -279,7 +279,11 @@ def make_driver(scenario: Any) -> DriverLaw:
     Raises:
         UserError: speed out of reach, times that do not fit together.
     """
-    driver = driver_of_manoeuvre(scenario)
+    return limited_driver(driver_of_manoeuvre(scenario), scenario)
+
+
+def limited_driver(driver: DriverLaw, scenario: Any) -> DriverLaw:
+    """Returns a driver with the rollover control of a scenario, or as it is if that is off."""
     control = scenario.rollover_control
     if control.gain == 0.0:
         return driver

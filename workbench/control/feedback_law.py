@@ -165,8 +165,8 @@ class FeedbackLaw:
     def from_scenario(cls, scenario: Any) -> "FeedbackLaw":
         """Makes the law of `scenario.feedback` with the car and the pitch hold of the scenario."""
         controller: ControllerParameters = scenario.controller
-        hold = (controller.hold_kp, controller.hold_kd)
-        return cls(scenario.feedback, scenario.car.wheelbase, controller.rate, hold)
+        wheelbase = scenario.car.wheelbase
+        return cls(scenario.feedback, wheelbase, controller.rate, controller.hold_gains)
 
     def start(self) -> FloatArray:
         """Returns the memory (5), see `LawMemory`; NaN where an angle is not known yet."""

@@ -8,6 +8,7 @@ turn +1 left, -1 right, 0 none.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from aerodima.workbench.core.elementwise import clip, maximum, minimum, where
@@ -59,10 +60,11 @@ class ThrottleLine:
 
     def throttle(self, speed: float, acceleration: float = 0.0) -> float:
         """Returns the throttle for a speed (m/s) that changes by `acceleration` (m/s2), clipped to
-        -1..1.
+        -1..1; the line is mirrored for reverse.
         """
-        throttle = (speed + self.time_constant * acceleration - self.offset) / self.gain
-        return min(1.0, max(-1.0, throttle))
+        asked = speed + self.time_constant * acceleration
+        size = (abs(asked) - self.offset) / self.gain
+        return math.copysign(min(1.0, max(0.0, size)), asked)
 
     def check_speed(self, speed: float) -> None:
         """Raises UserError if the car cannot hold this speed (m/s, from 0 on)."""
@@ -72,11 +74,11 @@ class ThrottleLine:
                 f"manoeuvre.speed: {speed:g} m/s; allowed: 0 to {top:g} m/s, the steady speed at "
                 "full throttle"
             )
-        if speed > 0.0 and self.throttle(speed) < self.breakaway:
-            slowest = self.gain * self.breakaway + self.offset
+        slowest = self.gain * self.breakaway + self.offset
+        if 0.0 < speed < slowest - 1e-12:
             raise UserError(
-                f"manoeuvre.speed: {speed:g} m/s; allowed without governor: 0, or from {slowest:g} "
-                f"m/s on, the steady speed at drive.breakaway_throttle {self.breakaway:g}"
+                f"manoeuvre.speed: {speed:g} m/s; allowed: 0, or from {slowest:g} m/s on, the "
+                f"steady speed at the least throttle that moves the car, {self.breakaway:g}"
             )
 
 
@@ -283,9 +285,8 @@ class LevelSchedule:
     trim: float = 0.0
 
     def __post_init__(self) -> None:
-        for number in range(1, len(self.ends)):
-            end = self.ends[number]
-            check_range("manoeuvre: end of a level", self.ends[number - 1], 0.0, end, "s")
+        for number, (end, later) in enumerate(pairwise(self.ends), 1):
+            check_range(f"manoeuvre.level_{number}_end", end, 0.0, later, "s")
 
     def at(self, time: float) -> DriverInput:
         """Returns inputs at `time` s since the start."""

@@ -34,7 +34,7 @@ def max_angle(wheelbase: Any, acceleration: Any, speed: Any) -> Any:
     """Returns the angle (rad) at which the kinematic car of a wheelbase, m, has a lateral
     acceleration, m/s2, at a speed, m/s.
     """
-    return np.arctan(wheelbase * acceleration / speed**2)
+    return np.arctan2(wheelbase * acceleration, speed**2)
 
 
 def limit_by_roll(

@@ -70,7 +70,7 @@ def swing_facts(scenario: Any) -> Json:
     swing = swing_of_scenario(scenario)
     if swing is None:
         return {}
-    return {SWING: swing.model_dump(mode="json", by_alias=True, exclude_none=True)}
+    return {SWING: swing.plain()}
 
 
 def refuse_other_car(scenario: Any) -> None:
@@ -97,16 +97,13 @@ def turn_of_swing(swing: SwingFile, scenario: str | None = None) -> tuple[str, S
         scenario: scenario that is used instead; the only override is then that the tail swings.
 
     Raises:
-        SwingFileError: the scenario that the file names cannot be loaded.
+        SwingFileError: the scenario that the file names cannot be loaded, or a claim that is no
+            number.
     """
     if scenario is not None:
         return scenario, (_PLAYED,)
     made = swing.provenance
-    claimed = (
-        f"{key}={float(made.found[fact])!r}"
-        for fact, (key, _) in _CLAIMS.items()
-        if fact in made.found
-    )
+    claimed = (f"{key}={value!r}" for key, value in _claims(swing).items())
     name = made.scenario or DEFAULT_TURN
     settings = (*made.settings, *claimed, _PLAYED)
     try:
@@ -118,6 +115,20 @@ def turn_of_swing(swing: SwingFile, scenario: str | None = None) -> tuple[str, S
     return name, settings
 
 
+def _claims(swing: SwingFile) -> dict[str, float]:
+    """Returns the speed and friction that the file of a swing claims to survive, by their keys."""
+    claims: dict[str, float] = {}
+    for fact, (key, _) in _CLAIMS.items():
+        value = swing.provenance.found.get(fact)
+        if isinstance(value, str):
+            raise SwingFileError(
+                f"swing {swing.name}: provenance.found.{fact}: {value!r}; must be a number"
+            )
+        if value is not None:
+            claims[key] = float(value)
+    return claims
+
+
 def turn_words(swing: SwingFile, scenario: Any) -> str:
     """Returns the speed and friction of a turn in words, beside those with which the file of its
     swing claims to survive.
@@ -126,8 +137,7 @@ def turn_words(swing: SwingFile, scenario: Any) -> str:
         "manoeuvre.speed": scenario.manoeuvre.speed,
         "car.tyre_friction": scenario.car.tyre_friction,
     }
-    found = swing.provenance.found
-    claims = {key: float(found[fact]) for fact, (key, _) in _CLAIMS.items() if fact in found}
+    claims = _claims(swing)
     claim = f"{_claim_words(here)}; its file claims "
     if not claims:
         return f"{claim}no speed or friction"

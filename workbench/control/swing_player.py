@@ -168,7 +168,7 @@ class SwingPlayer(SwingMachine):
         # A joint of unknown angle counts as being where it should be.
         if not any(abs(error) > LARGEST_ERROR for error in behind):
             return memory
-        inside = -memory.turn * self.settings.hold_angle
+        inside = -memory.mirror * self.direction * self.settings.hold_angle
         memory = replace(
             memory, fallen_state=float(SwingState.SWING), fallen_since=time, fallen_start=inside
         )
@@ -232,7 +232,7 @@ class SwingPlayer(SwingMachine):
 
     def _fall_back(self, memory: SwingMemory, observation: Observation) -> Tick:
         """Ticks the thesis' law from where the tail is: on over the top, then settle outside."""
-        turn = memory.turn
+        turn = memory.mirror * self.direction  # also once its announcement is withdrawn
         fallen = SwingMemory(
             state=memory.fallen_state, since=memory.fallen_since, turn=turn, mirror=turn,
             start_roll=memory.fallen_start, roll_angle=memory.roll_angle,

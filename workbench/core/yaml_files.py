@@ -65,7 +65,7 @@ def find_file(
         UserError (of the class `error`): no file has this bare name; the message gives the nearest.
     """
     path = start / name_or_path
-    if path.suffix or path.name != str(name_or_path) or path.exists():
+    if path.suffix or path.name != str(name_or_path) or path.is_file():
         return path
     names = shipped_names(folder)
     if path.name not in names:

@@ -113,11 +113,11 @@ def _write_mcap(
     with open(path, "wb") as stream:
         writer: Any = Writer(stream)
         writer.start(profile="", library="aerodima")
-        messages = []
-        for topic, names in topics_of(list(table.columns)).items():
-            messages.append(_signals(writer, topic, table[[TIME, *names]]))
-        messages.append(_drawn(writer, scene))
-        for stamp, channel, data in merge(*messages, key=itemgetter(0)):
+        messages = [
+            _signals(writer, topic, table[[TIME, *names]])
+            for topic, names in topics_of(list(table.columns)).items()
+        ]
+        for stamp, channel, data in merge(*messages, _drawn(writer, scene), key=itemgetter(0)):
             writer.add_message(channel, log_time=stamp, data=data, publish_time=stamp)
         writer.add_metadata("aerodima", {"json": metadata})
         writer.finish()

@@ -228,22 +228,20 @@ class RunRecorder(LeafSystem):
 
 def port_sources(builder: DiagramBuilder, system: System) -> dict[str, OutputPort]:
     """Maps the name of each connected input port of a system to the output port that feeds it."""
-    sources = {}
-    for (target, port), (source, output) in builder.connection_map().items():
-        if target is system:
-            name = system.get_input_port(int(port)).get_name()
-            sources[name] = source.get_output_port(int(output))
-    return sources
+    return {
+        system.get_input_port(int(port)).get_name(): source.get_output_port(int(output))
+        for (target, port), (source, output) in builder.connection_map().items()
+        if target is system
+    }
 
 
 def output_ports(*systems: System) -> dict[str, OutputPort]:
     """Lists the output ports of several systems by name."""
-    ports = {}
-    for system in systems:
-        for index in range(system.num_output_ports()):
-            port = system.get_output_port(index)
-            ports[port.get_name()] = port
-    return ports
+    return {
+        port.get_name(): port
+        for system in systems
+        for port in map(system.get_output_port, range(system.num_output_ports()))
+    }
 
 
 def signals_of(table: Mapping[str, list[Column]], ports: Mapping[str, OutputPort]) -> Signals:

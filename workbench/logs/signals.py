@@ -145,6 +145,11 @@ def checked_signals(run_log: RunLog, columns: Iterable[str]) -> NamedArrays:
     return signals
 
 
+def checked_table(run_log: RunLog, columns: Iterable[str]) -> FloatArray:
+    """Reads columns of a run log as an array (n, columns); LogError as `check_signals`."""
+    return np.column_stack([*checked_signals(run_log, columns).values()])
+
+
 def low_pass(
     time: FloatArray, signal: FloatArray, design: LowPass, column: str = "signal"
 ) -> FloatArray:

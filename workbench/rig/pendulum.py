@@ -282,11 +282,9 @@ def equation_of_motion(
         FitError: the inertia is not above zero.
     """
     inverse = 1.0 / pendulum.total_inertia(added_mass)
-    sine = pendulum.weight_sine
-    cosine = pendulum.weight_cosine
 
     def acceleration(angle: float, rate: float, motor: float) -> float:
-        total = sine * math.sin(angle) + cosine * math.cos(angle) + motor
+        total = pendulum.weight_torque(angle) + motor
         for torque in torques:
             total += torque(angle, rate)
         return total * inverse

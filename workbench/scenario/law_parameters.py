@@ -2,6 +2,7 @@
 
 from typing import Literal
 
+from aerodima.workbench.core.array_types import Pair
 from aerodima.workbench.core.quantity import QuantityModel, quantity
 
 
@@ -49,6 +50,11 @@ class ControllerParameters(QuantityModel):
     law: Literal["swing", "feedback"] = quantity(
         "1", "law of the tail: the thesis' law or swing_file, or that of section feedback"
     )
+
+    @property
+    def hold_gains(self) -> Pair:
+        """Gains kp (N m/rad) and kd (N m s/rad) of the hold."""
+        return self.hold_kp, self.hold_kd
 
 
 class RolloverControlParameters(QuantityModel):

@@ -367,6 +367,11 @@ class RigScenario(ScenarioFile):
             self._require(self.aero.added_mass == 0.0, "aero.added_mass", straight)
         self._require(not tail.has_own_geometry, "robot_tail.geometry", "none, on a rig")
         self._require(tail.sail_shape == "built", "robot_tail.sail_shape", "built, on a rig")
+        self._require(tail.added_mass == 0.0, "robot_tail.added_mass", "0 kg, see aero.added_mass")
+        if self.is_robot:
+            straight = "0 rad in a robot_swing"
+            self._require(self.tunnel.misalignment == 0.0, "tunnel.misalignment", straight)
+            self._require(done.actuated, "experiment.actuated", "true in a robot_swing")
         return self
 
     @property

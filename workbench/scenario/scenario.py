@@ -73,6 +73,11 @@ class Scenario(ScenarioFile):
     simulation: SimulationParameters
 
     @property
+    def has_tail(self) -> bool:
+        """Tell whether the car has a tail."""
+        return self.tail.mode != "none"
+
+    @property
     def follows_state(self) -> bool:
         """Tell whether the tail moves by the feedback law."""
         return self.controller.law == "feedback" and self.tail.mode == "swing"
@@ -96,10 +101,15 @@ class Scenario(ScenarioFile):
     def _car_is_possible(self) -> Self:
         self._require_at_most("tail.sail_length", "tail.length")
         self._require_at_most("tail.roll_limit", "tail.roll_stop")
-        if self.tail.mode != "none":
+        if self.has_tail:
             self._require_at_most("controller.hold_angle", "tail.roll_limit")
             self._require_at_most("feedback.most_roll", "tail.roll_limit")
             self._require_at_most("controller.pitch_angle", "tail.pitch_limit")
+        if self.manoeuvre.kind == "auto_turn":
+            one_level = self.manoeuvre.first_hold == 0.0
+            self._require(one_level, "manoeuvre.first_hold", "0 in an auto_turn")
+        if self.follows_state:
+            self._require_at_most("feedback.pitch_angle", "tail.pitch_limit")
         # Drake's 2 mu1 mu2 / (mu1 + mu2) stays below 2 mu1, and the ground carries the tyre
         # friction.
         cage = 2 * self.car.tyre_friction

@@ -247,14 +247,14 @@ class ScenarioFile(StrictModel):
             ScenarioError: no such file or name; or as `from_dict`.
         """
         path = find_file(name_or_path, cls.folder, "scenario")
-        data = cls._with_base(read_yaml(path), path.parent)
+        data = cls.with_base(read_yaml(path), path.parent)
         where = str(path)
         if settings:
             where += f" with --set {' '.join(settings)}"
         return cls.from_dict(data, where, settings)
 
     @classmethod
-    def _with_base(cls, data: Json, folder: Path) -> Json:
+    def with_base(cls, data: Json, folder: Path) -> Json:
         """Join the content of a file in a folder with that of the scenario that it names as
         `base`.
         """

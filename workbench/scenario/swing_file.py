@@ -21,7 +21,7 @@ from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_v
 from aerodima.workbench.core.array_types import ArrayPair, FloatArray
 from aerodima.workbench.core.atomic_write import write_atomically
 from aerodima.workbench.core.errors import SwingFileError
-from aerodima.workbench.core.file_reading import Facts, Settings
+from aerodima.workbench.core.file_reading import Facts, Json, Settings
 from aerodima.workbench.core.yaml_files import StrictModel, checked, read_yaml
 
 SCHEMA = "aerodima/swing/1"
@@ -202,6 +202,10 @@ class SwingFile(_Strict):
             self._refuse_overshoot(joint)
         return self
 
+    def plain(self) -> Json:
+        """Return the swing as the plain data of a swing file."""
+        return self.model_dump(mode="json", by_alias=True, exclude_none=True)
+
     def _refuse_beyond(self, knots: str, limit: str) -> None:
         largest = getattr(self.limits, limit)
         for number, value in enumerate(getattr(self.knots, knots) or ()):
@@ -243,9 +247,7 @@ def swing_from_dict(data: Any, where: str = "swing") -> SwingFile:
 
 def write_swing(swing: SwingFile, path: Path | str, force: bool = False) -> Path:
     """Write a swing file whole or not at all; SwingFileError if it exists or cannot be written."""
-    text = yaml.safe_dump(
-        swing.model_dump(mode="json", by_alias=True, exclude_none=True), sort_keys=False, width=110
-    )
+    text = yaml.safe_dump(swing.plain(), sort_keys=False, width=110)
     return write_atomically(Path(path), text, force, SwingFileError)
 
 
@@ -259,11 +261,12 @@ def car_mismatches(swing: SwingFile, scenario: Facts) -> list[str]:
     lines = []
     for name, made_for in swing.car.items():
         section, _, key = name.partition(".")
-        value = (scenario.get(section) or {}).get(key)
-        if value is None:
+        values = scenario.get(section)
+        value = values.get(key) if isinstance(values, dict) else None
+        if not isinstance(value, int | float):
             lines.append(f"{name}: made for {made_for:g}, the scenario has no such parameter")
-        elif not math.isclose(float(value), made_for, rel_tol=1e-9, abs_tol=1e-12):
-            lines.append(f"{name}: made for {made_for:g}, the scenario has {float(value):g}")
+        elif not math.isclose(value, made_for, rel_tol=1e-9, abs_tol=1e-12):
+            lines.append(f"{name}: made for {made_for:g}, the scenario has {value:g}")
     return lines
 
 

@@ -15,7 +15,7 @@ from pydrake.systems.framework import DiagramBuilder
 from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
-from aerodima.workbench.car.car_plant import CarPlant, add_car_plant
+from aerodima.workbench.car.car_plant import add_car_plant
 from aerodima.workbench.car.tail_plant import tail_geometry
 from aerodima.workbench.core.array_types import FloatArray, NamedArrays
 from aerodima.workbench.core.errors import LogError, ScenarioError
@@ -23,7 +23,7 @@ from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import checked_signals
 from aerodima.workbench.scenario.scenario import Scenario, scenario_from_dict
 from aerodima.workbench.scenario.signal_table import PLANT_POSITION_PREFIX
-from aerodima.workbench.view.scene_shapes import point_paths
+from aerodima.workbench.view.scene_shapes import contexts_at, point_paths
 
 DEAD_RECKONING = "reckoned"
 """Key in the `extra` of a log whose motion was reckoned."""
@@ -119,7 +119,11 @@ def _motion(scenario: Scenario, time: FloatArray, signals: NamedArrays) -> pd.Da
     heights = R_WB.as_matrix()[:, 2] @ corners
     pose[:, :4] = R_WB.as_quat(canonical=True, scalar_first=True)
     pose[:, 6] = np.maximum(0.0, -np.min(heights, axis=1))
-    vectors = {"position": pose[:, 4:], "com": _centre_of_mass(car, positions)}
+    com = [
+        car.plant.CalcCenterOfMassPositionInWorld(context, car.instances)
+        for context in contexts_at(car.plant, positions)
+    ]
+    vectors = {"position": pose[:, 4:], "com": np.array(com)}
     tail_roll = zero
     if car.tail is not None:
         p_ToTip_T = tail_geometry(scenario.tail).arm.points[-1:]
@@ -136,13 +140,3 @@ def _motion(scenario: Scenario, time: FloatArray, signals: NamedArrays) -> pd.Da
         velocity_x_truth_m_per_s=speed,
         velocity_y_truth_m_per_s=zero,
     )
-
-
-def _centre_of_mass(car: CarPlant, positions: FloatArray) -> FloatArray:
-    """Computes the centre of mass of car and tail in W, m, (n, 3), for plant positions (n, nq)."""
-    context = car.plant.CreateDefaultContext()
-    com = np.zeros((len(positions), 3))
-    for row, values in enumerate(positions):
-        car.plant.SetPositions(context, values)
-        com[row] = car.plant.CalcCenterOfMassPositionInWorld(context, car.instances)
-    return com

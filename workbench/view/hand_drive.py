@@ -17,6 +17,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.car.car_diagram import assemble, plant_facts
+from aerodima.workbench.control.driver_law import ScheduledDriver, limited_driver
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
 from aerodima.workbench.control.manoeuvre import DriverInput, ThrottleLine, throttle_line
 from aerodima.workbench.control.tail_law import LawStep, Observation, TailLaw
@@ -207,11 +208,12 @@ def drive_by_hand(
         if log is not None and attempt > 1:
             path = log.with_stem(f"{log.stem}_{attempt}")
         schedule = ManualSchedule(throttle_line(scenario), scenario.servo.limit)
-        gains = (scenario.controller.hold_kp, scenario.controller.hold_kd)
         if meshcat is not None:
             meshcat.Delete(f"{WORLD}/visualizer")
+        gains = scenario.controller.hold_gains
         hand = ManualOverrideLaw(law_of_scenario(scenario), schedule, gains)
-        car = assemble(scenario, meshcat=meshcat, tail_law=hand, schedule=schedule)
+        driver = limited_driver(ScheduledDriver(schedule), scenario)
+        car = assemble(scenario, meshcat=meshcat, tail_law=hand, schedule=driver)
         extra = {**plant_facts(car.station), DRIVEN_BY: "hand (simulation)"}
         metadata = run_metadata(scenario.resolved(), scenario.seed, extra=extra)
         with (

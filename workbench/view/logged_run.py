@@ -22,7 +22,7 @@ from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import (
     check_signals,
     check_time,
-    checked_signals,
+    checked_table,
     median_step,
     naming,
 )
@@ -200,11 +200,11 @@ def _add_plant(builder: DiagramBuilder, run_log: RunLog) -> LoggedRun:
     plant, scene_graph = add_plant(builder, 0.0)
     bodies = add_shapes(plant, extra[SCENE], run_log.name)
     plant.Finalize()
-    path = _numbers(run_log, [f"com_{axis}_truth_m" for axis in "xyz"])
+    path = checked_table(run_log, [f"com_{axis}_truth_m" for axis in "xyz"])
     positions = np.zeros((len(path), plant.num_positions()))
     for body in bodies:
         start = plant.GetBodyByName(body).floating_positions_start()
-        positions[:, start : start + 7] = _numbers(run_log, pose_columns(body))
+        positions[:, start : start + 7] = checked_table(run_log, pose_columns(body))
     scale = float(extra.get(AIR_SCALE_KEY, AIR_SCALE))
     arrows = wheel_arrows(run_log)
     tips = {}
@@ -235,9 +235,4 @@ def _logged_air(run_log: RunLog) -> dict[str, list[FloatArray]]:
     root and tip of its sections, m, each (n, 3).
     """
     names = run_log.table.columns.str.extract("(.*)_root_x_truth_m$", expand=False).dropna()
-    return {name: np.split(_numbers(run_log, air_columns(name)), 4, axis=1) for name in names}
-
-
-def _numbers(run_log: RunLog, columns: list[str]) -> FloatArray:
-    """Reads columns, shape (n, number of columns); LogError for gaps and values not finite."""
-    return np.column_stack([*checked_signals(run_log, columns).values()])
+    return {name: np.split(checked_table(run_log, air_columns(name)), 4, axis=1) for name in names}

@@ -18,6 +18,7 @@ from aerodima.workbench.core.atomic_write import refuse_existing
 from aerodima.workbench.core.errors import LogError, UserError
 from aerodima.workbench.core.file_reading import Facts, Json
 from aerodima.workbench.core.key_errors import require_unique
+from aerodima.workbench.core.port_wiring import add_and_connect
 from aerodima.workbench.core.ranges import NO_UNIT, check_range
 from aerodima.workbench.logs.recorder import (
     LogSink,
@@ -98,9 +99,11 @@ class ObservedRun:
 
     def watch(self, builder: DiagramBuilder, tail: Any, rate: float) -> None:
         """Counts how long the sections of a `TailForce` are outside their coefficients' range."""
-        ports = (tail.GetOutputPort("sections"), tail.GetOutputPort("validity"))
-        watch = SectionWatch.add_to_builder(builder, f"{tail.get_name()}_watch", *ports, rate)
-        self._watches[tail.get_name()] = watch
+        name = tail.get_name()
+        watch = SectionWatch(tail.layout.number, rate)
+        flow, valid = (tail.GetOutputPort(port) for port in ("sections", "validity"))
+        add_and_connect(builder, watch, f"{name}_watch", sections=flow, validity=valid)
+        self._watches[name] = watch
 
     def record(
         self,

@@ -107,15 +107,14 @@ def _keys(logged: LoggedRun) -> list[tuple[str, str, tuple[int, ...]]]:
 def _frames(run_log: RunLog, rate: float) -> Json:
     """Collects what the page shows of each frame: time (s) and the readings of the run."""
     rows, frames_per_second = frame_rows(run_log.time, rate)
-    shown = []
-    for reading in readings(run_log):
-        values = reading.values[rows].round(reading.digits + 1)
-        shown.append(vars(reading) | {"values": values.tolist()})
     return {
         "frames_per_second": frames_per_second,
         "rate": rate,
         "time": run_log.time[rows].round(3).tolist(),
-        "readings": shown,
+        "readings": [
+            vars(one) | {"values": one.values[rows].round(one.digits + 1).tolist()}
+            for one in readings(run_log)
+        ],
     }
 
 

@@ -30,6 +30,7 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia, world_index
+from pydrake.systems.framework import Context
 
 from aerodima.workbench.aero.tail_force import bodies_of
 from aerodima.workbench.core.array_types import FloatArray
@@ -168,6 +169,14 @@ def shape_points(entry: Facts) -> FloatArray:
     return points @ X_BS.rotation().matrix().T + X_BS.translation()
 
 
+def contexts_at(plant: MultibodyPlant, positions: FloatArray) -> Iterator[Context]:
+    """Yields one context of a plant, put into each row of positions (n, nq) in turn."""
+    context = plant.CreateDefaultContext()
+    for values in positions:
+        plant.SetPositions(context, values)
+        yield context
+
+
 def point_paths(
     plant: MultibodyPlant, body: str, p_BP: FloatArray, positions: FloatArray
 ) -> FloatArray:
@@ -182,13 +191,14 @@ def point_paths(
     Returns:
         The points in W, m, shape (n, m, 3).
     """
-    context = plant.CreateDefaultContext()
-    paths = np.zeros((len(positions), *p_BP.shape))
-    for row, values in enumerate(positions):
-        plant.SetPositions(context, values)
-        X_WB: Any = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(body))
-        paths[row] = X_WB.multiply(p_BP.T).T
-    return paths
+    points: Any = p_BP.T
+    frame = plant.GetBodyByName(body)
+    return np.array(
+        [
+            plant.EvalBodyPoseInWorld(context, frame).multiply(points).T
+            for context in contexts_at(plant, positions)
+        ]
+    )
 
 
 def shape_pose(entry: Facts) -> RigidTransform:

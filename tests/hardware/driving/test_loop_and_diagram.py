@@ -76,14 +76,24 @@ def plain(path, wiring, scenario=SCENARIO, length=2.0, pilot=None):
     return guard, stopped
 
 
-def diagram(path, wiring):
-    return plain(path, wiring, pilot=DiagramPilot(SCENARIO))
+def diagram(path, wiring, scenario=SCENARIO):
+    return plain(path, wiring, scenario, pilot=DiagramPilot(scenario))
 
 
-def test_plain_loop_and_diagram_give_the_same_commands_and_the_same_log(tmp_path):
-    wirings = [FakeWiring(yaw_rate=yaw_rate) for _ in range(2)]
-    plain(tmp_path / "plain.parquet", wirings[0])
-    diagram(tmp_path / "drake.parquet", wirings[1])
+class RollingCar(FakeWiring):
+    def read(self, now):
+        self.attitude = (0.2 * math.sin(0.05 * len(self.commands)), 0.0)
+        return super().read(now)
+
+
+@pytest.mark.parametrize("gain", [0.0, 3.0], ids=["free", "rollover control"])
+def test_plain_loop_and_diagram_give_the_same_commands_and_the_same_log(tmp_path, gain):
+    scenario = SCENARIO.varied(rollover_control={"gain": gain})
+    wirings = [RollingCar(yaw_rate=yaw_rate) for _ in range(2)]
+    plain(tmp_path / "plain.parquet", wirings[0], scenario)
+    diagram(tmp_path / "drake.parquet", wirings[1], scenario)
+    steering = {command.steering_angle for command in wirings[0].commands}
+    assert len(steering) > 20 if gain else steering == {0.0, scenario.manoeuvre.steer_angle}
     assert len(wirings[0].commands) == len(wirings[1].commands)
     for ours, theirs in zip(wirings[0].commands, wirings[1].commands, strict=True):
         assert (ours.steering_angle, ours.throttle) == (theirs.steering_angle, theirs.throttle)

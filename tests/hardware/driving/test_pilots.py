@@ -76,6 +76,16 @@ def test_steering_and_throttle_are_the_operators_within_the_servo():
         assert (command.steering_angle, command.throttle) == (limited, -0.3)
 
 
+def test_the_rollover_control_limits_the_operator():
+    pilot = ControlPilot(SCENARIO.varied(rollover_control={"gain": 4.0, "start": 0.1, "lead": 0.0}))
+    shares = []
+    for tick, lean in enumerate((0.0, 0.2, 0.5)):
+        seen = reading(0.4, 0.0)
+        seen.imu[0] = lean
+        shares.append(pilot.step(tick * PERIOD, seen).command.steering_angle / 0.4)
+    assert shares == pytest.approx([1.0, 0.6, 0.0])
+
+
 def test_the_law_is_shown_the_turn_that_was_steered_one_tick_before():
     law = NotingLaw()
     pilot = ControlPilot(SCENARIO, law)
@@ -84,8 +94,8 @@ def test_the_law_is_shown_the_turn_that_was_steered_one_tick_before():
         pilot.step(tick * PERIOD, reading(angle, 0.0)).planned_turn
         for tick, angle in enumerate(steered)
     ]
-    assert plans == [0.0, 0.0, 1.0, 1.0, -1.0]
-    assert [seen.planned_turn for seen in law.seen] == plans
+    assert plans == [0.0, 1.0, 1.0, -1.0, 0.0]
+    assert [seen.planned_turn for seen in law.seen] == [0.0, *plans[:-1]]
     assert [seen.steering_angle for seen in law.seen] == [0.0, *steered[:-1]]
 
 

@@ -53,6 +53,12 @@ def nameless_gyro():
     return replace(log, table=log.table.rename(columns={"imu_gyro_z_rad_per_s": "x"}))
 
 
+def speed_with_nan():
+    """And without the throttle, which is then that of the speed."""
+    log = changed(speed_m_per_s=gyro_with_nan)
+    return replace(log, table=log.table.drop(columns="throttle_command"))
+
+
 def cut():
     return replace(still_log(), table=still_log().table.query("time_s > 1.9 and time_s < 2.1"))
 
@@ -64,6 +70,7 @@ def cut():
         (lambda: still_log(0.0), ("steering_command_rad", "0.01 rad")),
         (lambda: changed(imu_gyro_z_rad_per_s=gyro_with_nan), ("imu_gyro_z_rad_per_s", "2.2 s")),
         (nameless_gyro, ("imu_gyro_z_rad_per_s",)),
+        (speed_with_nan, ("speed_m_per_s", "2.2 s")),
         (
             lambda: changed(status_speed_age_s=lambda table: table.time_s % 1.0),
             ("speed_m_per_s", "2", "5"),

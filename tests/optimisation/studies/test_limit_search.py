@@ -6,7 +6,7 @@ import pytest
 
 from aerodima.optimisation.studies.limit_search import Bracket, LimitSearch
 
-SEARCH = LimitSearch("friction", 0.4, 1.0, 0.1, 0.0125)
+SEARCH = LimitSearch(0.4, 1.0, 0.1, 0.0125)
 
 
 def climbed(holds, start=0.7):

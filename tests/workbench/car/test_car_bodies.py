@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 import yaml
 from numpy.testing import assert_allclose
+from pydrake.geometry import Sphere
 from pydrake.math import RigidTransform
+from pydrake.multibody.plant import CoulombFriction
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 
@@ -71,6 +73,8 @@ def rear_wing(builder, plant, wind):
     wing = plant.AddRigidBody("wing", plant.GetModelInstanceByName("car"), inertia)
     X_BW = RigidTransform([0.0, 0.0, 0.3])
     plant.WeldFrames(plant.GetFrameByName("chassis"), wing.body_frame(), X_BW)
+    material = CoulombFriction(0.5, 0.5)
+    plant.RegisterCollisionGeometry(wing, RigidTransform(), Sphere(0.01), "bumper", material)
     plant.Finalize()
     layout = SectionLayout.strip(start=-SPAN / 2, length=SPAN, width=CHORD, axis_B=(0, 1, 0))
     add_tail_force(builder, plant, "wing", layout, C_N, wind=wind)
@@ -80,6 +84,8 @@ def test_wing_added_in_python_and_one_of_a_file_are_in_log_and_replay(tmp_path):
     rolling = ["manoeuvre.rolling_start=true", "manoeuvre.speed=8", "wind.mean_x=-3"]
     scenario = winged(tmp_path, *rolling, "manoeuvre.turn_start=0.04", "manoeuvre.duration=0.05")
     log = simulate(scenario, bodies=rear_wing)
+    outcome = simulate(scenario, record="outcome", bodies=rear_wing)
+    assert outcome.extra["total_mass_kg"] == log.extra["total_mass_kg"]
     assert log.extra["total_mass_kg"] == pytest.approx(scenario.car.mass + 2 * MASS)
     force = log.vector("tail_force_wing", "truth_n")
     assert_allclose(force[0], [-PUSH * 11.0**2, 0.0, 0.0], atol=1e-6)

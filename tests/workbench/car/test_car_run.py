@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from aerodima.workbench.batch.simulation import simulate
+from aerodima.workbench.car.car_diagram import default_build
 from aerodima.workbench.core.errors import LogError, UserError
 from aerodima.workbench.logs.journal import journal_path
 from aerodima.workbench.logs.schema import read_run_log
@@ -153,6 +154,15 @@ def test_existing_log_is_refused_and_left_alone(run, tmp_path):
 def test_scenario_that_cannot_be_built_leaves_no_log(run, tmp_path, settings, named):
     assert_refused(lambda: run(*settings), UserError, *named)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_whose_driver_is_the_users_goes_on_to_its_end():
+    """Nobody knows when it steers for the last time; the scenario's own is over after its turn."""
+    scenario = load_scenario("turn_none", ["manoeuvre.speed=1.0"])
+    short = simulate(scenario, record="outcome")
+    whole = simulate(scenario, record="outcome", build=default_build(scenario))
+    assert short.time[-1] < 3.0
+    assert whole.time[-1] == pytest.approx(scenario.manoeuvre.duration)
 
 
 def test_progress_is_told_ten_times_a_second(tmp_path):

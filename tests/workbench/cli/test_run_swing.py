@@ -49,6 +49,8 @@ def test_a_swing_for_another_car_needs_to_be_asked_for(refused, tmp_path):
 
 def test_what_makes_no_sense_is_refused(refused, tmp_path):
     assert "--swing" in refused("run", "turn_swing", "--other-car")
+    message = refused("run", "turn_swing", "--swing", "thesis_8_rad_per_s", "--tail", "held")
+    assert_named(message, ("--swing thesis_8_rad_per_s", "--tail swing"))
     assert "thesis_8_rad_per_s" in refused("run", "--swing", "nowhere")
     text = model_path("swings/thesis_8_rad_per_s.yaml").read_text()
     (tmp_path / "nan.yaml").write_text(text.replace("[8.0, 8.0, 0.0]", "[8.0, .nan, 0.0]"))

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from aerodima.workbench.car.laws import steady_speed
 from aerodima.workbench.control.manoeuvre import (
     RisingSchedule,
     SlalomSchedule,
@@ -105,7 +106,10 @@ def test_levels_follow_one_another_and_end_straight():
     assert (steering(schedule, 0.01 * np.arange(200, 400)) == angles[200:]).all()
     wrong = LEVELS | {"level_1_end": 0.6}
     assert_refused(
-        lambda: make_schedule(scenario(kind="levels", turn_hold=0.8, **wrong)), UserError, "0.6"
+        lambda: make_schedule(scenario(kind="levels", turn_hold=0.8, **wrong)),
+        UserError,
+        "level_1_end",
+        "0.6",
     )
 
 
@@ -141,6 +145,17 @@ def test_throttle_inverts_the_line_along_the_ramp():
     assert schedule.at(0.6).throttle == pytest.approx(0.3)
     assert schedule.at(1.2).throttle == pytest.approx(0.5)
     assert schedule.at(3.9).throttle == pytest.approx(0.5)
+
+
+def test_throttle_of_a_speed_is_that_of_the_car_forwards_and_in_reverse():
+    """Also with a line that begins above 0, below whose speed the car cannot go."""
+    for offset, speeds in ((-1.0, (-4.0, 0.5, 4.0)), (1.0, (-4.0, 4.0))):
+        line = ThrottleLine(10.0, offset)
+        drive = SimpleNamespace(governor=True, throttle_gain=10.0, throttle_offset=offset)
+        for speed in speeds:
+            assert steady_speed(line.throttle(speed), drive) == pytest.approx(speed)
+    assert line.throttle(0.5) == 0.0
+    assert_refused(lambda: line.check_speed(0.5), UserError, "manoeuvre.speed", "0.5", "from 1 m/s")
 
 
 def test_frozen_throttle_reaches_the_speed_and_is_constant_through_the_turn():
@@ -293,6 +308,7 @@ def test_a_rolling_start_has_the_throttle_of_its_speed_from_time_0(governor):
         ({"governor": False, "speed": 1.4}, ("manoeuvre.speed", "1.4", "1.5")),
         ({"speed_ramp": 2.1}, ("manoeuvre.speed_ramp", "2.1", "2")),
         ({"kind": "auto_turn", "log_end": 16.0}, ("manoeuvre.log_end", "16", "16.5")),
+        ({"kind": "levels", **LEVELS, "turn_hold": 0.4}, ("manoeuvre.level_2_end", "0.5", "0.4")),
         ({"kind": "fishhook"}, ("manoeuvre.kind", "fishhook")),
         ({"kind": "path"}, ("manoeuvre.kind", "path")),
     ],

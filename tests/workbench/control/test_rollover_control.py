@@ -75,6 +75,7 @@ def test_zero_of_the_roll_follows_on_the_straight_alone():
 def test_largest_angle_has_the_lateral_acceleration_of_the_kinematic_car():
     angle = max_angle(0.27, 12.0, 6.0)
     assert 36.0 * math.tan(angle) / 0.27 == pytest.approx(12.0)
+    assert max_angle(0.27, 12.0, 0.0) == pytest.approx(math.pi / 2)
 
 
 def test_a_limited_driver_turns_the_wheels_less_and_keeps_throttle_and_turn():

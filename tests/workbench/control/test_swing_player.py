@@ -149,6 +149,9 @@ def test_a_blocked_tail_is_given_up_and_the_thesis_law_finishes():
     assert [state for state, _, _ in ticks] == ["HOLD", "SWING", *["FALLBACK"] * 4]
     assert_allclose(ticks[3][2], [0.0, 8.0, 0.0, 3.0, 0.0])  # Table 6.4: over the top with 8 rad/s
     assert_allclose(ticks[5][2], [math.pi / 2, 0.0, 5.0, 2.0, 0.0])  # then to the outside
+    *_, last = run(player(), *seen, see(1.5, roll=1.2, plan=0.0))
+    assert last[0] == "FALLBACK"
+    assert_allclose(last[2], ticks[5][2])  # also once the turn is over
 
 
 def test_is_led_back_slowly_for_a_second_turn_to_the_same_side():
@@ -243,6 +246,8 @@ def test_a_swing_brings_its_turn_along():
     assert turn_of_swing(mine, "turn_held") == ("turn_held", ("tail.mode=swing",))
     assert turn_of_swing(made_with(None)) == ("turn_swing", ("tail.mode=swing",))
     assert_refused(lambda: turn_of_swing(made_with("my_car.yaml")), SwingFileError, "my_car.yaml")
+    boast = made_with(None, survived_speed_m_per_s="fast")
+    assert_refused(lambda: turn_of_swing(boast), SwingFileError, "survived_speed_m_per_s", "'fast'")
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

@@ -71,6 +71,7 @@ def test_a_tail_is_part_of_the_exported_car():
     # The link in which the tail's joints cross weighs a gram.
     tail = held.tail.mass + held.tail.hub_mass
     assert gym_parameters(held)["m"] == pytest.approx(held.car.mass + tail, abs=0.002)
+    assert gym_parameters(held.varied(tail={"added_mass": 0.05})) == gym_parameters(held)
 
 
 def test_rigid_tyres_and_unknown_forms_are_refused():

@@ -118,6 +118,18 @@ def test_what_is_not_varied_stays():
             {"aero": {"added_mass": 0.02}, "tunnel": {"misalignment": 0.05}},
             ("aero.added_mass", "0.02", "tunnel.misalignment"),
         ),
+        (
+            {"robot_tail": {"added_mass": 0.05}},
+            ("robot_tail.added_mass", "0.05", "aero.added_mass"),
+        ),
+        (
+            {"experiment": {"kind": "robot_swing", "actuated": False}},
+            ("experiment.actuated", "robot_swing"),
+        ),
+        (
+            {"experiment": {"kind": "robot_swing"}, "tunnel": {"misalignment": 0.05}},
+            ("tunnel.misalignment", "0.05", "robot_swing"),
+        ),
         ({"schema": "aerodima/scenario/1"}, ("schema", "'aerodima/rig-scenario/1'")),
     ],
     ids=str,

@@ -127,6 +127,18 @@ def test_last_of_two_equal_settings_counts():
             ("controller.pitch_angle", "-1.8", "tail.pitch_limit"),
         ),
         (
+            {"manoeuvre": {"kind": "auto_turn", "first_hold": 0.2}},
+            ("manoeuvre.first_hold", "0.2", "auto_turn"),
+        ),
+        (
+            {
+                "controller": {"law": "feedback"},
+                "tail": {"mode": "swing", "pitch_limit": 0.5},
+                "feedback": {"pitch_angle": -0.6},
+            },
+            ("feedback.pitch_angle", "-0.6", "tail.pitch_limit"),
+        ),
+        (
             {"car": {"cage_friction": 1.0, "tyre_friction": 0.5}},
             ("car.cage_friction", "1", "car.tyre_friction"),
         ),

@@ -190,10 +190,20 @@ def test_what_is_no_swing_file_is_refused(tmp_path, text):
 
 def test_another_car_is_named_parameter_by_parameter():
     swing = swing_from_dict(
-        changed("car", {"car.mass": 6.1, "tail.length": 0.9, "tail.colour": 1.0})
+        changed(
+            "car",
+            {
+                "car.mass": 6.1,
+                "tail.length": 0.9,
+                "tail.mode": 1.0,
+                "tail.colour": 1.0,
+                "seed": 1.0,
+            },
+        )
     )
-    scenario = {"car": {"mass": 6.1}, "tail": {"length": 0.8}}
-    length, colour = car_mismatches(swing, scenario)
+    scenario = {"car": {"mass": 6.1}, "tail": {"length": 0.8, "mode": "swing"}, "seed": 1}
+    length, *unknown = car_mismatches(swing, scenario)
     assert_named(length, ("tail.length", "0.9", "0.8"))
-    assert_named(colour, ("tail.colour", "1"))
+    for line, name in zip(unknown, ("tail.mode", "tail.colour", "seed"), strict=True):
+        assert_named(line, (name, "1", "no such parameter"))
     assert car_mismatches(swing_from_dict(thesis_data()), scenario) == []

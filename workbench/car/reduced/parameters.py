@@ -281,12 +281,11 @@ def _tail(scenario: Scenario) -> dict[str, Any]:
     tail = scenario.tail
     motor = scenario.tail_motor
     friction = scenario.friction
-    has_tail = tail.mode != "none"
     stall, no_load = torque_speed_limits(motor)
     layout = sail_layout(tail)
     (across, chord) = _coefficients(sail_law(tail)[0])
     return {
-        "has_tail": float(has_tail),
+        "has_tail": float(scenario.has_tail),
         "mount": (tail.mount_x, 0.0, tail.mount_height),
         "rotor_inertia": motor.reflected_inertia,
         "coulomb": friction.coulomb,
@@ -300,7 +299,7 @@ def _tail(scenario: Scenario) -> dict[str, Any]:
         "pitch_limit": tail.pitch_limit,
         "tip": (tail.length - SAIL_TIP_MARGIN, tail.sail_width / 2 - SAIL_TIP_MARGIN),
         "section_distances": layout.distances,
-        "section_areas": np.array(layout.areas) * has_tail,
+        "section_areas": np.array(layout.areas) * scenario.has_tail,
         "force_across": across,
         "force_chord": chord,
     }
@@ -319,9 +318,9 @@ def _refuse_unknown(scenario: Scenario) -> None:
     tail = scenario.tail
     if scenario.car.has_bodies:
         raise UserError(f"car.bodies: {scenario.car.bodies}; the reduced car knows: none")
-    if tail.mode != "none" and tail.sail == "free":
+    if scenario.has_tail and tail.sail == "free":
         raise UserError("tail.sail: 'free'; the reduced car knows: facing, locked")
-    if tail.mode != "none" and tail.added_mass != 0.0:
+    if scenario.has_tail and tail.added_mass != 0.0:
         raise UserError(f"tail.added_mass: {tail.added_mass:g} kg; the reduced car knows: 0 kg")
     if not scenario.wind.is_still:
         raise UserError("wind: blows in this scenario; the reduced car knows still air")

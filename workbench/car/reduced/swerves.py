@@ -170,8 +170,7 @@ class FeedbackSwerve(SwerveRollout):
     ) -> None:
         n = cars.count
         super().__init__(cars, scenario, steering, gains.pitch_angle, np.zeros(n))
-        hold = scenario.controller.hold_kp, scenario.controller.hold_kd
-        kp, kd = np.outer(hold, np.ones(n))
+        kp, kd = np.outer(scenario.controller.hold_gains, np.ones(n))
         self._gains = gains
         self._wheelbase = scenario.car.wheelbase * np.ones(n)
         self._pitch = np.stack([gains.pitch_angle, 0.0 * kp, kp, kd])

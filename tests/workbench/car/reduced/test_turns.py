@@ -51,7 +51,7 @@ def test_critical_friction_is_that_of_the_full_car():
     """Figures of a full car, 4.5 m/s, on the same grid."""
     full = {"none": 0.5375, "held": 0.4875, "swing": 0.8875}
     scenarios = [load_scenario("turn_designed", (*HIGH_BODY, f"tail.mode={mode}")) for mode in full]
-    found = screened_friction(scenarios, LimitSearch(FRICTION, 0.4, 1.0, 0.1, 0.0125))
+    found = screened_friction(scenarios, LimitSearch(0.4, 1.0, 0.1, 0.0125))
     assert all(scenario.simulation.step == STEP for scenario in scenarios)
     assert found == pytest.approx(list(full.values()), rel=0.05)
 
