@@ -70,9 +70,7 @@ class LogFit:
         from aerodima.optimisation.identify.rig_constants import constant_names, require_constants
 
         names = tuple(dict.fromkeys(name.strip() for name in self.free.split(",") if name.strip()))
-        require_constants(
-            names, list(dict.fromkeys(name for kind in kinds for name in constant_names(kind)))
-        )
+        require_constants(names, {name for kind in kinds for name in constant_names(kind)})
         rig = self.rig, tuple(self.settings or ())
         named_rig(*rig)
         loss = cast("Loss", self.loss)
@@ -95,18 +93,19 @@ class LogFit:
             title: title of the report.
             work: function that fits the log of a path, with `options` and the settings in `more`.
             options: options of all fits.
-            tables: function that makes further tables of the report from the results; it may write
-                files into the folder.
+            tables: function that makes further tables, and files of a folder, from the results.
             more: settings of this fit alone.
         """
         from aerodima.optimisation.identify.fit_batch import fit_logs
         from aerodima.optimisation.identify.fit_report import write_report
+        from aerodima.optimisation.identify.log_rig import named_rig
         from aerodima.workbench.batch.row_store import terminal_progress
 
         settings = {"fit": title, **more, **asdict(options)}
-        work = partial(work, options=options, **more)
+        if options.rig:  # what the file says, which may change
+            settings["rig"] = named_rig(options.rig, options.settings)
         fitted = fit_logs(
-            work,
+            partial(work, options=options, **more),
             self.logs,
             self.out,
             settings=settings,
@@ -128,7 +127,7 @@ class LogFit:
             left_out = [f"tables over the logs are left out: {error}"]
         write_report(self.out, title, results, failed=failed, tables=extra, left_out=left_out)
         for name, reason in failed.items():
-            typer.echo(f"error: {name}: {reason.removeprefix(f'{name}: ')}", err=True)
+            typer.echo(f"error: {name}: {reason}", err=True)
         show(results)
         typer.echo(f"wrote {self.out / 'report.html'}")
         if failed:

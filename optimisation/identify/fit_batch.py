@@ -27,6 +27,7 @@ from aerodima.workbench.batch.row_store import (
 )
 from aerodima.workbench.core.errors import FitError, UserError
 from aerodima.workbench.core.file_reading import Json
+from aerodima.workbench.core.key_errors import require_unique
 from aerodima.workbench.logs.schema import software_versions
 
 JOURNAL = "fits.jsonl"
@@ -115,9 +116,7 @@ def _unique(logs: Sequence[Path | str]) -> list[str]:
     names = [str(path) for path in logs]
     if not names:
         raise FitError("no log is named")
-    for name in sorted(names):
-        if names.count(name) > 1:
-            raise FitError(f"{name}: named twice")
+    require_unique(names, "log", FitError)
     return names
 
 

@@ -82,7 +82,7 @@ def solve_huber(problem: Problem, squares: Solution) -> HuberSolution:
         return HuberSolution(squares, squares, 0)
     x = squares.x
     for _ in range(_MAX_SCALES):
-        best = solve(_huberised(problem, scale), [x]).best
+        best = solve(huberised(problem, scale), [x]).best
         x = best.x
         residual = problem.finite_residual(x)
         before = scale
@@ -99,17 +99,16 @@ def solve_huber(problem: Problem, squares: Solution) -> HuberSolution:
     return HuberSolution(solution, influence, int(np.sum(np.abs(residual) > _OUTLIER * scale)))
 
 
-def _huberised(problem: Problem, scale: float) -> Problem:
-    """State the problem whose squares are Huber's loss."""
-    jacobian = problem.jacobian
+def huberised(problem: Problem, scale: float) -> Problem:
+    """State the problem whose squares are Huber's loss.
+
+    Differences are taken of the residual before it is bent: their steps may reach beyond the limit.
+    """
 
     def residual(x: FloatArray) -> FloatArray:
         return scale * huber(problem.finite_residual(x) / scale)
 
-    if jacobian is None:
-        return replace(problem, residual=residual)
+    def jacobian(x: FloatArray) -> FloatArray:
+        return huber_weight(residual(x) / scale)[:, None] * problem.central_jacobian(x)
 
-    def bent_jacobian(x: FloatArray) -> FloatArray:
-        return huber_weight(residual(x) / scale)[:, None] * np.asarray(jacobian(x), float)
-
-    return replace(problem, residual=residual, jacobian=bent_jacobian)
+    return replace(problem, residual=residual, jacobian=jacobian)

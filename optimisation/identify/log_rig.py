@@ -6,7 +6,6 @@ facts (kind, tail, axis, wind) override these.
 """
 
 import math
-from functools import lru_cache
 
 import numpy as np
 
@@ -94,22 +93,19 @@ def rig_of(log: RunLog, kind: str, options: FitOptions = FREE) -> RigScenario:
     return rig_scenario_from_dict(content)
 
 
-@lru_cache(maxsize=16)
 def named_rig(rig: str, settings: Settings) -> Json:
-    """Reads the user's values of the rig, by section and key; do not change them in place.
+    """Reads the user's values of the rig, by section and key: what a file and its `base` state, and
+    the settings.
 
     Raises:
         FitError: a setting is about a fact that the log states.
-        ScenarioError: not the name of a rig, no such key, or a value out of range.
+        ScenarioError: not the name of a rig, or its file is wrong, or a setting.
     """
     data: Json = {}
     if rig:
         path = find_file(rig, RigScenario.folder, "scenario")
-        data = {
-            key: value
-            for key, value in read_yaml(path).items()
-            if key not in ("schema", "name", "seed")
-        }
+        RigScenario.load(path, settings)
+        data = RigScenario.with_base(read_yaml(path), path.parent)
     for setting in settings:
         RigScenario.apply_setting(data, setting)
         if setting.split("=")[0].strip() in _OF_THE_LOG:
@@ -135,18 +131,17 @@ def _experiment(log: RunLog, kind: str) -> Json:
     if kind == "bar_swing":
         experiment["wind_speed"] = 0.0
     elif kind != "static":
-        experiment["wind_speed"] = wind_speed(log, 0.0, 40.0)
+        experiment["wind_speed"] = stated_number(log, "wind_speed_m_per_s", 0.0, 40.0, "m/s")
     return experiment
 
 
-def wind_speed(log: RunLog, least: float, most: float) -> float:
-    """Read the wind speed in the log's metadata, m/s; FitError when it is missing or out of
-    range.
-    """
-    value = log.extra.get("wind_speed_m_per_s")
+def stated_number(log: RunLog, key: str, least: float, most: float, unit: str) -> float:
+    """Read a number in the log's metadata; FitError when it is missing or out of range."""
+    value = log.extra.get(key)
+    place = f"metadata {key!r}"
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise FitError(f"metadata 'wind_speed_m_per_s' is {value!r}; must be a number, m/s")
-    check_range("metadata 'wind_speed_m_per_s'", value, least, most, "m/s", error=FitError)
+        raise FitError(f"{place} is {value!r}; must be a number, {unit}")
+    check_range(place, value, least, most, unit, error=FitError)
     return float(value)
 
 

@@ -1,7 +1,7 @@
 """Constants of a rig and errors of its instruments that a fit varies."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cache
 
 import pandas as pd
@@ -54,13 +54,11 @@ def constant_names(kind: str) -> Texts:
     return tuple(_TABLE.index[_TABLE.logs.str.contains(logs)])
 
 
-def require_constants(free: Sequence[str], names: Sequence[str]) -> None:
+def require_constants(free: Sequence[str], names: Collection[str]) -> None:
     """Raise FitError for a constant to free that is not among the names."""
     for name in free:
         if name not in names:
-            raise FitError(
-                f"--free {name}: this fit has no such constant; {nearest(name, list(names))}"
-            )
+            raise FitError(f"--free {name}: this fit has no such constant; {nearest(name, names)}")
 
 
 def constant_parameters(

@@ -251,7 +251,7 @@ def _mistake(result: FitResult, data: StaticData, parameters: Parameters) -> lis
         prior = constant["known_to"]
         ends.append(StaticResidual(shifted_data(exact, {name: prior}))(x))
         sizes.append(abs(constant["shift"]) / prior)
-    shifts = (np.array(ends) - residual(x)).T
+    shifts = (np.reshape(ends, (-1, len(noise))) - residual(x)).T
     off = [size if size > MAX_SHIFT_SIGMA else 1.0 for size in sizes]
 
     def unlikelihood(hold: StaticData, factors: FloatArray, shifts: FloatArray) -> float:
@@ -311,7 +311,7 @@ def _against_logged_current(result: FitResult, data: StaticData) -> list[str]:
     A held tail sticks: within its Coulomb friction the motor need not hold it.
     """
     current = result["current"]
-    if not (math.isfinite(data.current) and current.identifiable) or current.frozen:
+    if not (math.isfinite(data.current) and current.identifiable):
         return []
     motor = data.scenario.maxon.torque_constant
     stuck = data.scenario.friction.coulomb / motor

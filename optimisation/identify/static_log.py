@@ -23,10 +23,11 @@ from aerodima.optimisation.identify.hold_mean import (
 from aerodima.optimisation.identify.least_squares import Parameter
 from aerodima.optimisation.identify.log_rig import (
     CURRENT,
+    MAX_ANGLE,
     MAX_WIND_SPEED,
     checked_angle,
     rig_of,
-    wind_speed,
+    stated_number,
 )
 from aerodima.optimisation.identify.noise import correlation_time
 from aerodima.optimisation.identify.rig_constants import BIASES, constant_parameters
@@ -144,7 +145,7 @@ def static_data(
 def _static_data(log: RunLog, rest: Interval | None, name: str, options: FitOptions) -> StaticData:
     time, angle = checked_angle(log, "static", MIN_SAMPLES)
     scenario = rig_of(log, "static", options)
-    speed = wind_speed(log, 1e-3, MAX_WIND_SPEED)
+    speed = stated_number(log, "wind_speed_m_per_s", 1e-3, MAX_WIND_SPEED, "m/s")
     _require_held(angle)
     hold = _hold_mask(time, rest)
     held = float(np.mean(angle[hold]))
@@ -263,9 +264,10 @@ def _mean_current(
     if abs(mean) <= limit:
         lag = correlation_time(values[:MAX_CORRELATED])
         return mean, float(np.std(values)) * math.sqrt(lag / len(values))
-    warnings.append(
-        f"{CURRENT} is {mean:.4g} in the mean, beyond {limit:g} A (is it in mA?): not compared"
-    )
+    reason = f"is {mean:.4g} in the mean, beyond {limit:g} A (is it in mA?)"
+    if not math.isfinite(mean):
+        reason = "has samples that are no finite numbers"
+    warnings.append(f"{CURRENT} {reason}: not compared")
     return unusable
 
 
@@ -308,9 +310,9 @@ def _stated_offset(log: RunLog, scenario: RigScenario) -> Offset:
     """
     sensor = scenario.force_sensor
     deviation = np.asarray(sensor.accuracies)
-    tared = log.extra.get(TARED)
-    if tared is not None and (isinstance(tared, bool) or not isinstance(tared, int | float)):
-        raise FitError(f"metadata {TARED!r} is {tared!r}; an angle in rad is needed")
+    tared = None
+    if log.extra.get(TARED) is not None:
+        tared = stated_number(log, TARED, -MAX_ANGLE, MAX_ANGLE, "rad")
     stated = log.stated(OFFSETS_UNCERTAINTY, len(REACTIONS))
     warnings: Texts = ()
     if stated is not None:
@@ -325,7 +327,7 @@ def _stated_offset(log: RunLog, scenario: RigScenario) -> Offset:
     else:
         warnings = (_UNKNOWN_OFFSET,)
     if tared is not None:
-        return Offset(np.zeros(6), deviation, float(tared), warnings)
+        return Offset(np.zeros(6), deviation, tared, warnings)
     added = log.stated(OFFSETS, len(REACTIONS)) or scenario.cheetah_tail.offsets
     return Offset(np.asarray(added, float), deviation, None, warnings)
 

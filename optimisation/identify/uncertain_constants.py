@@ -17,7 +17,7 @@ from scipy.special import chdtrc
 from aerodima.optimisation.identify.active_bounds import RANK_TOLERANCE
 from aerodima.optimisation.identify.fit_result import Channels, FitResult, make_result
 from aerodima.optimisation.identify.gauss_newton import solve
-from aerodima.optimisation.identify.huber import Loss, huber
+from aerodima.optimisation.identify.huber import Loss, clip, huberised, spread
 from aerodima.optimisation.identify.least_squares import Parameter, Parameters, Problem, Solution
 from aerodima.optimisation.identify.noise import Noise
 from aerodima.optimisation.identify.uncertainty import uncertainty
@@ -74,7 +74,7 @@ def fit_constants(
 ) -> FitResult:
     """Go on from a fit with exact constants; `huber` bends the whitened residual beyond 1.345."""
     given = [p if p.fixed else p.starting_at(first[p.name].value) for p in parameters]
-    problem, noise = _with_moving_constants(rig, given)
+    problem, noise = _with_moving_constants(rig, given, loss)
     data = _unsolved(problem, problem.parameters.initial, np.empty(0))
     rows = len(data.residual)
     for _ in range(_MAX_ITERATIONS):
@@ -82,7 +82,7 @@ def fit_constants(
         solution = solve(_whitened(problem, whitening, loss), [data.x])
         data = _unsolved(problem, solution.x, whitening.undo(solution.jacobian[:rows]))
         previous = noise
-        noise = rig.noise(data)
+        noise = rig.noise(_influence(data, loss))
         if abs(math.log(_size(noise) / _size(previous))) < _SETTLED:
             break
     ones = Noise(np.ones(len(solution.residual)), noise.degrees_of_freedom, noise.effective_samples)
@@ -91,14 +91,11 @@ def fit_constants(
     shifts = problem.parameters.by_name(solution.x)
     deviations = problem.parameters.by_name(intervals.standard_deviation)
     known = {c.name: c.prior_std for c in rig.constants if c.has_prior}
-    constants = {}
-    for name, prior in known.items():
-        if name in shifts:
-            constants[name] = {
-                "shift": shifts[name],
-                "deviation": deviations[name],
-                "known_to": prior,
-            }
+    constants = {
+        name: {"shift": shifts[name], "deviation": deviations[name], "known_to": prior}
+        for name, prior in known.items()
+        if name in shifts
+    }
     result = make_result(
         replace(data, best=best), intervals, channels, first.facts, warnings, known
     )
@@ -108,12 +105,14 @@ def fit_constants(
     return replace(result, warnings=tuple(found))
 
 
-def _with_moving_constants(rig: UncertainRig, given: list[Parameter]) -> tuple[Problem, Noise]:
+def _with_moving_constants(
+    rig: UncertainRig, given: list[Parameter], loss: Loss
+) -> tuple[Problem, Noise]:
     """State the problem with constants without effect fixed; also return its least noise."""
     problem = rig.problem(Parameters.of([*given, *rig.constants]))
     x = problem.parameters.initial
     start = _unsolved(problem, x, problem.central_jacobian(x))
-    noise = rig.least_noise(start)
+    noise = rig.least_noise(_influence(start, loss))
     sizes = [p.prior_std if p.has_prior else 1.0 for p in problem.parameters.free]
     whitened = Whitening.from_covariance(noise.covariance)(start.jacobian)
     effects = np.linalg.norm(whitened, axis=0) * sizes
@@ -161,19 +160,32 @@ def _unsolved(problem: Problem, x: FloatArray, jacobian: FloatArray) -> Solution
     return Solution(problem, x, residual, jacobian, best=None, attempts=())  # type: ignore[arg-type]
 
 
+def _influence(solution: Solution, loss: Loss) -> Solution:
+    """Keep wild samples out of the noise: clip the residual as Huber's loss does, and divide it by
+    the share within the limit, as in the covariance of that loss.
+    """
+    if loss == "squares":
+        return solution
+    clipped, within = clip(solution.residual, spread(solution.residual))
+    # At least half of a residual about zero lies within the limit.
+    return replace(solution, residual=clipped / max(within, 0.5))
+
+
 def _whitened(problem: Problem, whitening: Whitening, loss: Loss) -> Problem:
     """State the whitened residual, then a row per constant with a prior."""
     free = problem.parameters.free
-    indices = [i for i, p in enumerate(free) if p.has_prior]
-    deviations = np.array([free[i].prior_std for i in indices])
+    priors = np.diag([1.0 / p.prior_std for p in free])[[p.has_prior for p in free]]
+    data = replace(problem, residual=lambda x: whitening(problem.finite_residual(x)), jacobian=None)
+    if loss == "huber":
+        data = huberised(data, 1.0)
 
     def residual(x: FloatArray) -> FloatArray:
-        data = whitening(problem.finite_residual(x))
-        if loss == "huber":
-            data = huber(data)
-        return np.concatenate([data, x[indices] / deviations])
+        return np.append(data.residual(x), priors @ x)
 
-    return replace(problem, residual=residual, jacobian=None)
+    def jacobian(x: FloatArray) -> FloatArray:
+        return np.vstack([data.central_jacobian(x), priors])
+
+    return replace(problem, residual=residual, jacobian=jacobian if loss == "huber" else None)
 
 
 def _with_budget(result: FitResult, solution: Solution, rows: int) -> FitResult:

@@ -42,6 +42,17 @@ def test_wrong_options_are_told_once_and_leave_nothing(tmp_path, words, named):
     assert not (tmp_path / "none").exists()
 
 
+def test_a_fit_with_what_a_rig_file_said_before_is_not_taken_up(hold, tmp_path):
+    path = write_run_log(hold, tmp_path / "hold.parquet")
+    rig = tmp_path / "rig.yaml"
+    command = ("fit", "static", path, "--rig", rig, "--out", tmp_path / "fits", "--workers", 1)
+    rig.write_text("maxon: {torque_constant: 0.40}\n")
+    done(*command)
+    assert "1 of 1 were fitted before" in done(*command)
+    rig.write_text("maxon: {torque_constant: 0.41}\n")
+    assert_named(refused(*command), ("settings",))
+
+
 def test_what_a_fit_warns_about_is_shown(hold, tmp_path):
     """A force axis that is missing, a logged current in mA, and a rest phase with the wind on."""
     table = hold.table.drop(columns="force_y_n").assign(current_a=1000.0 * hold.table.current_a)

@@ -356,6 +356,17 @@ def test_a_sign_a_unit_and_the_weight_are_named_before_any_constant(columns, fac
     assert not any("shifted" in warning for warning in warnings)
 
 
+def test_a_sign_is_named_where_no_constant_has_an_effect():
+    names = load_rig_scenario("static").uncertainty.model_dump()
+    zero = tuple(f"uncertainty.{name}=0" for name in names)
+    options = FitOptions(settings=(*zero, "uncertainty.pivot_z=1e-9"))
+    log = lab.hold(duration=4.0)
+    log.table["force_y_n"] *= -1.0
+    result = fit_static(static_data(log, options=options))
+    assert not result.constants
+    assert result.warnings[0].startswith("the other sign of fy")
+
+
 def test_a_pivot_that_is_off_is_no_mistake_of_the_readings():
     rig = replace(lab.LAB, pivot=(0.11, -0.00011, 0.17138))
     warnings = fit_static(static_data(lab.hold(rig, duration=4.0))).warnings

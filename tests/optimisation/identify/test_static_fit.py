@@ -145,6 +145,7 @@ def gap(log):
         (stating(wind_speed_m_per_s=200.0), ("wind_speed_m_per_s", "200")),
         (stating(wind_speed_m_per_s=True), ("wind_speed_m_per_s", "True")),
         (stating(offsets_to_add=[1, 2]), ("offsets_to_add", "[1, 2]", "6")),
+        (stating(rest_s=None, tared_angle_rad=20.0), ("tared_angle_rad", "20 rad", "1.9")),
         (stating(tail="7"), ("tail", "7")),
         (stating(rest_s=[0.0, 0.01]), ("rest",)),
         (stating(rest_s=1), ("rest_s", "1", "2")),
@@ -152,6 +153,13 @@ def gap(log):
 )
 def test_a_bad_log_is_refused(windy, damage, named):
     assert_refused(lambda: static_data(damage(windy)), UserError, *named)
+
+
+def test_a_logged_current_that_is_no_number_is_not_said_to_be_in_another_unit(windy):
+    log = changed(windy, current_a=windy.table.current_a.where(windy.table.index != 3000))
+    (warning,) = [text for text in static_data(log).warnings if "current_a" in text]
+    assert "numbers" in warning
+    assert "mA" not in warning
 
 
 def test_a_bound_of_the_user_stops_what_the_wide_ones_allow(windy):

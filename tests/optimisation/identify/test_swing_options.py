@@ -70,17 +70,35 @@ def test_a_fit_that_stops_at_a_bound_says_so_and_bounds_need_a_parameter():
     assert far["viscous"].value == 0.5
 
 
+def wild(log, number):
+    """The log with so many samples of its angle 0.2 rad off."""
+    angle = log.table.angle_rad.to_numpy().copy()
+    angle[np.random.default_rng(5).choice(len(angle), number, replace=False)] += 0.2
+    return changed(log, angle_rad=angle)
+
+
 def test_wild_encoder_samples_do_not_move_the_friction_under_huber():
-    log = truth.bar_log(0.04, 0.036, 1.4, 3.0)
-    wild = log.table.angle_rad.to_numpy().copy()
-    wild[np.random.default_rng(5).choice(len(wild), 60, replace=False)] += 0.2
-    data = swing_data(changed(log, angle_rad=wild), "bar_swing")
+    data = swing_data(wild(truth.bar_log(0.04, 0.036, 1.4, 3.0), 60), "bar_swing")
     torn = fit_friction(data)
     held = fit_friction(data, options=FitOptions(loss="huber"))
     assert abs(torn["coulomb"].value - 0.04) > 10.0 * abs(held["coulomb"].value - 0.04)
     assert held["coulomb"].value == pytest.approx(0.04, rel=0.01)
     assert held["viscous"].value == pytest.approx(0.036, rel=0.01)
     assert held.facts["outliers"] >= 10  # of 60, one in four falls on the grid of the rollout
+
+
+@pytest.mark.parametrize("number", [0, 60])
+def test_nor_where_constants_of_the_rig_are_uncertain_and_the_intervals_stay(number):
+    log = truth.bar_log(0.04, 0.036, 1.4, 3.0)
+    known = ("uncertainty.bar_com=0.0005", "uncertainty.encoder_zero=0.002")
+    plain, robust = FitOptions(settings=known), FitOptions("huber", settings=known)
+    honest = fit_friction(swing_data(log, "bar_swing", options=plain))
+    held = fit_friction(swing_data(wild(log, number), "bar_swing", options=robust), robust)
+    assert set(held.constants) == {"bar_com", "encoder_zero"}
+    for name in ("coulomb", "viscous"):
+        deviation = honest[name].standard_deviation
+        assert held[name].value == pytest.approx(honest[name].value, abs=deviation)
+        assert held[name].standard_deviation == pytest.approx(deviation, rel=0.2)
 
 
 def test_a_far_lower_cost_is_kept_although_the_solver_did_not_say_success():

@@ -1,0 +1,32 @@
+"""The rig that a user names for a log."""
+
+import pytest
+
+from aerodima.optimisation.identify.fit_options import FitOptions
+from aerodima.optimisation.identify.log_rig import named_rig, rig_of
+from aerodima.workbench.core.errors import ScenarioError
+from tests.optimisation.identify import other_lab as lab
+from tests.refusals import assert_refused
+
+
+def test_a_rig_file_has_what_its_base_says_and_is_read_again_when_it_changes(tmp_path):
+    log = lab.bar_swing(duration=0.2)
+    base, above = tmp_path / "base.yaml", tmp_path / "rig.yaml"
+    above.write_text("base: base.yaml\nmaxon: {torque_constant: 0.4}\n")
+    for mass in (0.31, 0.32):
+        base.write_text(f"bar: {{mass: {mass}}}\nmaxon: {{torque_constant: 0.3}}\n")
+        rig = rig_of(log, "bar_swing", FitOptions(rig=str(above)))
+        assert (rig.bar.mass, rig.maxon.torque_constant) == (mass, 0.4)
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("schema: aerodima/rig-scenario/2", ("rig-scenario/2", "rig-scenario/1")),
+        ("maxon: {torqe_constant: 0.4}", ("maxon.torqe_constant", "'torque_constant'")),
+    ],
+)
+def test_a_wrong_rig_file_is_refused_by_its_name(tmp_path, text, named):
+    path = tmp_path / "rig.yaml"
+    path.write_text(text)
+    assert_refused(lambda: named_rig(str(path), ()), ScenarioError, "rig.yaml", *named)
