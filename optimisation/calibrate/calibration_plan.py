@@ -9,7 +9,8 @@ motion and print, and the discrepancies.
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal, Self, get_args
 
@@ -51,6 +52,11 @@ FIGURES = (
 )
 """Metrics that carry information of their own: Kohut is speed times yaw rate, the speed is
 commanded."""
+NEEDED = (
+    *("car.com_height", "car.com_x", "car.gyration_yaw", "car.mass", "car.track"),
+    *("imu.x", "imu.z", "tail.length", "tail.mass", "tail.sail_width", "controller.delay"),
+)
+"""Keys that every body has, for figures, parts and `calibration/measurements.csv`."""
 SCHEMA = "aerodima/calibration-plan/3"
 
 
@@ -214,9 +220,15 @@ class CalibrationPlan(StrictModel):
         ):
             for name in sorted(set(names) - known):
                 raise ValueError(f"{place}: {name!r}; {nearest(name, known)}")
-        tails = {turn.tail for turn in self.turns} - self.outcome_width.keys()
-        if tails:
-            raise ValueError(f"outcome_width: missing: {', '.join(sorted(tails))}")
+        for place, needed, given in (
+            ("body", NEEDED, keys),
+            ("turns: system", {"physical"}, {turn.system for turn in self.turns}),
+            ("outcome_width", {turn.tail for turn in self.turns}, self.outcome_width),
+            ("nuisances", NUISANCES, self.nuisances),
+        ):
+            missing = sorted(set(needed).difference(given))
+            if missing:
+                raise ValueError(f"{place}: missing: {', '.join(missing)}")
 
     @property
     def trend_turns(self) -> dict[str, Turn]:
@@ -235,9 +247,6 @@ class CalibrationPlan(StrictModel):
         raise ValueError(f"trends: no turn of {trend.system} {trend.tail} has a table")
 
     def _require_nuisances(self) -> None:
-        missing = set(NUISANCES) - self.nuisances.keys()
-        if missing:
-            raise ValueError(f"nuisances: missing: {', '.join(sorted(missing))}")
         for name, most in MAX_NUISANCES.items():
             low, high = self.nuisances[name]
             if low < 0.0 or high > most:
@@ -323,33 +332,34 @@ class CarPrior:
 
     Attributes:
         plan: plan that states the prior.
-        names: names of the coordinates of a car, the columns of all arrays of cars (m, n).
-        ranges: lowest and highest value of each coordinate (n, 2), in its unit.
     """
 
     plan: CalibrationPlan
-    names: Texts = field(init=False)
-    ranges: FloatArray = field(init=False)
-    _base: Scenario = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
+    @cached_property
+    def names(self) -> Texts:
+        """Names of the coordinates of a car, the columns of all arrays of cars (m, n)."""
         plan = self.plan
-        keys = list(plan.body)
-        for system in dict.fromkeys(turn.system for turn in plan.turns):
-            keys += [f"{system} {key}" for key in plan.each]
+        systems = dict.fromkeys(turn.system for turn in plan.turns)
+        tyres = [f"{system} {key}" for system in systems for key in plan.each]
+        return (*plan.body, *tyres, *NUISANCES, DISCREPANCY, ROLL_DISCREPANCY)
+
+    @cached_property
+    def ranges(self) -> FloatArray:
+        """Lowest and highest value of each coordinate (n, 2), in its unit."""
+        plan = self.plan
+        off = {DISCREPANCY: plan.discrepancy, ROLL_DISCREPANCY: plan.discrepancy_of_roll}
+        stated = dict[str, Pair](plan.ranges) | plan.nuisances | off
         ranges = []
-        for key in keys:
-            name = key.split()[-1]
-            ranges.append(plan.ranges.get(key) or plan.ranges.get(name) or _prior_range(name))
-        ranges += [plan.nuisances[name] for name in NUISANCES]
-        ranges += [plan.discrepancy, plan.discrepancy_of_roll]
-        names = (*keys, *NUISANCES, DISCREPANCY, ROLL_DISCREPANCY)
-        for name, value in (
-            ("names", names),
-            ("ranges", np.array(ranges)),
-            ("_base", load_scenario("turn_swing")),
-        ):
-            object.__setattr__(self, name, value)
+        for name in self.names:
+            key = name.split()[-1]
+            ranges.append(stated.get(name) or stated.get(key) or _prior_range(key))
+        return np.array(ranges)
+
+    @cached_property
+    def _base(self) -> Scenario:
+        """Scenario whose car is changed."""
+        return load_scenario("turn_swing")
 
     def column(self, name: str) -> int:
         """Returns the column of a coordinate."""

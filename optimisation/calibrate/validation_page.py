@@ -249,10 +249,8 @@ def validation_page(
 
 def _table(frame: pd.DataFrame, columns: Mapping[str, str], marked: Sequence[int] = ()) -> Table:
     """Makes a table whose columns are headings and formats of a row of the frame."""
-    rows = []
-    for row in frame.to_dict("records"):
-        values = {str(name): value for name, value in row.items()}
-        rows.append([words.format(**values) for words in columns.values()])
+    records: Any = frame.to_dict("records")
+    rows = [[words.format(**row) for words in columns.values()] for row in records]
     return Table(list(columns), rows, marked)
 
 
@@ -271,10 +269,12 @@ def outcome_table(result: Result, chances: Values) -> pd.DataFrame:
     """Lists how each turn ended in print, the probability to survive it by the surrogate, and the
     fine runs.
     """
-    rows = []
-    for turn in result.surrogate.prior.plan.turns:
-        row = {**turn.model_dump(), "chance": chances[turn.name]}
-        rows.append(row | _fine_runs(result.fine.rows[turn.name], turn))
+    rows = [
+        turn.model_dump()
+        | {"chance": chances[turn.name]}
+        | _fine_runs(result.fine.rows[turn.name], turn)
+        for turn in result.surrogate.prior.plan.turns
+    ]
     return pd.DataFrame(rows)
 
 
@@ -316,10 +316,10 @@ def _parts(parameters: pd.DataFrame) -> list[Any]:
 
 def _combinations(result: Result) -> Table:
     prior = result.surrogate.prior
-    rows = []
-    for ratio, weights in combinations(prior, result.posterior.cars, prior.plan.seed):
-        terms = [f"{weight:+.2f} {name}" for name, weight in weights.items()]
-        rows.append((f"{ratio:.3f}", ", ".join(terms)))
+    rows = [
+        (f"{ratio:.3f}", ", ".join(f"{weight:+.2f} {name}" for name, weight in weights.items()))
+        for ratio, weights in combinations(prior, result.posterior.cars, prior.plan.seed)
+    ]
     return Table(("variance over the prior's", "combination"), rows)
 
 
@@ -377,9 +377,10 @@ def measure_page(measured: pd.DataFrame) -> Page:
 def measure_table(prior: CarPrior, cars: FloatArray) -> pd.DataFrame:
     """Computes the gain of every measurement in nats, largest first."""
     seed = prior.plan.seed
-    rows = []
-    for one in measurements(prior):
-        rows.append((one.name, one.how, one.deviation, information(one, cars, seed)))
+    rows = [
+        (one.name, one.how, one.deviation, information(one, cars, seed))
+        for one in measurements(prior)
+    ]
     table = pd.DataFrame(rows, columns=["quantity", "procedure", "deviation", "gain_nats"])
     return table.sort_values("gain_nats", ascending=False, ignore_index=True)
 

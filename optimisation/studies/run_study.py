@@ -1,17 +1,17 @@
 """Execution of a study on an engine: missing runs are made, rows reach the disk as they come, and
 one table is written at the end.
 
-A study that was cut off at any time goes on with the runs that its rows lack. The table has nothing
-in it that differs from time to time, so that it is the same however often the study was stopped and
-wherever it ran; the time that the runs took is in a file beside it. Only one client at a time may
-use a folder.
+A study that was cut off at any time goes on with the runs that its rows lack, and makes those of
+edited files again. The table has nothing in it that differs from time to time, so that it is the
+same however often the study was stopped and wherever it ran; the time that the runs took is in a
+file beside it. Only one client at a time may use a folder.
 """
 
 import hashlib
 import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pandas as pd
@@ -77,39 +77,40 @@ def run_study(
     runs = plan_runs(study)
     identity = _identity(study, runs)
     with RowStore(out / ROWS, identity, force=force, alone=True, error=SweepError) as store:
-        if force:
-            (out / TABLE).unlink(missing_ok=True)
         tasks = [run.task for run in runs]
         if study.logs:
             tasks = _with_logs(out, runs, store, force)
-        there = len(store.rows)
+        there = sum(run_key(task) in store.rows for task in tasks)
         number = len(runs)
-        if there and (out / TABLE).is_file():
+        if there == number and (out / TABLE).is_file():
             progress(f"{out}: complete already, {number} runs")
             return read_table(out)
+        (out / TABLE).unlink(missing_ok=True)
         progress(
             f"{number} runs, {there} there already; {engine.workers} at a time, results in {out}"
         )
         start = time.monotonic()
-        with print_resume_hint(progress, lambda: f"{len(store.rows)} of {number} runs"):
-            rows = CachedRunner(engine, store, progress).rows(tasks)
+        runner = CachedRunner(engine, store, progress)
+        with print_resume_hint(progress, lambda: f"{there + runner.ran} of {number} runs"):
+            rows = runner.rows(tasks)
         seconds = time.monotonic() - start
-        new = len(store.rows) - there
         frame = make_frame([run.place | row for run, row in zip(runs, rows, strict=True)])
         timing = {
-            "runs_of_the_last_call": new,
+            "runs_of_the_last_call": runner.ran,
             "wall_time_of_the_last_call_s": seconds,
             "startup_of_the_workers_s": engine.startup,
             "workers": engine.workers,
         }
         write_table(out, frame, identity, timing)
-    progress(_how_it_went(frame, new, seconds, engine))
+    progress(_how_it_went(frame, runner.ran, seconds, engine))
     return frame
 
 
 def _identity(study: Study, runs: Sequence[PlannedRun]) -> Json:
-    """Returns the facts that must be the same for results to belong together."""
-    tasks = json.dumps([[run.task.scenario, run.task.settings, run.task.signals] for run in runs])
+    """Returns the facts that must be the same for results to belong together; of a study with logs
+    also the keys of its runs, since a log does not say of which content of their files it is.
+    """
+    tasks = json.dumps([[asdict(run), study.logs and run_key(run.task)] for run in runs])
     bases = {
         name: load_any_scenario(name).resolved()
         for name in sorted({run.task.scenario for run in runs})
@@ -134,8 +135,8 @@ def _with_logs(
         if force:
             path.unlink(missing_ok=True)
         tasks.append(replace(run.task, log=str(path)))
-        if not path.exists() and store.rows.pop(run_key(run.task), {}):
-            (out / TABLE).unlink(missing_ok=True)
+        if not path.exists():
+            store.rows.pop(run_key(run.task), None)
     return tasks
 
 

@@ -10,7 +10,7 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -30,8 +30,8 @@ from aerodima.workbench.control.swing_library import NO_SWING, find_swing
 from aerodima.workbench.control.user_law import in_words, load_law
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.file_reading import Facts, Settings
-from aerodima.workbench.core.yaml_files import read_yaml
-from aerodima.workbench.logs.schema import RunLog, read_run_log, software_versions
+from aerodima.workbench.core.yaml_files import checked, read_yaml
+from aerodima.workbench.logs.schema import RunLog, software_versions
 from aerodima.workbench.scenario.rig_scenario import RigScenario
 from aerodima.workbench.scenario.scenario import Scenario, default_values
 
@@ -77,8 +77,7 @@ class RunTask:
         scenario: name or path of the scenario, as for `load_any_scenario`.
         settings: overrides of the scenario, such as `car.tyre_friction=0.7`.
         signals: `outcome`, or `all`, which also gives the impulses of the tail, at twice the price.
-        log: file in which the log of the run is kept; a file that is there already is the log of an
-            earlier try.
+        log: file in which the log of the run is kept, in place of one that is there.
         law: `FILE:CLASS` of the law that drives the tail instead of the scenario's, as `load_law`
             takes it.
     """
@@ -144,16 +143,13 @@ def failed_row(task: RunTask, error: str, scenario: Scenario | RigScenario | Non
 def _measured(task: RunTask, scenario: Scenario | RigScenario) -> Row:
     from aerodima.workbench.batch.simulation import simulate
 
-    path = Path(task.log) if task.log else None
-    if path is not None and path.exists():
-        # The log is complete: its process was killed between writing and reporting it.
-        return measured_row(task, scenario, read_run_log(path))
+    log = task.log or None
     if isinstance(scenario, RigScenario):
-        run = simulate(scenario, path, force=True)
+        run = simulate(scenario, log, force=True)
     else:
         law = load_law(task.law, scenario) if task.law else None
-        record = "all" if path else task.signals
-        run = simulate(scenario, path, record=record, stop_when_certain=True, law=law, force=True)
+        record = "all" if log else task.signals
+        run = simulate(scenario, log, record=record, stop_when_certain=True, law=law, force=True)
     return measured_row(task, scenario, run)
 
 
@@ -224,7 +220,7 @@ class CachedRunner:
     Args:
         engine: engine on which tasks are run; this process by default.
         store: open store that keeps rows on the disk and holds those of before. Without one this
-            object remembers them.
+            object remembers them, as it does rows of lost workers, which the next one tries again.
         progress: function that receives lines of progress.
 
     Attributes:
@@ -241,7 +237,7 @@ class CachedRunner:
     ) -> None:
         self._engine = engine or Engine()
         self._store = store
-        self._known: dict[str, Row] = {} if store is None else store.rows
+        self._known: dict[str, Row] = {} if store is None else dict(store.rows)
         self.say = progress
         self.stage = ""
         self.ran = 0
@@ -288,9 +284,8 @@ class CachedRunner:
         def keep(index: int, row: Row) -> None:
             self.ran += 1
             key = missing[index]
-            if self._store is None:
-                self._known[key] = row
-            else:
+            self._known[key] = row
+            if self._store is not None and row.get("error") != WORKER_LOST:
                 self._store.add(key, row)
             if "result" not in row:
                 bar.advance(f"{self.stage} {row['outcome'] or 'failed':8}".lstrip())
@@ -349,25 +344,25 @@ def code_content(*places: str) -> list[str]:
 
 
 def scenario_content(name: str, settings: Sequence[str] = ()) -> list[Any]:
-    """Returns the content of the files behind a scenario with overrides, its swing included, for
-    keys of cached results.
+    """Returns the content of the files behind a scenario with overrides, those of its swing, tail,
+    bodies and coefficients included, for keys of cached results.
     """
     try:
         scenario = load_any_scenario(name, settings)
-        swing = ""
-        if isinstance(scenario, Scenario):
-            name = scenario.controller.swing_file
-            path = Path(name)
-            if name != NO_SWING:
-                swing = _swing_content(name, path.stat().st_mtime_ns if path.is_file() else 0)
-        return [scenario.resolved(), swing]
+        if isinstance(scenario, RigScenario):
+            return [scenario.resolved(), ""]
+        swing = scenario.controller.swing_file
+        content = "" if swing == NO_SWING else find_swing(swing).model_dump_json()
+        names = [scenario.tail.geometry, scenario.tail.coefficients, scenario.car.bodies]
+        if scenario.car.has_bodies:
+            from aerodima.workbench.car.car_bodies import CarBodies
+
+            bodies = checked(CarBodies, read_yaml(Path(names[-1])), names[-1]).bodies
+            names += [body.coefficients for body in bodies]
+        files = [Path(name).read_bytes() for name in names if Path(name).is_file()]
+        return [scenario.resolved(), content, *files]
     except UserError as error:
         return [str(error)]
-
-
-@lru_cache
-def _swing_content(name: str, _changed: int) -> str:
-    return find_swing(name).model_dump_json()
 
 
 def make_frame(rows: Sequence[Row]) -> pd.DataFrame:

@@ -145,9 +145,8 @@ class Block(StrictModel):
         for index, sampled in enumerate(samples):
             point = dict(zip(self.grid, cells[index // self._samples], strict=True))
             for name, value in sampled.items():
-                in_grid = point.get(name)
-                # A seed that only the sample has stays an integer.
-                point[name] = float(in_grid) + float(value) if in_grid else value
+                # Both are numbers (`check_factors`); seeds, which are integers, stay so.
+                point[name] = point.get(name, 0) + value  # type: ignore[operator]
             yield point
 
     @property
@@ -233,9 +232,8 @@ def check_factors(study: Study, where: str) -> None:
             raise SweepError(f"{label}: {error}") from None
         for factor in block.factors:
             _check_factor(factor, type(scenario), label)
-        sampled = () if block.sample is None else block.sample.factors
-        for name in sorted(set(block.grid).intersection(sampled)):
-            values = block.grid[name]
+        for name in block.factors[len(block.grid) :]:
+            values = block.grid.get(name)
             if isinstance(values, list) and any(isinstance(value, str | bool) for value in values):
                 raise SweepError(
                     f"{label}: {name}: is in the grid and in the sample; must be numbers, which "

@@ -117,17 +117,24 @@ class ForeignLog:
         """Adds columns made of several others: `Mapping.stamps` and `Mapping.quaternions`.
 
         Raises:
-            LogError: as `numbers`; a quaternion whose length is not 1 (names its row, from 1).
+            LogError: as `numbers`; a stamp of columns of different size; a quaternion whose length
+                is not 1 (names its row, from 1).
         """
         columns = dict(self.columns)
         time_of = dict(self.time_of)
         for name, (first, second) in stamps.items():
             date = self._series(first)
+            clock = self._series(second)
+            if date.size != clock.size:
+                raise LogError(
+                    f"{self.path}: stamps.{name}: {first!r} has {date.size} rows and {second!r} "
+                    f"{clock.size}; must be as many"
+                )
             time_of[name] = time_of.get(first, "")
             if _has_numbers(date):
                 columns[name] = pd.Series(self.numbers(first)) + NANOSECOND * self.numbers(second)
             else:
-                columns[name] = date.astype(str) + " " + self._series(second).astype(str)
+                columns[name] = date.astype(str) + " " + clock.astype(str)
         for name, parts in quaternions.items():
             quaternion = pd.DataFrame({part: pd.Series(self.numbers(part)) for part in parts})
             length = pd.Series(np.linalg.norm(quaternion, axis=1))

@@ -210,7 +210,7 @@ def _column(
     time, rows = grid
     source = mapping.columns[name]
     if source.from_ is None:
-        return np.full(time.size, float(source.constant or 0.0)), False
+        return np.full(time.size, source.constant, float), False
     factor = source.scale * mapping.unit_factor(name)
     values = factor * (foreign.numbers(source.from_) - source.zero)
     own = source.time or foreign.time_of.get(source.from_, "")

@@ -135,7 +135,8 @@ class JournalWriter:
         self._run = os.urandom(8)
         self._copy = bytearray()
         self._open_file()
-        self._sync: Future[None] | None = None
+        self._sync = Future[None]()
+        self._sync.set_result(None)
         self._sync_interval = sync_interval
         now = time.monotonic()
         self._flush_interval = flush_interval
@@ -245,7 +246,7 @@ class JournalWriter:
                 try:
                     self.flush()
                 finally:
-                    failure = self._end()
+                    failure = self._end(stays=True)
                 if failure:
                     raise LogError(failure)
         return self.journal
@@ -306,10 +307,12 @@ class JournalWriter:
         self._filled = 0
 
     def _request_sync(self) -> None:
-        if time.monotonic() < self._sync_due or (self._sync is not None and not self._sync.done()):
-            return
-        if self._sync is not None:
-            self._sync.result()
+        if time.monotonic() >= self._sync_due and self._sync.done():
+            self._begin_sync()
+
+    def _begin_sync(self) -> None:
+        """Waits for the last request to the disk, and makes another one."""
+        self._sync.result(_SYNC_LIMIT)
         self._sync = Future()
         # a daemon: a disk that never answers must not hold up the end of the program
         threading.Thread(
@@ -317,14 +320,17 @@ class JournalWriter:
         ).start()
         self._sync_due = time.monotonic() + self._sync_interval
 
-    def _end(self) -> str:
-        """Writes the end mark and waits for the disk; returns and notes a failure, if any."""
+    def _end(self, stays: bool = False) -> str:
+        """Writes the end mark and waits for the disk, which then has all rows of a journal that
+        stays; returns and notes a failure, if any.
+        """
         self._writer = 0
         try:
             self.check(len(self._copy))
             self._write_frame(END)
-            if self._sync is not None:
-                self._sync.result(_SYNC_LIMIT)
+            if stays:
+                self._begin_sync()
+            self._sync.result(_SYNC_LIMIT)
         except OSError as cause:
             failure = f"{self.journal}: the disk does not confirm the last rows ({cause!r})"
             self.note(failure)

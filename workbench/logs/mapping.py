@@ -101,6 +101,10 @@ class ColumnSource(StrictModel):
     def _has_one_source(self) -> Self:
         if (self.from_ is None) == (self.constant is None):
             raise ValueError("needs either `from` or `constant`")
+        further = self.model_fields_set - {"from_", "constant", "largest"}
+        if further and self.from_ is None:
+            names = ", ".join(sorted(further))
+            raise ValueError(f"constant: is an SI value; must be without {names}")
         if self.time_unit is not None:
             time_factor(self.time_unit, "time_unit")
         if self.scale == 0.0:

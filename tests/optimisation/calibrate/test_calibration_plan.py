@@ -5,7 +5,13 @@ import pandas as pd
 import pytest
 import yaml
 
-from aerodima.optimisation.calibrate.calibration_plan import CarPrior, figures_of, load_plan
+from aerodima.optimisation.calibrate.calibration_plan import (
+    NEEDED,
+    CarPrior,
+    figures_of,
+    load_plan,
+)
+from aerodima.optimisation.calibrate.validation import measurements
 from aerodima.workbench.core.errors import ScenarioError
 from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.core.yaml_files import read_yaml
@@ -45,6 +51,11 @@ def with_turns(turns):
         ({"nuisances": PLAN.nuisances | {"latency": [0.0, 0.6]}}, ("latency", "0.6", "0.3")),
         ({"outcome_width": {"none": 0.01, "held": 0.01}}, ("outcome_width", "swing")),
         ({"left_out": {"Table 7.1 roll": "no"}}, ("Table 7.1 roll",)),
+        ({"body": [*PLAN.body[:8], *PLAN.body[9:]]}, ("body", "imu.x")),
+        (
+            with_turns(PLAN.turns[:4]) | {"ranges": {}, "density": {}},
+            ("turns: system", "physical"),
+        ),
         (sized(rounds=40), ("rounds", "40")),
         (sized(cars=1990), ("2002", "2000")),
         (with_turns(t for t in PLAN.turns if t.table in ("", "Table 7.3")), ("two",)),
@@ -56,6 +67,12 @@ def with_turns(turns):
 def test_wrong_plan_is_refused_with_place_and_value(tmp_path, changes, named):
     path = changed(tmp_path, **changes)
     assert_refused(lambda: load_plan(path), ScenarioError, "plan.yaml", *named)
+
+
+def test_a_body_of_the_needed_keys_has_all_that_the_lab_measures():
+    prior = CarPrior(PLAN.model_copy(update={"body": NEEDED}))
+    cars = prior.spread(2, seed=1)
+    assert all(np.isfinite(one.value(cars)).all() for one in measurements(prior))
 
 
 def test_figures_are_those_of_the_tables_less_those_that_no_car_reaches():

@@ -23,8 +23,9 @@ from aerodima.optimisation.studies.study import Study, load_study
 from aerodima.workbench.batch.engine import Engine
 from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.core.errors import SweepError
+from aerodima.workbench.core.resources import model_path
 from aerodima.workbench.logs.schema import read_run_log
-from tests.optimisation.studies.tiny import assert_same_table, tiny_study
+from tests.optimisation.studies.tiny import assert_same_table, tiny_study, write_study
 from tests.refusals import assert_refused
 from tests.workbench.made_up_runs import signals_equal
 
@@ -128,6 +129,37 @@ def test_results_of_another_car_or_version_are_not_mixed(tmp_path, undisturbed, 
     module = sys.modules[run_study.__module__]
     monkeypatch.setattr(module, other, lambda *_: changed)
     assert_folder_refused(study, out)
+
+
+@pytest.mark.parametrize("logs", [False, True])
+def test_runs_of_an_edited_file_are_made_again_and_never_beside_old_logs(tmp_path, logs):
+    swing = tmp_path / "swing.yaml"
+    thesis = model_path("swings/thesis_8_rad_per_s.yaml").read_text()
+    swing.write_text(thesis)
+    grid = f"grid: {{controller.swing_file: [{swing}], manoeuvre.speed: [1.0, 1.1]}}\n"
+    path = write_study(tmp_path / "study.yaml", f"logs: {str(logs).lower()}\n{grid}")
+    engine = Stopping(-1)
+    run_study(load_study(path), tmp_path / "out", engine)
+    swing.write_text(thesis.replace("velocity_rad_per_s: 8", "velocity_rad_per_s: 9"))
+    if logs:
+        assert_folder_refused(load_study(path), tmp_path / "out")
+        return
+    for made in (4, 4):
+        run_study(load_study(path), tmp_path / "out", engine)
+        assert len(engine.names) == made
+
+
+def test_other_weights_of_an_ensemble_are_other_results(tmp_path):
+    cars = tmp_path / "cars.yaml"
+    members = "[{name: a, weight: 1, values: {}}, {name: b, weight: 1, values: {car.mass: 5.5}}]"
+    cars.write_text(
+        f"schema: aerodima/ensemble/1\nname: two\nprovenance: {{}}\nbest: a\nmembers: {members}\n"
+    )
+    path = write_study(tmp_path / "study.yaml", f"ensemble: {cars}\n")
+    table = run_study(load_study(path), tmp_path / "out", Engine())
+    assert table["weight"].tolist() == [0.5, 0.5]
+    cars.write_text(cars.read_text().replace("weight: 1", "weight: 3", 1))
+    assert_folder_refused(load_study(path), tmp_path / "out")
 
 
 def test_kind_of_a_column_does_not_depend_on_the_order_of_the_rows():

@@ -14,10 +14,14 @@ from aerodima.optimisation.studies.runs import (
     evaluate,
     open_run_engine,
     run_key,
+    scenario_content,
 )
 from aerodima.workbench.batch import dask_cluster
+from aerodima.workbench.batch.engine import Engine
+from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.core.resources import model_path
+from aerodima.workbench.scenario.scenario import load_scenario
 from aerodima.workbench.scenario.swing_file import read_swing, write_swing
 from tests.optimisation.studies.tiny import POISON, TINY_SETTINGS, evaluate_or_die
 from tests.refusals import assert_named, assert_refused
@@ -39,6 +43,11 @@ def test_row_has_outcome_metrics_and_provenance_and_nothing_that_changes():
     assert len(row["scenario_sha256"]) == 64
     assert row["version_drake"]
     assert evaluate(task) == row
+
+
+def test_an_old_log_is_not_taken_for_that_of_a_run(tmp_path):
+    rows = [evaluate(replace(task, log=str(tmp_path / "run.parquet"))) for task in tasks(2)]
+    assert [row["commanded_speed_m_per_s"] for row in rows] == [1.0, 1.1]
 
 
 @pytest.mark.parametrize(
@@ -152,6 +161,51 @@ def test_the_key_of_a_run_follows_all_that_determines_its_row(tmp_path, monkeypa
     monkeypatch.setattr(engine_module, "software_versions", lambda: {"project": "0.0.0"})
     keys.append(run_key(base))
     assert len(set(keys)) == len(keys), keys
+
+
+WING = """
+schema: aerodima/bodies/1
+bodies:
+- {name: wing, root: [0, -0.15, 0.25], axes: [[0, 1, 0]], lengths: [0.3], chords: [0.1, 0.1],
+   normal: [0, 0, 1], density: 0.8, coefficients: POLAR}
+"""
+
+
+def test_the_key_follows_the_files_of_tail_bodies_and_coefficients(tmp_path):
+    tail, polar, wing, wing_polar = (tmp_path / f"{name}.yaml" for name in "abcd")
+    for path in (tail, polar, wing_polar):
+        path.write_text("name: own")
+    wing.write_text(WING.replace("POLAR", str(wing_polar)))
+    files = f"tail.geometry={tail}", f"tail.coefficients={polar}", f"car.bodies={wing}"
+    task = RunTask("", "turn_swing", ("tail.sail=locked", *files))
+    keys = [run_key(task)]
+    for path in (tail, polar, wing, wing_polar):
+        path.write_text(f"{path.read_text()}\n# edited")
+        keys.append(run_key(task))
+    assert len(set(keys)) == 5
+    # Keys of rows that were stored before know no such files.
+    assert scenario_content("turn_swing") == [load_scenario("turn_swing").resolved(), ""]
+
+
+class Losing(Engine):
+    """Loses every run with its worker."""
+
+    def map(self, work, items, done=None, lost=None):
+        for index, item in enumerate(items):
+            done(index, lost(item))
+
+
+def test_a_run_that_was_lost_with_its_worker_is_made_by_the_next_command(tmp_path):
+    work = tasks(1)
+    with RowStore(tmp_path / "rows.jsonl", {}) as store:
+        runs = CachedRunner(Losing(), store)
+        (lost,) = runs.rows(work)
+        assert lost["error"] == WORKER_LOST
+        assert runs.rows(work) == [lost]
+        assert (runs.ran, store.rows) == (1, {})
+    with RowStore(tmp_path / "rows.jsonl", {}) as store:
+        (row,) = CachedRunner(store=store).rows(work)
+    assert row["outcome"] == "survived"
 
 
 def test_a_run_of_two_names_is_made_once_and_a_kept_one_not_again(monkeypatch):

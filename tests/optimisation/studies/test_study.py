@@ -74,6 +74,16 @@ def test_small_and_large_numbers_reach_the_scenario_as_numbers(tmp_path):
     assert (scenario.sail_encoder.noise, scenario.car.tyre_stiffness_front) == (1e-5, 1e6)
 
 
+OWN_SEEDS = "sample: {number: 2, new_seeds: true, factors: {car.mass: {low: 5.0, high: 6.0}}}\n"
+
+
+def test_seeds_of_grid_and_sample_are_added_as_integers(tmp_path):
+    text = f"grid: {{seed: [0, 1000]}}\n{OWN_SEEDS}"
+    runs = plan_runs(load_study(write_study(tmp_path / "s.yaml", text)))
+    scenarios = [load_scenario("straight", list(run.task.settings)) for run in runs]
+    assert [scenario.seed for scenario in scenarios] == [1, 2, 1001, 1002]
+
+
 WRONG = [
     ("grid:\n  car.tyre_frction: [0.5]\n", ("car.tyre_frction", "car.tyre_friction")),
     ("grid:\n  cars.mass: [5.0]\n", ("cars", "car")),
@@ -84,6 +94,7 @@ WRONG = [
     ("sample: {number: 4, factors: {}}\n", ("factors",)),
     ("sample: {number: 4, factors: {car.mass: {low: 6.0, high: 5.0}}}\n", ("high", "5")),
     ("grid: {seed: [x]}\nsample: {number: 2, factors: {seed: {low: 5.0, high: 6.0}}}\n", ("seed",)),
+    (f"grid: {{seed: [x]}}\n{OWN_SEEDS}", ("seed", "numbers")),
     ("samples: {number: 4}\n", ("samples",)),
     (
         "grid: {car.mass: {first: 5, last: 6, number: 9999}, "

@@ -200,6 +200,14 @@ def test_a_disk_that_fails_to_sync_stops_the_run_or_its_rescue(tmp_path, monkeyp
         journal.abandon()
 
     assert_refused(run, LogError, "run.parquet.journal", "input/output error")
+    assert journal.rows < 200
+
+
+def test_the_disk_has_the_whole_journal_of_a_run_that_failed(tmp_path, monkeypatch):
+    synced = []
+    monkeypatch.setattr(os, "fsync", lambda file: synced.append(os.fstat(file).st_size))
+    journal = written(tmp_path / "run.parquet", 260).abandon()
+    assert synced == [journal.stat().st_size]
 
 
 def test_no_flipped_bit_gives_a_wrong_value_or_goes_unsaid(tmp_path):

@@ -150,6 +150,15 @@ def test_files_with_different_clocks_are_joined_by_a_stated_offset(tmp_path):
     assert_refused(lambda: imported({3: 1.0}), LogError, "time.offsets", "3")
 
 
+@pytest.mark.parametrize("date", ["20260102", "2026-01-02"])
+def test_a_stamp_of_columns_of_different_size_is_refused(tmp_path, date):
+    first = write_csv(tmp_path / "a.csv", t=TIME, n=TIME)
+    second = write_csv(tmp_path / "b.csv", s=[date] * 100, v=TIME[:100])
+    mapping = car_mapping({"from": "t"}, stamps={"gps": ["2:s", "n"]})
+    named = ["b.csv", "stamps.gps", "'2:s'", "100", "'n'", "200"]
+    assert_refused(lambda: import_log([first, second], mapping), LogError, *named)
+
+
 def write_bag(path, ros, suffix):
     """Attitude at 100 Hz and a type that no distribution of ROS has; returns what is read."""
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)

@@ -88,6 +88,7 @@ def test_metadata_become_si():
 
 
 ANGLE = {"from": "a"}
+CONSTANT = {"constant": 5, "unit": "deg", "scale": 1, "zero": 0, "time": "t", "time_unit": "s"}
 
 
 @pytest.mark.parametrize(
@@ -101,6 +102,10 @@ ANGLE = {"from": "a"}
         ({"columns": {"angle_deg": ANGLE}}, ["columns.angle_deg", "'angle_rad'"]),
         ({"columns": {"angle_rad": {"form": "a"}}}, ["columns.angle_rad.form", "'from'"]),
         ({"columns": {"angle_rad": {**ANGLE, "constant": 1}}}, ["`from`", "`constant`"]),
+        (
+            {"columns": {"angle_rad": CONSTANT}},
+            ["columns.angle_rad", "constant", "scale, time, time_unit, unit, zero"],
+        ),
         ({"columns": {"angle_rad": {**ANGLE, "unit": "mA"}}}, ["columns.angle_rad", "'mA'"]),
         ({"columns": {"angle_rad": {**ANGLE, "scale": 0}}}, ["columns.angle_rad.scale", "0"]),
         (
