@@ -24,7 +24,7 @@ _TABLE = pd.read_csv(model_path("rig/constants.csv"), index_col="constant", keep
 """Table of the constants: bound to either side when free, keys of the scenario that a constant
 shifts and shifts the other way (none for an error of an instrument), and kinds of logs whose fits
 can free it."""
-_KEYS = _TABLE.key[_TABLE.key != ""].to_dict()
+_KEYS = _TABLE.key.to_dict()
 _OPPOSITE_KEYS = _TABLE.opposite_key[_TABLE.opposite_key != ""].to_dict()
 BIASES = ("fx_bias", "fy_bias", "fz_bias", "tx_bias", "ty_bias", "tz_bias")
 """Names of the biases that are left in the readings of the force sensor, N and N m."""
@@ -130,8 +130,8 @@ def shifted(scenario: RigScenario, values: Values) -> RigScenario:
         changed[entry] = changed.get(entry, getattr(getattr(scenario, section), entry)) + shift
 
     for name, shift in values.items():
-        if name in _KEYS:
-            shift_key(_KEYS[name], shift)
+        for key in _KEYS.get(name, "").split():
+            shift_key(key, shift)
         if name in _OPPOSITE_KEYS:
             shift_key(_OPPOSITE_KEYS[name], -shift)
     return with_values(scenario, changes)

@@ -199,7 +199,7 @@ class RigUncertaintyParameters(QuantityModel):
     )
     bar_mass: float = quantity("kg", "standard deviation of bar.mass", "[0, 1]")
     bar_com: float = quantity("m", "standard deviation of bar.com_distance", "[0, 0.1]")
-    bar_inertia: float = quantity("kg m2", "standard deviation of bar.inertia_xx", "[0, 0.1]")
+    bar_inertia: float = quantity("kg m2", "standard deviation of bar.inertia_xx, yy", "[0, 0.1]")
     bar_width: float = quantity("m", "standard deviation of bar.width", "[0, 0.1]")
     bar_drag: float = quantity("1", "standard deviation of bar.drag_coefficient", "[0, 2]")
     tail_mass: float = quantity("kg", "standard deviation of the tail's mass", "[0, 1]")
