@@ -10,6 +10,8 @@ import multiprocessing
 import os
 import re
 import signal
+import subprocess
+import sys
 import threading
 import time
 import weakref
@@ -180,6 +182,20 @@ def test_a_worker_that_is_stopped_or_killed_while_it_starts_is_not_waited_for(
         assert "1 of 2 workers" in said[-1]
     stopped = [event["process"] for event in recorded(tmp_path) if event["event"] == "stopped"]
     assert stopped == hit * (number == signal.SIGSTOP)
+
+
+@pytest.mark.slow
+def test_a_process_that_an_earlier_cluster_left_is_not_waited_for(opened, monkeypatch):
+    monkeypatch.setattr(dask_engine, "START_TIMEOUT", 60.0)
+    idle = "import time; time.sleep(300)  # from multiprocessing.spawn import spawn_main"
+    with subprocess.Popen([sys.executable, "-c", idle]) as left:
+        try:
+            engine, said = opened(2)
+            assert engine.startup < dask_engine.START_TIMEOUT
+            assert engine.map(int, range(4)) == [0, 1, 2, 3]
+            assert not said
+        finally:
+            left.kill()
 
 
 @pytest.mark.slow
