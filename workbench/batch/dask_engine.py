@@ -103,7 +103,7 @@ class DaskEngine(Engine):
 
     def _have_started(self, workers: int) -> bool:
         """Return whether no more workers are to be waited for: a nanny gives up a process that dies
-        while it starts. Processes of an earlier cluster that did not end may be alive, too.
+        while it starts. Workers of another engine of this process may be alive, too.
         """
         if not self._is_local or len(self._workers) >= workers:
             return len(self._workers) >= workers
