@@ -2,6 +2,7 @@
 motors are switched off on every exit, also on that by a signal.
 """
 
+import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,7 +14,7 @@ from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import PERIOD, CarCommand, wiring_name
 from aerodima.hardware.car.wirings import wire_car
 from aerodima.hardware.devices.motor_settings import load_motor_safety
-from aerodima.hardware.driving.interrupts import interrupted_by_signals
+from aerodima.hardware.driving.interrupts import handling_an_end
 from aerodima.hardware.driving.plain_loop import wait_until
 from aerodima.hardware.driving.watchdog_record import require_watchdog_test
 from aerodima.workbench.core.deprecation import renamed
@@ -72,10 +73,10 @@ def holding(car: WiredCar) -> Iterator[WiredCar]:
     Raises:
         HardwareError: no watchdog test of its wiring, a port that cannot be opened, motors that do
             not answer.
-        KeyboardInterrupt: SIGINT, SIGTERM or SIGHUP within the block.
+        KeyboardInterrupt: SIGINT, SIGTERM or SIGHUP within the block, on the main thread.
     """
     car.authorise()
-    with interrupted_by_signals():
+    with handling_an_end(signal.default_int_handler):
         prefer_realtime(DRIVE_PRIORITY)
         try:
             car.start()
@@ -89,8 +90,9 @@ def holding(car: WiredCar) -> Iterator[WiredCar]:
                 )
             yield car
         finally:
-            car.stop("motors disabled")
-            restore_ordinary()
+            with handling_an_end(lambda *_: None):  # a second signal must not cut the stop short
+                car.stop("motors disabled")
+                restore_ordinary()
 
 
 held = renamed("held", holding)

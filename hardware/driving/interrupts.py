@@ -77,9 +77,12 @@ def handling(handlers: Mapping[signal.Signals, Handler]) -> Iterator[None]:
 
 
 @contextmanager
-def interrupted_by_signals() -> Iterator[None]:
-    """Raises `KeyboardInterrupt` within the block for every signal that ends a program."""
-    with handling(dict.fromkeys(_SIGNALS, signal.default_int_handler)):
+def handling_an_end(handler: Handler) -> Iterator[None]:
+    """Handles every signal that ends a program within the block; on another thread than the main
+    one, which alone receives signals, nothing is changed.
+    """
+    is_main = threading.current_thread() is threading.main_thread()
+    with handling(dict.fromkeys(_SIGNALS if is_main else (), handler)):
         yield
 
 

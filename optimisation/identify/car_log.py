@@ -247,7 +247,7 @@ def _completed(log: RunLog, scenario: Scenario) -> tuple[RunLog, Scenario, list[
         scenario = scenario.varied(drive={"governor": True})
         line = throttle_line(scenario)
         speed = checked_signals(log, ["speed_m_per_s"])["speed_m_per_s"]
-        table["throttle_command"] = (speed - line.offset) / line.gain
+        table["throttle_command"] = list(map(line.throttle, speed))
     notes = [f"without {name} {WITHOUT[name]}" for name in absent]
     return replace(log, table=table), scenario, notes
 

@@ -181,10 +181,15 @@ def _facts(results: Sequence[FitResult]) -> pd.DataFrame:
     """Tabulate a row per fit: facts of the data, size of the residuals, and how the search
     ended.
     """
-    rows = []
-    for r in results:
-        rms = {f"rms of {channel}": value for channel, value in r.residual_rms.items()}
-        rows.append({"fit": short_name(r.name), **r.facts, **rms, "end": r.status})
+    rows = [
+        {
+            "fit": short_name(r.name),
+            **r.facts,
+            **{f"rms of {channel}": value for channel, value in r.residual_rms.items()},
+            "end": r.status,
+        }
+        for r in results
+    ]
     return pd.DataFrame(rows).fillna("")
 
 

@@ -147,12 +147,11 @@ def stated_number(log: RunLog, key: str, least: float, most: float, unit: str) -
 
 def differences(scenario: RigScenario) -> Json:
     """Lists a rig's values that differ from `models/`, by `section.key`, but for the experiment."""
-    changes = {}
     known = rig_scenario_from_dict({}).resolved()
-    for section, values in scenario.resolved().items():
-        if section == "experiment" or not isinstance(values, dict):
-            continue
-        for key, value in values.items():
-            if value != known[section][key]:
-                changes[f"{section}.{key}"] = value
-    return changes
+    return {
+        f"{section}.{key}": value
+        for section, values in scenario.resolved().items()
+        if section != "experiment" and isinstance(values, dict)
+        for key, value in values.items()
+        if value != known[section][key]
+    }

@@ -223,9 +223,10 @@ def with_constants(balance: StaticBalance, tail: int, values: dict[str, float]) 
 def predicted_currents(rigs: dict[int, StaticBalance], rows: pd.DataFrame) -> FloatArray:
     """Predict the current of each row (n), A, from its published coefficients."""
     tests = rows[["tail", "angle_of_attack_deg", "wind_speed_m_per_s", "cd", "cl", "psi3_rad"]]
-    currents = []
-    for tail, degrees, *wind_and_coefficients in tests.itertuples(index=False):
-        currents.append(rigs[tail].holding_current(math.radians(degrees), *wind_and_coefficients))
+    currents = [
+        rigs[tail].holding_current(math.radians(degrees), *wind_and_coefficients)
+        for tail, degrees, *wind_and_coefficients in tests.itertuples(index=False)
+    ]
     return np.array(currents)
 
 

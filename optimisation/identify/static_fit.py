@@ -79,10 +79,10 @@ def static_parameters(data: StaticData, options: FitOptions = FREE) -> Parameter
 def _seed_table() -> dict[Any, dict[str, float]]:
     """Read the initial values, by tail, angle (degrees) and wind speed, and then by name."""
     keys = ["tail", "angle_of_attack_deg", "wind_speed_m_per_s"]
-    table = {}
-    for node, group in published_table("static_seeds").groupby(keys, sort=False):
-        table[node] = dict(zip(group.variable, group.x0.tolist(), strict=True))
-    return table
+    return {
+        node: dict(zip(group.variable, group.x0.tolist(), strict=True))
+        for node, group in published_table("static_seeds").groupby(keys, sort=False)
+    }
 
 
 class StaticResidual:
@@ -105,7 +105,7 @@ class StaticResidual:
         self._constant = self._scaled(*self._weight(data.angle))
         self._constant -= np.append(data.wrench[self._rows] / self._weights, data.speed / speed)
         self._motor = np.zeros(len(self._scale))
-        self._motor[-1] = -creep * self._balance.torque_constant
+        self._motor[-1] = -creep * data.scenario.maxon.torque_constant
         self._effect = lru_cache(maxsize=1)(self._wind_effect)
 
     def _scaled(self, wrench: FloatArray, torque: float) -> FloatArray:

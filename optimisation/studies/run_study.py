@@ -2,9 +2,9 @@
 one table is written at the end.
 
 A study that was cut off at any time goes on with the runs that its rows lack, and makes those of
-edited files again. The table has nothing in it that differs from time to time, so that it is the
-same however often the study was stopped and wherever it ran; the time that the runs took is in a
-file beside it. Only one client at a time may use a folder.
+edited files again; with logs it is refused then. The table has nothing in it that differs from time
+to time, so that it is the same however often the study was stopped and wherever it ran; the time
+that the runs took is in a file beside it. Only one client at a time may use a folder.
 """
 
 import hashlib

@@ -4,6 +4,7 @@ not wait.
 
 import math
 import signal
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import numpy as np
@@ -163,8 +164,23 @@ def test_a_signal_in_the_block_lets_the_tail_go(bench, number):
             assert bench.roll.entered
             signal.raise_signal(number)
 
+    def stop(reason):
+        signal.raise_signal(number)  # somebody is impatient
+        switch_off(reason)
+
     before = signal.getsignal(number)
+    switch_off, bench.car.stop = bench.car.stop, stop
     with pytest.raises(KeyboardInterrupt):
         drop()
     bench.assert_off()
     assert signal.getsignal(number) == before
+
+
+def test_a_car_may_be_held_on_any_thread(bench):
+    def hold():
+        with held_car.holding(bench.car):
+            assert bench.roll.entered
+
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(hold).result()
+    bench.assert_off()

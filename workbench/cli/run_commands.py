@@ -136,7 +136,7 @@ def run(options: RunOptions) -> None:
     if swing is None and options.other_car:
         raise UserError("--other-car: needs a swing that is played, see --swing")
     if swing is None and options.swing is not None:
-        raise UserError(f"--swing {options.swing}: needs --tail swing")
+        raise UserError(f"--swing {options.swing}: needs --tail swing and controller.law=swing")
     law = None
     if options.law is not None:
         from aerodima.workbench.control.user_law import load_law

@@ -75,10 +75,10 @@ class ThrottleLine:
                 "full throttle"
             )
         slowest = self.gain * self.breakaway + self.offset
-        if 0.0 < speed < slowest - 1e-12:
+        if 0.0 < speed < slowest - 1e-12 or (speed > 0.0 and self.throttle(speed) == 0.0):
             raise UserError(
-                f"manoeuvre.speed: {speed:g} m/s; allowed: 0, or from {slowest:g} m/s on, the "
-                f"steady speed at the least throttle that moves the car, {self.breakaway:g}"
+                f"manoeuvre.speed: {speed:g} m/s; allowed: 0, or above {slowest:g} m/s, the steady "
+                f"speed of the line at a throttle of {self.breakaway:g}"
             )
 
 

@@ -317,11 +317,6 @@ class StaticBalance:
         bar, drag = pendulum.strips
         return cls(scenario, replace(pendulum, strips=(bar, drag, replace(drag, law=_UNIT_LIFT))))
 
-    @property
-    def torque_constant(self) -> float:
-        """Torque constant of the motor at the bar, N m/A."""
-        return self.scenario.maxon.torque_constant
-
     def hanging(self, angle: float) -> tuple[FloatArray, float]:
         """Returns reactions (6: N, N m) and the torque about the motor axis (positive downstream,
         N m) of the weight alone.
@@ -371,4 +366,4 @@ class StaticBalance:
     ) -> float:
         """Returns the current that holds the tail still, A."""
         wind = float(np.array([1.0, cd, cl]) @ self.wind_effect(angle, wind_speed, psi)[:, 6])
-        return (self.pendulum.weight_torque(angle) + wind) / self.torque_constant
+        return (self.pendulum.weight_torque(angle) + wind) / self.scenario.maxon.torque_constant

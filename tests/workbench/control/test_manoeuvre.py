@@ -1,4 +1,5 @@
 import math
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -155,7 +156,9 @@ def test_throttle_of_a_speed_is_that_of_the_car_forwards_and_in_reverse():
         for speed in speeds:
             assert steady_speed(line.throttle(speed), drive) == pytest.approx(speed)
     assert line.throttle(0.5) == 0.0
-    assert_refused(lambda: line.check_speed(0.5), UserError, "manoeuvre.speed", "0.5", "from 1 m/s")
+    for slow in (0.5, 1.0):
+        work = partial(line.check_speed, slow)
+        assert_refused(work, UserError, f"manoeuvre.speed: {slow:g} m/s", "above 1 m/s")
 
 
 def test_frozen_throttle_reaches_the_speed_and_is_constant_through_the_turn():
