@@ -3,7 +3,7 @@ motor's torque.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -149,8 +149,8 @@ class SwingData:
     start_rate: float
     current: LoggedCurrent | None
     constants: tuple[Parameter, ...]
-    facts: Facts = field(default_factory=dict)
-    warnings: Texts = ()
+    facts: Facts
+    warnings: Texts
 
     @property
     def step(self) -> float:

@@ -58,14 +58,29 @@ reason."""
 
 
 class DaskEngine(Engine):
-    """Engine on the workers of a Dask client; made by `open_engine`."""
+    """Engine on the workers of a Dask client; made by `open_engine`.
+
+    Args:
+        client: client of the scheduler.
+        record: record of what happens to workers.
+        is_local: whether the workers are processes of this one.
+        module: name of a module that a worker imports before its first piece.
+        others: processes of the workers of other engines of this process, which are left alone.
+    """
 
     def __init__(
-        self, client: Client, record: WorkerRecord, *, is_local: bool, module: str | None
+        self,
+        client: Client,
+        record: WorkerRecord,
+        *,
+        is_local: bool,
+        module: str | None,
+        others: set[int],
     ) -> None:
         self._client = client
         self._record = record
         self._is_local = is_local
+        self._others = others
         self._module = module
         self._workers: dict[str, Worker] = {}
         self._retired: dict[str, float] = {}
@@ -103,11 +118,11 @@ class DaskEngine(Engine):
 
     def _have_started(self, workers: int) -> bool:
         """Return whether no more workers are to be waited for: a nanny gives up a process that dies
-        while it starts. Workers of another engine of this process may be alive, too.
+        while it starts.
         """
-        if not self._is_local or len(self._workers) >= workers:
+        if not self._is_local:
             return len(self._workers) >= workers
-        alive = {process.pid for process in local_workers()}
+        alive = {process.pid for process in local_workers()} - self._others
         self._started |= alive
         return len(self._started) >= workers and len(self._workers) >= len(alive)
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from aerodima.workbench.batch.dask_cluster import (
     check_workers,
     local_cluster,
+    local_workers,
     quiet_logs,
     remote_cluster,
 )
@@ -48,9 +49,12 @@ def open_engine(
     else:
         cluster = remote_cluster(scheduler)
     start = time.monotonic()
+    others = {process.pid for process in local_workers()}
     events = WorkerRecord(progress, None if record is None else Path(record))
     with quiet_logs(), cluster as client:
-        engine = DaskEngine(client, events, is_local=scheduler is None, module=module)
+        engine = DaskEngine(
+            client, events, is_local=scheduler is None, module=module, others=others
+        )
         engine.wait_until_ready(workers if scheduler is None else 1)
         engine.startup = time.monotonic() - start
         try:

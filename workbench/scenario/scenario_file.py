@@ -155,7 +155,7 @@ class ScenarioFile(StrictModel):
         values = getattr(self, section)
         number = getattr(values, name)
         unit = unit_of(type(values), name)
-        value = repr(number) if isinstance(number, str) else f"{number:.9g}"
+        value = repr(number) if isinstance(number, str | bool) else f"{number:.9g}"
         if unit != NO_UNIT:
             value += f" {unit}"
         raise ValueError(f"{key}: {value} must be {rule}{angle_hint(unit)}")
