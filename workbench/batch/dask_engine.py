@@ -65,7 +65,7 @@ class DaskEngine(Engine):
         record: record of what happens to workers.
         is_local: whether the workers are processes of this one.
         module: name of a module that a worker imports before its first piece.
-        others: processes of the workers of other engines of this process, which are left alone.
+        others: processes of the workers of other engines, which are not waited for.
     """
 
     def __init__(
