@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -105,15 +105,15 @@ class Regression:
     columns: tuple[int, ...]
     model: Callable[[FloatArray], FloatArray]
     deviation: FloatArray
-    residuals: FloatArray = field(default_factory=lambda: np.zeros((0, 1)))
+    residuals: FloatArray
 
     @classmethod
-    def process(cls, data: TrainingSet, theta: Sequence[float] | None = None) -> Regression:
+    def process(cls, data: TrainingSet, theta: Sequence[float]) -> Regression:
         """Fits a Gaussian process.
 
         Args:
             data: training rows of many cars.
-            theta: hyperparameters from `tune`; tuned here when left out.
+            theta: hyperparameters from `tune`.
         """
         from sklearn.gaussian_process import GaussianProcessRegressor
 
@@ -122,8 +122,6 @@ class Regression:
         standard, middle, spread = data.standard()
         chosen = inputs[rows]
         target = standard[rows]
-        if theta is None:
-            theta = tune(data.tuning_rows())
         tuned = _kernel(chosen.shape[1]).clone_with_theta(np.array(theta))
         fitted = GaussianProcessRegressor(tuned, optimizer=None).fit(chosen, target)
         size = tuned.k1.k1.constant_value

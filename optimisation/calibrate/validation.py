@@ -230,8 +230,8 @@ def information(measurement: Measurement, cars: FloatArray, seed: int) -> float:
     seen = rng.choice(truth, DRAWS) + measurement.deviation * rng.standard_normal(DRAWS)
     densities = norm.logpdf(seen[:, None], truth, measurement.deviation)
     logs = logsumexp(densities, axis=1) - np.log(len(truth))
-    own = -0.5 - np.log(measurement.deviation * np.sqrt(2.0 * np.pi))
-    return float(own - np.mean(logs))
+    known = norm.entropy(scale=measurement.deviation)
+    return float(-np.mean(logs) - known)
 
 
 def measurements(prior: CarPrior) -> tuple[Measurement, ...]:

@@ -275,6 +275,7 @@ def train(
         Literal["feedback", "rollover-control", "feedback-rollover-control"],
         typer.Option(help="Whose numbers are searched."),
     ] = "feedback",
+    aim: Aims = None,
     cars: Annotated[int, typer.Option(help="So many of the training cars.", min=1)] = 6,
     laws: Annotated[int, typer.Option(help="Of a generation.", min=4)] = 16,
     generations: Annotated[int, typer.Option(help="Of a round.", min=1)] = 60,
@@ -289,7 +290,8 @@ def train(
     """Search the numbers of the feedback law or of a rollover control.
 
     For swerves of reduced training cars; they are written as candidates.yaml. A rollover control is
-    trained for a driver at full lock, without tail or together with the law.
+    trained for a driver at full lock, without tail or together with the law, and by default for
+    aside-0.5 and aside-1.0.
 
     Example: aerodima swing train --cars 2 --laws 4 --generations 1 --rounds 1 --out out/train
     """
@@ -301,6 +303,7 @@ def train(
             search,
             candidate=candidate,
             cars=cars,
+            aims=aim,
             runs=runs,
             force=work.force,
             **options.arguments(),

@@ -5,8 +5,8 @@ The limit is in units of a scale that is taken from the data: 1.4826 times the m
 the residual, which is the standard deviation of normal data however far off a minority lies.
 """
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -51,8 +51,7 @@ def clip(residual: FloatArray, scale: float) -> tuple[FloatArray, float]:
     return np.clip(residual, -limit, limit), float(np.mean(np.abs(residual) <= limit))
 
 
-@dataclass(frozen=True)
-class HuberSolution:
+class HuberSolution(NamedTuple):
     """A solution under Huber's loss.
 
     Attributes:

@@ -16,6 +16,7 @@ import numpy as np
 from aerodima.workbench.core.array_types import FloatArray, IntArray, Texts, Values
 from aerodima.workbench.core.deprecation import warn_renamed
 from aerodima.workbench.core.errors import FitError
+from aerodima.workbench.core.key_errors import require_unique
 
 Residual = Callable[[FloatArray], FloatArray]
 Jacobian = Callable[[FloatArray], FloatArray]
@@ -134,10 +135,7 @@ class Parameters:
     all: tuple[Parameter, ...]
 
     def __post_init__(self) -> None:
-        names = [parameter.name for parameter in self.all]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise FitError(f"parameters named twice: {', '.join(twice)}")
+        require_unique([parameter.name for parameter in self.all], "parameter", FitError)
         if not self.free:
             raise FitError("no parameter is free; there is nothing to fit")
 

@@ -9,6 +9,7 @@ the lowest frequencies; drift, a burst in the middle and an error of the model d
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import correlate
 
 from aerodima.workbench.core.array_types import FloatArray
 
@@ -53,9 +54,7 @@ def correlation_time(residual: FloatArray) -> float:
     power = float(x @ x)
     if n < 4 or power <= 0.0:
         return 1.0
-    size = 1 << (2 * n - 1).bit_length()
-    spectrum = np.fft.rfft(x, size)
-    rho = np.fft.irfft(spectrum * spectrum.conj(), size)[: n // 2] / power
+    rho = correlate(x, x, method="fft")[n - 1 :][: n // 2] / power
     pairs = rho[0 : len(rho) - 1 : 2] + rho[1 : len(rho) : 2]
     falls = pairs <= 0.0
     end = int(np.argmax(falls)) if np.any(falls) else len(pairs)

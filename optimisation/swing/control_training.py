@@ -1,10 +1,10 @@
 """Training of the rollover control for a driver at full lock, without tail or together with the
 feedback law.
 
-Numbers are scored by how far the last point of the outline has moved aside after 0.5 s and after
-1 s, both over their usual size, on training cars as modelled and on cars that differ from their
-model: half the mean over all runs, half the mean of the worst fifth. A run that does not count is
-worth nothing.
+Numbers are scored by aims, such as how far the last point of the outline has moved aside after
+0.5 s and after 1 s, each over its usual size, on training cars as modelled and on cars that differ
+from their model: half the mean over all runs, half the mean of the worst fifth. A run that does not
+count is worth nothing.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from aerodima.optimisation.studies.runs import CachedRunner
-from aerodima.optimisation.swerve.aims import AIMS, FAILED
+from aerodima.optimisation.swerve.aims import FAILED, find_aim
 from aerodima.optimisation.swerve.aims import score as score_swerves
 from aerodima.optimisation.swerve.candidate import NO_TAIL, SWERVE, Candidate
 from aerodima.optimisation.swerve.car_conditions import UNLIKE
@@ -48,14 +48,13 @@ CONTROL_START = {
     "rollover_control.acceleration": 20.0,
 }
 """Control that the search starts from, chosen by hand."""
-SCORED = ("aside-0.5", "aside-1.0")
-"""Aims by which a run is scored."""
 
 
 class ControlBatch(NamedTuple):
     """Numbers to try on a car at its speed in several conditions, small enough for a worker."""
 
     settings: tuple[Settings, ...]
+    aims: tuple[str, ...]
     numbers: tuple[Law, ...]
 
 
@@ -63,6 +62,7 @@ def train_rollover_control(
     has_tail: bool,
     cases: Sequence[Case],
     speeds: Sequence[float],
+    aims: Sequence[str],
     search: LawSearch,
     runs: CachedRunner,
 ) -> Candidate:
@@ -73,6 +73,7 @@ def train_rollover_control(
             cars have no tail.
         cases: training cars with their tail and floor.
         speeds: speeds of the swerves, m/s.
+        aims: names of the aims by which numbers are scored.
         search: budget of the search; each round starts from the best of the one before.
         runs: runner of the swerves.
 
@@ -92,7 +93,7 @@ def train_rollover_control(
     runs.stage = "rollover control"
 
     def score_numbers(numbers: Sequence[Law]) -> FloatArray:
-        batches = [ControlBatch(place, tuple(numbers)) for place in places]
+        batches = [ControlBatch(place, tuple(aims), tuple(numbers)) for place in places]
         worth = np.concatenate(runs.map(score_control_batch, batches))
         return score(worth.T)
 
@@ -118,13 +119,14 @@ def control_places(
 
 def score_control_batch(batch: ControlBatch) -> list[list[float]]:
     """Returns the worth of numbers to a driver at full lock (conditions, numbers)."""
+    aims = [find_aim(name) for name in batch.aims]
     worth = []
     for settings in batch.settings:
         car = ReducedSwerve(load_scenario(SWERVE, settings))
         steerings = constant_steering(car.scenario.servo.limit, len(batch.numbers))
         swerves = car.drive(steerings, repeated(batch.numbers, 1))
-        values = [score_swerves(swerves, AIMS[aim]) / AIMS[aim].size for aim in SCORED]
-        counts = score_swerves(swerves, AIMS[SCORED[0]]) > FAILED
+        values = [score_swerves(swerves, aim) / aim.size for aim in aims]
+        counts = score_swerves(swerves, aims[0]) > FAILED
         row: list[float] = np.where(counts, np.mean(values, axis=0), 0.0).tolist()
         worth.append(row)
     return worth

@@ -1,11 +1,11 @@
 """Training of the numbers of the feedback law on reduced training cars in swerves.
 
-A law is scored by how far the last point of the outline has moved aside after 0.5 s, with the best
-of some steerings, over that of the same car without tail and with its own best steering: half the
-mean over cars, floors and speeds, half the mean of the worst fifth. NHTSA's fishhook and J-turn
-also count, as one place per car and speed of the standard, where a law is worth `PASSED` if it
-keeps the car upright in both. Each place has a condition: how late the IMU is, what the car
-carries, how strong its motors are.
+A law is scored by aims, such as how far the last point of the outline has moved aside after 0.5 s,
+with the best of some steerings, over that of the same car without tail and with its own best
+steering: half the mean over cars, floors, speeds and aims, half the mean of the worst fifth.
+NHTSA's fishhook and J-turn also count, as one place per car and speed of the standard, where a law
+is worth `PASSED` if it keeps the car upright in both. Each place has a condition: how late the IMU
+is, what the car carries, how strong its motors are.
 
 Law and steerings are searched in turn, since a law that kicks the car needs another steering than a
 car without tail.
@@ -14,12 +14,13 @@ car without tail.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
 from aerodima.optimisation.studies.runs import CachedRunner
-from aerodima.optimisation.swerve.aims import AIMS, FAILED
+from aerodima.optimisation.swerve.aims import FAILED, find_aim
 from aerodima.optimisation.swerve.aims import score as score_swerves
 from aerodima.optimisation.swerve.candidate import NO_TAIL, SWERVE, Candidate
 from aerodima.optimisation.swerve.reduced_swerves import (
@@ -53,8 +54,6 @@ START = {name: start for name, (_, _, start) in SUITE.trained.items()}
 """Law that the search starts from."""
 ANGLE_SHARES = np.geomspace(0.4, 2.5, 10)
 """Factors on a steering's angles with which a law is tried."""
-AIM = "aside-0.5"
-"""Aim by which a law is scored."""
 WORST_SHARE = 0.2
 """Share of the places, the worst ones, that make up the second half of the score."""
 PASSED = 1.25
@@ -99,6 +98,7 @@ class Place(NamedTuple):
 
     Attributes:
         settings: settings of the car, its floor, speed and law.
+        aim: name of the aim by which laws are scored.
         steerings: steerings with which laws are tried.
         reference: largest aim of the same car without tail, m; None in the manoeuvres of the
             standard, where the steerings are those of a fishhook before the counter-steer and of a
@@ -106,6 +106,7 @@ class Place(NamedTuple):
     """
 
     settings: Settings
+    aim: str
     steerings: tuple[tuple[float, ...], ...]
     reference: float | None
 
@@ -120,6 +121,7 @@ class LawBatch(NamedTuple):
 def train_feedback(
     cases: Sequence[Case],
     speeds: Sequence[float],
+    aims: Sequence[str],
     search: LawSearch,
     runs: CachedRunner,
     effort: SearchEffort | None = None,
@@ -129,6 +131,7 @@ def train_feedback(
     Args:
         cases: training cars with their tail and floor.
         speeds: speeds of the swerves, m/s.
+        aims: names of the aims by which laws are scored.
         search: budget of the search of the law.
         runs: runner of the searches and swerves.
         effort: budget of each search of a steering; by default `SearchEffort()`.
@@ -137,8 +140,8 @@ def train_feedback(
         UserError: no law keeps a car upright.
     """
     effort = effort or SearchEffort()
-    places = find_places(cases, speeds, runs, effort)
-    standard = standard_places(cases)
+    places = find_places(cases, speeds, aims, runs, effort)
+    standard = standard_places(cases, aims[0])
     best: Law = START
     for number in range(search.rounds):
         tried = [*add_steerings(places, best, runs, effort), *standard]
@@ -158,9 +161,13 @@ def law_settings(law: Law) -> Settings:
 
 
 def find_places(
-    cases: Sequence[Case], speeds: Sequence[float], runs: CachedRunner, effort: SearchEffort
+    cases: Sequence[Case],
+    speeds: Sequence[float],
+    aims: Sequence[str],
+    runs: CachedRunner,
+    effort: SearchEffort,
 ) -> list[Place]:
-    """Returns the places of cases and speeds, each in one of the suite's conditions.
+    """Returns the places of cases, speeds and aims, each in one of the suite's conditions.
 
     Laws are tried there with the best steering of the car without tail, its angles times
     `ANGLE_SHARES`. Places where that car has no swerve that counts are left out.
@@ -171,31 +178,32 @@ def find_places(
         for speed in speeds:
             condition = condition_settings(case, len(driven))
             driven.append((*case.settings(), *condition, f"manoeuvre.speed={speed!r}"))
-    items = [SteeringItem(((*one, *NO_TAIL.settings),), AIM, effort) for one in driven]
+    wanted = list(product(aims, driven))
+    items = [SteeringItem(((*one, *NO_TAIL.settings),), aim, effort) for aim, one in wanted]
     places = []
-    for one, bare in zip(driven, runs.map(best_steering, items), strict=True):
+    for (aim, one), bare in zip(wanted, runs.map(best_steering, items), strict=True):
         if bare["score"] > 0.0:
             settings = (*one, *FEEDBACK.settings)
-            places.append(Place(settings, shared(bare["steering"]), bare["score"]))
+            places.append(Place(settings, aim, shared(bare["steering"]), bare["score"]))
     if not places:
         raise SweepError("no training car stays upright without a tail")
     return places
 
 
-def standard_places(cases: Sequence[Case]) -> list[Place]:
+def standard_places(cases: Sequence[Case], aim: str) -> list[Place]:
     """Returns the places of NHTSA's fishhook and J-turn on the cars' own friction, at the speeds of
-    the standard.
+    the standard. The aim, which has a value where a swerve counts, tells who is upright.
     """
     places: list[Place] = []
     own = {case.car.name: replace(case, floor=1.0) for case in cases}
     for case in own.values():
         car = load_scenario(SWERVE, case.settings())
-        angles = [standard_angle(car, MANOEUVRES[name].factor) for name in ("fishhook", "j-turn")]
+        angles = [standard_angle(car, one.factor) for one in MANOEUVRES.values()]
         steerings = tuple((angle, angle, angle, *CONSTANT_ENDS) for angle in angles)
         for speed in SPEEDS:
             condition = condition_settings(case, len(places))
             driven = (*FEEDBACK.settings, f"manoeuvre.speed={speed!r}")
-            places.append(Place((*case.settings(), *condition, *driven), steerings, None))
+            places.append(Place((*case.settings(), *condition, *driven), aim, steerings, None))
     return places
 
 
@@ -222,7 +230,8 @@ def add_steerings(
     """Returns places with the best steering of a law added to those with which laws are tried."""
     runs.stage = "steerings of the law"
     items = [
-        SteeringItem(((*place.settings, *law_settings(law)),), AIM, effort) for place in places
+        SteeringItem(((*place.settings, *law_settings(law)),), place.aim, effort)
+        for place in places
     ]
     results = runs.map(best_steering, items)
     return [
@@ -312,6 +321,7 @@ def score_law_batch(batch: LawBatch) -> list[float]:
         UserError: the place holds something that the reduced car does not know.
     """
     place, laws = batch
+    aim = find_aim(place.aim)
     car = ReducedSwerve(load_scenario(SWERVE, place.settings))
     count = len(place.steerings)
     limit = car.scenario.servo.limit
@@ -319,7 +329,7 @@ def score_law_batch(batch: LawBatch) -> list[float]:
     numbers = repeated(laws, count)
     if place.reference is None:
         steerings[::count] = counter_steer(steerings, car.drive(steerings.T, numbers), car)[::count]
-    values = score_swerves(car.drive(steerings.T, numbers), AIMS[AIM]).reshape(len(laws), count)
+    values = score_swerves(car.drive(steerings.T, numbers), aim).reshape(len(laws), count)
     if place.reference is None:
         worth = PASSED * np.mean(values > FAILED, axis=1)
     else:

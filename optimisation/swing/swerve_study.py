@@ -13,6 +13,7 @@ from aerodima.optimisation.studies.runs import (
     open_run_engine,
 )
 from aerodima.optimisation.swerve.candidate import write_candidate
+from aerodima.optimisation.swerve.reduced_swerves import check_aims
 from aerodima.optimisation.swerve.steering import SearchEffort
 from aerodima.optimisation.swerve.suite import SUITE, ensemble_cases, select_candidates
 from aerodima.optimisation.swing.bound import BoundEffort
@@ -28,8 +29,14 @@ DEFAULT_FOLDER = Path("out/judge")
 """Folder of a comparison unless another is asked for."""
 TRAINED = "candidates.yaml"
 """Name of the file of a trained law."""
-TRAINABLE = ("feedback", "rollover-control", "feedback-rollover-control")
-"""Names of the candidates whose numbers can be searched."""
+TRAINABLE = {
+    "feedback": DEFAULT_AIMS,
+    "rollover-control": ("aside-0.5", "aside-1.0"),
+    "feedback-rollover-control": ("aside-0.5", "aside-1.0"),
+}
+"""Aims of a training unless others are asked for, by the names of the candidates whose numbers can
+be searched.
+"""
 
 
 def judge(
@@ -103,6 +110,7 @@ def train_law(
     tail: str = "built",
     floors: Sequence[float] = (1.0,),
     speeds: Sequence[float] = SUITE.speeds,
+    aims: Sequence[str] | None = None,
     runs: CachedRunner | None = None,
     force: bool = False,
 ) -> pd.DataFrame:
@@ -116,24 +124,28 @@ def train_law(
         ensemble: name or path of the ensemble, which is split by the seed of the search.
         cars: number of its training cars.
         tail, floors, speeds, runs: as in `judge`.
+        aims: names of the aims by which numbers are scored, see `find_aim`; by default those of
+            `TRAINABLE`.
         force: whether an existing file is replaced.
 
     Returns:
         A row per setting of the trained candidate: key and value, as texts.
     """
     if candidate not in TRAINABLE:
-        raise SweepError(f"candidate {candidate!r}: {nearest(candidate, TRAINABLE)}")
+        raise SweepError(f"candidate {candidate!r}: {nearest(candidate, list(TRAINABLE))}")
+    aims = aims or TRAINABLE[candidate]
+    check_aims(aims)
     search = search or LawSearch()
     cases = ensemble_cases(ensemble, "training", cars, tail, floors, search.seed)
     with _runs_in(folder, runs) as runner:
         if candidate == "feedback":
-            trained = train_feedback(cases, speeds, search, runner)
+            trained = train_feedback(cases, speeds, aims, search, runner)
         else:
             has_tail = candidate.startswith("feedback")
-            trained = train_rollover_control(has_tail, cases, speeds, search, runner)
+            trained = train_rollover_control(has_tail, cases, speeds, aims, search, runner)
     chosen = (
         f"aerodima swing train --candidate {candidate}: {search}, {cars} training cars of "
-        f"{ensemble}, {tail} tail, floors {list(floors)}, speeds {list(speeds)}"
+        f"{ensemble}, {tail} tail, floors {list(floors)}, speeds {list(speeds)}, aims {list(aims)}"
     )
     write_candidate(folder / TRAINED, trained, chosen, force=force)
     return pd.DataFrame([one.split("=") for one in trained.settings], columns=["key", "value"])

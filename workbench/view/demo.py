@@ -108,9 +108,9 @@ class DemoRun:
 
 def make_demo(
     out: Path,
-    plan: DemoPlan | None = None,
+    plan: DemoPlan,
     *,
-    workers: int = 2,
+    workers: int,
     force: bool = False,
     progress: ProgressLine = no_progress,
 ) -> Path:
@@ -121,8 +121,7 @@ def make_demo(
 
     Args:
         out: folder of the demo; made when it is not there.
-        plan: turns to run; by default the swerve, and the thesis' turn on both sides of its two
-            flips.
+        plan: turns to run.
         workers: number of worker processes.
         force: whether a finished demo is made again, or files are written among others.
         progress: function that receives lines of progress.
@@ -131,7 +130,6 @@ def make_demo(
         UserError: workers out of range; the folder holds a finished demo, another one's logs or
             foreign files, or cannot be written. Nothing is overwritten without `force`.
     """
-    plan = plan or DemoPlan()
     check_workers(workers)
     runs = demo_runs(out, plan)
     bar = ProgressBar(progress, len(runs))

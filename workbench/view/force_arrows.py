@@ -113,7 +113,7 @@ def point_on_axis(
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
     """Computes the dot products of the rows of two arrays (n, 3), shape (n, 1)."""
-    return np.einsum("ij,ij->i", a, b)[:, None]
+    return np.vecdot(a, b)[:, None]
 
 
 class DrawnArrow:

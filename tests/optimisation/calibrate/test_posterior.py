@@ -21,7 +21,7 @@ from aerodima.optimisation.calibrate.calibration_plan import (
     figures_of,
     load_plan,
 )
-from aerodima.optimisation.calibrate.regression import Regression, TrainingSet
+from aerodima.optimisation.calibrate.regression import Regression, TrainingSet, tune
 from aerodima.optimisation.calibrate.surrogate import METRICS, Surrogate, _unseen
 from aerodima.optimisation.studies.runs import CachedRunner
 
@@ -37,6 +37,13 @@ PRIOR = CarPrior(PLAN)
 RNG = np.random.default_rng(0)
 
 
+NO_RESIDUALS = np.zeros((0, 1))
+
+
+def tuned_process(data):
+    return Regression.process(data, tune(data.tuning_rows()))
+
+
 def constant(value, deviation=1e-6):
     return level([value], deviation)
 
@@ -44,7 +51,7 @@ def constant(value, deviation=1e-6):
 def level(values, deviation=1e-6):
     """Values (k) that are the same for all cars."""
     model = partial(_line, values, np.zeros((1, len(values))))
-    return Regression((0,), model, np.full(len(values), deviation))
+    return Regression((0,), model, np.full(len(values), deviation), NO_RESIDUALS)
 
 
 def cars_on(turn, friction, number=1):
@@ -76,7 +83,7 @@ def emulator(slope=None, level=0.0):
                     line[PRIOR.column(slope[1]), place] = slope[2]
             columns = tuple(range(len(line)))
             model = partial(_line, row, line)
-            figures[turn.name] = Regression(columns, model, np.full(len(row), 1e-6))
+            figures[turn.name] = Regression(columns, model, np.full(len(row), 1e-6), NO_RESIDUALS)
     flips = {turn.name: constant(9.0 if turn.ends == "survived" else -9.0) for turn in PLAN.turns}
     return Surrogate(PRIOR, flips, figures)
 
@@ -114,11 +121,11 @@ def test_curved_figures_are_learnt_and_what_is_missed_is_said():
     x, y, z = scaled[:, :3].T
     bent = 2.0 + x - 0.5 * x * z + 0.3 * np.tanh(2.0 * y)
     values = np.column_stack([bent, 1.0 - bent]) + 0.05 * RNG.standard_normal((len(cars), 1))
-    fitted = Regression.process(TrainingSet([0, 1, 2], scaled, values, np.arange(len(cars))))
+    fitted = tuned_process(TrainingSet([0, 1, 2], scaled, values, np.arange(len(cars))))
     assert np.std(fitted(scaled)[:, 0] - bent) < 0.04
     assert fitted.deviation == pytest.approx([0.05, 0.05], rel=0.35)
     twice = np.tile(np.arange(900), 2)
-    repeated = Regression.process(TrainingSet([0, 1, 2], scaled[twice], values[twice], twice))
+    repeated = tuned_process(TrainingSet([0, 1, 2], scaled[twice], values[twice], twice))
     # A car does not vouch for itself.
     assert repeated.deviation == pytest.approx([0.05, 0.05], rel=0.35)
 
@@ -138,7 +145,7 @@ def test_what_is_missed_of_a_row_is_its_value_less_the_prediction_without_its_ca
     values = scaled[:, :1] + 0.01 * RNG.standard_normal((len(cars), 1))
     values[7] += 1.0
     data = TrainingSet([0], scaled, values, np.arange(len(cars)))
-    for fit in (Regression.process, Regression.line):
+    for fit in (tuned_process, Regression.line):
         assert fit(data).residuals[7, 0] == pytest.approx(1.0, abs=0.15)
 
 
@@ -157,7 +164,8 @@ def test_full_cars_shift_flips_and_figures_go_with_the_margin():
     their margin.
     """
     slopes = -np.ones((1, len(METRICS)))
-    leaning = Regression((len(PRIOR.names),), partial(_line, 3.0, slopes), np.ones(len(METRICS)))
+    line = partial(_line, 3.0, slopes)
+    leaning = Regression((len(PRIOR.names),), line, np.ones(len(METRICS)), NO_RESIDUALS)
     flips = {turn.name: constant(np.log(0.6)) for turn in PLAN.turns}
     figures = {turn.name: leaning for turn in PLAN.turns if turn.table}
     first = replace(emulator(), flips=flips, figures=figures)

@@ -35,6 +35,7 @@ from tests.refusals import assert_refused
 CASES = ensemble_cases("physical", "training", 1, "built", [1.2])
 NONE = CONTROL_START | {"rollover_control.start": 0.25}
 """A control that comes too late for any car."""
+AIMS_OF_BOTH = TRAINABLE["rollover-control"]
 
 
 def test_a_condition_changes_the_car_that_it_is_asked_of():
@@ -50,12 +51,14 @@ def test_a_condition_changes_the_car_that_it_is_asked_of():
 def test_numbers_are_worth_how_far_a_car_at_full_lock_goes_aside_if_it_stays_upright():
     (place,) = control_places(NO_TAIL, CASES, [6.0])
     assert len(place) == len(UNLIKE)
-    batch = ControlBatch(place[:1], (CONTROL_START, NONE))
+    batch = ControlBatch(place[:1], AIMS_OF_BOTH, (CONTROL_START, NONE))
     ((worth, tipped),) = score_control_batch(batch)
+    ((soon, _),) = score_control_batch(batch._replace(aims=AIMS_OF_BOTH[:1]))
     scenario = load_scenario("swerve", (*place[0], *law_settings(CONTROL_START)))
     swerve = ReducedSwerve(scenario).drive(constant_steering(scenario.servo.limit, 1))
-    shares = [float(aim(swerve)[0]) / aim.size for aim in (AIMS["aside-0.5"], AIMS["aside-1.0"])]
+    shares = [float(AIMS[name](swerve)[0]) / AIMS[name].size for name in AIMS_OF_BOTH]
     assert worth == pytest.approx(np.mean(shares))
+    assert soon == pytest.approx(shares[0])
     assert worth > 0.4
     assert tipped == 0.0
 
@@ -77,7 +80,7 @@ def test_reduced_cars_swerve_as_full_ones_with_rollover_control(base):
 @pytest.mark.parametrize("has_tail", [False, True])
 def test_search_finds_a_control_that_a_file_of_candidates_brings_back(has_tail):
     search = LawSearch(laws=4, generations=2, rounds=1)
-    found = train_rollover_control(has_tail, CASES, [6.0], search, CachedRunner())
+    found = train_rollover_control(has_tail, CASES, [6.0], AIMS_OF_BOTH, search, CachedRunner())
     keys = {setting.split("=")[0] for setting in found.settings}
     assert keys >= set(CONTROL_RANGES)
     assert (set(RANGES) <= keys) == has_tail
@@ -99,5 +102,11 @@ def test_a_candidate_without_numbers_to_search_is_refused(tmp_path):
     )
 
 
+def test_a_training_for_an_unknown_aim_is_refused(tmp_path):
+    assert_refused(
+        lambda: train_law(tmp_path, aims=["aside-2"], cars=1), UserError, "aside-2", "aside-1.0"
+    )
+
+
 def test_the_command_takes_what_can_be_trained():
-    assert get_args(get_type_hints(train)["candidate"]) == TRAINABLE
+    assert get_args(get_type_hints(train)["candidate"]) == tuple(TRAINABLE)

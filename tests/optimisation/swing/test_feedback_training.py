@@ -21,6 +21,7 @@ from aerodima.optimisation.swing.feedback_training import (
     LawSearch,
     Place,
     counter_steer,
+    find_places,
     laws_at,
     score,
     score_law_batch,
@@ -48,7 +49,7 @@ def test_laws_are_scored_by_their_best_steering_over_the_car_without_tail():
     """A law that never moves the tail, and one that is tried with steerings that tip the car."""
     still = dict.fromkeys(RANGES, 0.0) | {"feedback.grip": 4.0, "feedback.pitch_angle": -1.0}
     shipped = {name: getattr(load_scenario("swerve").feedback, name[9:]) for name in RANGES}
-    place = Place(SETTINGS, (STEERING, (0.5, 0.5, 0.5, 0.2, 0.4)), 0.5)
+    place = Place(SETTINGS, "aside-0.5", (STEERING, (0.5, 0.5, 0.5, 0.2, 0.4)), 0.5)
     (one,) = score_law_batch(LawBatch(place, (still,)))
     (again, law) = score_law_batch(LawBatch(place, (still, shipped)))
     assert one == again
@@ -57,6 +58,28 @@ def test_laws_are_scored_by_their_best_steering_over_the_car_without_tail():
     assert score_law_batch(LawBatch(tips, (still,))) == [0.0]
     survived = place._replace(reference=None)
     assert score_law_batch(LawBatch(survived, (still,))) == [PASSED / 2.0], "one of two manoeuvres"
+
+
+def test_a_law_is_scored_by_the_aim_of_its_place():
+    car = ReducedSwerve(load_scenario("swerve", SETTINGS))
+    swerve = car.drive(np.array(STEERING)[:, None])
+    law = {name: getattr(car.scenario.feedback, name[9:]) for name in RANGES}
+    for name, column in (("aside-0.5", "aside_soon_m"), ("aside-1.0", "aside_later_m")):
+        place = Place(SETTINGS, name, (STEERING,), 0.25)
+        (worth,) = score_law_batch(LawBatch(place, (law,)))
+        assert worth == pytest.approx(swerve_row(swerve)[column] / 0.25)
+
+
+def test_every_car_is_a_place_of_each_aim_in_the_same_condition():
+    """Two cars: a place's reference is what the car without tail reaches of its own aim."""
+    cases = ensemble_cases("physical", "training", 2, "built", [1.0])
+    few = SearchEffort(16, 2, searches=1)
+    places = find_places(cases, [6.0], ["aside-0.5", "aside-1.0"], CachedRunner(), few)
+    assert [place.aim for place in places] == 2 * ["aside-0.5"] + 2 * ["aside-1.0"]
+    assert [place.settings for place in places[:2]] == [place.settings for place in places[2:]]
+    assert places[0].settings != places[1].settings
+    for soon, later in zip(places[:2], places[2:], strict=True):
+        assert 0.15 < soon.reference < 0.5 < later.reference < 2.0
 
 
 def test_a_fishhook_is_counter_steered_when_its_driver_does():
@@ -90,7 +113,7 @@ def test_reduced_cars_swerve_as_full_ones_with_the_feedback_law():
 @pytest.mark.slow
 def test_search_finds_a_law_that_a_file_of_candidates_brings_back(tmp_path):
     search = LawSearch(laws=4, generations=1, rounds=1)
-    found = train_feedback(CASES, [6.0], search, CachedRunner(), SearchEffort(24, 2))
+    found = train_feedback(CASES, [6.0], ["aside-0.5"], search, CachedRunner(), SearchEffort(24, 2))
     assert {setting.split("=")[0] for setting in found.settings} >= set(RANGES)
     path = write_candidate(tmp_path / "laws.yaml", found, "test")
     assert select_candidates([str(path)])[1].settings == found.settings
