@@ -84,6 +84,10 @@ FAULTS = {
         lambda roll: setattr(roll, "reading_offset", 0.7),
         MotorFault.POSITION_JUMP, CYCLE, "0.2 rad",
     ),
+    "jumps back": (
+        lambda roll: setattr(roll, "reading_offset", -0.7),
+        MotorFault.POSITION_JUMP, CYCLE, "0.2 rad",
+    ),
     "double": (double, MotorFault.DOUBLE_ID, 3 * CYCLE, "2"),
 }  # fmt: skip
 
