@@ -56,8 +56,9 @@ Candidates = Annotated[
     list[str] | None,
     typer.Option(
         help="none, low-ballast, folded, held, published, feedback, bound, rollover-control, "
-        "feedback-rollover-control, bound-announced, a swing, or a file of candidates; may be "
-        "repeated; by default the first nine. The car without tail always takes part.",
+        "feedback-rollover-control, bound-announced, feedback-both-aims, a swing, or a file of "
+        "candidates; may be repeated; by default the first nine. The car without tail always takes "
+        "part.",
         autocompletion=_candidate_names,
     ),
 ]
@@ -295,7 +296,10 @@ def train(
 
     Example: aerodima swing train --cars 2 --laws 4 --generations 1 --rounds 1 --out out/train
     """
+    from aerodima.optimisation.swerve.reduced_swerves import check_aims
+
     path = out / "candidates.yaml"
+    check_aims(aim or [])
     search = optimisation.LawSearch(laws, generations, options.seed, around, rounds)
     with _new_file(path, work) as runs:
         optimisation.train_law(

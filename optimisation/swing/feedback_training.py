@@ -201,9 +201,13 @@ def standard_places(cases: Sequence[Case], aim: str) -> list[Place]:
         angles = [standard_angle(car, one.factor) for one in MANOEUVRES.values()]
         steerings = tuple((angle, angle, angle, *CONSTANT_ENDS) for angle in angles)
         for speed in SPEEDS:
-            condition = condition_settings(case, len(places))
-            driven = (*FEEDBACK.settings, f"manoeuvre.speed={speed!r}")
-            places.append(Place((*case.settings(), *condition, *driven), aim, steerings, None))
+            driven = (
+                *case.settings(),
+                *condition_settings(case, len(places)),
+                *FEEDBACK.settings,
+                f"manoeuvre.speed={speed!r}",
+            )
+            places.append(Place(driven, aim, steerings, None))
     return places
 
 
