@@ -48,7 +48,6 @@ FIRST_AIMS = {
 }
 FIRST_CANDIDATES = {
     "feedback": "tail with the feedback law",
-    "feedback, both aims": "the same law, trained for both times",
     "bound": "best motion of the tail that was found",
     "low ballast": "no tail, its mass bolted low",
     "tail folded back, locked": "tail folded back and locked",

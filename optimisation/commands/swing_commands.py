@@ -56,17 +56,16 @@ Candidates = Annotated[
     list[str] | None,
     typer.Option(
         help="none, low-ballast, folded, held, published, feedback, bound, rollover-control, "
-        "feedback-rollover-control, bound-announced, feedback-both-aims, a swing, or a file of "
-        "candidates; may be repeated; by default the first nine. The car without tail always takes "
-        "part.",
+        "feedback-rollover-control, bound-announced, a swing, or a file of candidates; may be "
+        "repeated; by default the first nine. The car without tail always takes part.",
         autocompletion=_candidate_names,
     ),
 ]
 Aims = Annotated[
     list[str] | None,
     typer.Option(
-        help="aside-0.5 (taken by default), aside-1.0, course, sustained, or mine.py:my_aim; "
-        "may be repeated."
+        help="aside-0.5, aside-1.0, course, sustained, or mine.py:my_aim; may be repeated; by "
+        "default aside-0.5, of a training also aside-1.0."
     ),
 ]
 
@@ -291,8 +290,7 @@ def train(
     """Search the numbers of the feedback law or of a rollover control.
 
     For swerves of reduced training cars; they are written as candidates.yaml. A rollover control is
-    trained for a driver at full lock, without tail or together with the law, and by default for
-    aside-0.5 and aside-1.0.
+    trained for a driver at full lock, without tail or together with the law.
 
     Example: aerodima swing train --cars 2 --laws 4 --generations 1 --rounds 1 --out out/train
     """

@@ -29,14 +29,10 @@ DEFAULT_FOLDER = Path("out/judge")
 """Folder of a comparison unless another is asked for."""
 TRAINED = "candidates.yaml"
 """Name of the file of a trained law."""
-TRAINABLE = {
-    "feedback": DEFAULT_AIMS,
-    "rollover-control": ("aside-0.5", "aside-1.0"),
-    "feedback-rollover-control": ("aside-0.5", "aside-1.0"),
-}
-"""Aims of a training unless others are asked for, by the names of the candidates whose numbers can
-be searched.
-"""
+TRAINABLE = ("feedback", "rollover-control", "feedback-rollover-control")
+"""Names of the candidates whose numbers can be searched."""
+TRAINING_AIMS = ("aside-0.5", "aside-1.0")
+"""Aims of a training unless others are asked for."""
 
 
 def judge(
@@ -124,16 +120,16 @@ def train_law(
         ensemble: name or path of the ensemble, which is split by the seed of the search.
         cars: number of its training cars.
         tail, floors, speeds, runs: as in `judge`.
-        aims: names of the aims by which numbers are scored, see `find_aim`; by default those of
-            `TRAINABLE`.
+        aims: names of the aims by which numbers are scored, see `find_aim`; by default
+            `TRAINING_AIMS`.
         force: whether an existing file is replaced.
 
     Returns:
         A row per setting of the trained candidate: key and value, as texts.
     """
     if candidate not in TRAINABLE:
-        raise SweepError(f"candidate {candidate!r}: {nearest(candidate, list(TRAINABLE))}")
-    aims = aims or TRAINABLE[candidate]
+        raise SweepError(f"candidate {candidate!r}: {nearest(candidate, TRAINABLE)}")
+    aims = aims or TRAINING_AIMS
     check_aims(aims)
     search = search or LawSearch()
     cases = ensemble_cases(ensemble, "training", cars, tail, floors, search.seed)

@@ -88,7 +88,9 @@ class FeedbackParameters(QuantityModel):
     )
     kick_time: float = quantity("s", "time for which the tail goes to kick_roll", "[0, 5]")
     counter_roll: float = quantity(
-        "rad", "roll of the tail to the outside after kick_time", "[-3.1416, 3.1416]"
+        "rad",
+        "roll of the tail to the outside after kick_time; below 0 to the inside",
+        "[-3.1416, 3.1416]",
     )
     counter_time: float = quantity("s", "time for which the tail goes to counter_roll", "[0, 5]")
     min_demand: float = quantity("1", "demand of the steering that releases a swing", "(0, 1)")

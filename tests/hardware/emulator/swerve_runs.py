@@ -10,6 +10,7 @@ disturbed is repeated.
 
 import argparse
 import csv
+import json
 import math
 import tempfile
 import time
@@ -152,12 +153,21 @@ def car_settings(car: str, share: float | None) -> list[str]:
         stop = load_scenario("swerve", settings).servo.limit
         settings += NAMED_CANDIDATES["feedback-rollover-control"].settings
         return [*settings, *steering_settings(constant_steering(stop, 1)[:, 0])]
+    return [*settings, *FEEDBACK.settings, *best_steering(car, share)]
+
+
+def best_steering(car: str, share: float) -> list[str]:
+    """Settings of a share of the angles of the best steering of a full car with the law, on its own
+    friction at 6 m/s, for half a second.
+    """
     table = pd.read_csv(ROOT / "models" / "swerve" / "swerves.csv")
     is_own = (table["car"] == car) & (table["plant"] == "full") & (table["floor"] == "x 1")
-    row = table[is_own & (table["candidate"] == "feedback")].iloc[0]
-    levels = [f"manoeuvre.level_{n}={share * row[f'level_{n}']:.6f}" for n in (1, 2, 3)]
-    ends = [f"manoeuvre.level_{n}_end={row[f'level_{n}_end']:.2f}" for n in (1, 2)]
-    return [*settings, *FEEDBACK.settings, *levels, *ends]
+    is_own &= (table["candidate"] == FEEDBACK.name) & (table["aim"] == "aside-0.5")
+    (stored,) = table.loc[is_own, "settings"]
+    best = load_scenario("swerve", json.loads(stored)).manoeuvre
+    levels = [f"manoeuvre.level_{n}={share * getattr(best, f'level_{n}'):.6f}" for n in (1, 2, 3)]
+    ends = [f"manoeuvre.level_{n}_end={getattr(best, f'level_{n}_end'):.2f}" for n in (1, 2)]
+    return [*levels, *ends]
 
 
 class FaultyDriver:

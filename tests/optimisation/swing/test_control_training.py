@@ -26,7 +26,7 @@ from aerodima.optimisation.swing.control_training import (
 )
 from aerodima.optimisation.swing.feedback_training import RANGES, law_settings
 from aerodima.optimisation.swing.full_runs import FullRun, drive_full
-from aerodima.optimisation.swing.swerve_study import TRAINABLE
+from aerodima.optimisation.swing.swerve_study import TRAINABLE, TRAINING_AIMS
 from aerodima.workbench.car.swerve import swerve_row
 from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.scenario import load_scenario
@@ -35,7 +35,6 @@ from tests.refusals import assert_refused
 CASES = ensemble_cases("physical", "training", 1, "built", [1.2])
 NONE = CONTROL_START | {"rollover_control.start": 0.25}
 """A control that comes too late for any car."""
-AIMS_OF_BOTH = TRAINABLE["rollover-control"]
 
 
 def test_a_condition_changes_the_car_that_it_is_asked_of():
@@ -51,12 +50,12 @@ def test_a_condition_changes_the_car_that_it_is_asked_of():
 def test_numbers_are_worth_how_far_a_car_at_full_lock_goes_aside_if_it_stays_upright():
     (place,) = control_places(NO_TAIL, CASES, [6.0])
     assert len(place) == len(UNLIKE)
-    batch = ControlBatch(place[:1], AIMS_OF_BOTH, (CONTROL_START, NONE))
+    batch = ControlBatch(place[:1], TRAINING_AIMS, (CONTROL_START, NONE))
     ((worth, tipped),) = score_control_batch(batch)
-    ((soon, _),) = score_control_batch(batch._replace(aims=AIMS_OF_BOTH[:1]))
+    ((soon, _),) = score_control_batch(batch._replace(aims=TRAINING_AIMS[:1]))
     scenario = load_scenario("swerve", (*place[0], *law_settings(CONTROL_START)))
     swerve = ReducedSwerve(scenario).drive(constant_steering(scenario.servo.limit, 1))
-    shares = [float(AIMS[name](swerve)[0]) / AIMS[name].size for name in AIMS_OF_BOTH]
+    shares = [float(AIMS[name](swerve)[0]) / AIMS[name].size for name in TRAINING_AIMS]
     assert worth == pytest.approx(np.mean(shares))
     assert soon == pytest.approx(shares[0])
     assert worth > 0.4
@@ -80,7 +79,7 @@ def test_reduced_cars_swerve_as_full_ones_with_rollover_control(base):
 @pytest.mark.parametrize("has_tail", [False, True])
 def test_search_finds_a_control_that_a_file_of_candidates_brings_back(has_tail):
     search = LawSearch(laws=4, generations=2, rounds=1)
-    found = train_rollover_control(has_tail, CASES, [6.0], AIMS_OF_BOTH, search, CachedRunner())
+    found = train_rollover_control(has_tail, CASES, [6.0], TRAINING_AIMS, search, CachedRunner())
     keys = {setting.split("=")[0] for setting in found.settings}
     assert keys >= set(CONTROL_RANGES)
     assert (set(RANGES) <= keys) == has_tail
@@ -109,4 +108,4 @@ def test_a_training_for_an_unknown_aim_is_refused(tmp_path):
 
 
 def test_the_command_takes_what_can_be_trained():
-    assert get_args(get_type_hints(train)["candidate"]) == tuple(TRAINABLE)
+    assert get_args(get_type_hints(train)["candidate"]) == TRAINABLE

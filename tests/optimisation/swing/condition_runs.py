@@ -1,0 +1,186 @@
+"""Test cars in the conditions of a real car, each with the feedback law and a share of the angles
+of its best steering: the first column of *What a real car adds* in docs/swerves.md.
+
+`python -m tests.optimisation.swing.condition_runs` prints for each condition how many cars stay
+upright, and how far they go aside after 0.5 s (median).
+"""
+
+import argparse
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import product
+from multiprocessing import Pool
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+from pydrake.multibody.plant import DiscreteContactApproximation
+
+from aerodima.optimisation.swerve.suite import FEEDBACK
+from aerodima.workbench import simulate
+from aerodima.workbench.car import car_plant
+from aerodima.workbench.car.swerve import aside, is_upright, swerve_of
+from aerodima.workbench.control.feedback_law import ROLL
+from aerodima.workbench.control.law_of_scenario import law_of_scenario
+from aerodima.workbench.control.tail_law import NO_COMMAND
+from aerodima.workbench.scenario.ensemble import load_ensemble
+from aerodima.workbench.scenario.scenario import Scenario, load_scenario
+from tests.hardware.emulator.swerve_runs import best_steering
+
+CARS = ("car035", "car016", "car011", "car033")
+LATE = {"imu.delay": 0.024}
+BREAKS = 0.2
+"""Time of a fault, s after the start of the steering."""
+BANK = math.radians(3.0)
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A condition of a real car.
+
+    Attributes:
+        settings: numbers in place of those of the car.
+        factors: factors on numbers of the car.
+        roll_zero: error of the IMU's roll, rad.
+        bank: slope of the road, which falls to the outside of the turn, rad.
+        breaks: what the law's step becomes from the fault on: of what it sees and of its commands.
+        contact: Drake's approximation of the contact.
+    """
+
+    settings: Mapping[str, float] = field(default_factory=dict)
+    factors: Mapping[str, float] = field(default_factory=dict)
+    roll_zero: float = 0.0
+    bank: float = 0.0
+    breaks: str = ""
+    contact: str = "kLagged"
+
+
+CONDITIONS = {
+    "as modelled, IMU 24 ms late": Condition(),
+    "IMU 4 ms late": Condition({"imu.delay": 0.004}),
+    "IMU 44 ms late": Condition({"imu.delay": 0.044}),
+    **{
+        f"zero error of roll of {angle} degrees": Condition(roll_zero=math.radians(angle))
+        for angle in (1, 2, 3, -3)
+    },
+    "bank of 3 degrees to the outside": Condition(bank=BANK, roll_zero=BANK),
+    "bank of 3 degrees to the inside": Condition(bank=-BANK, roll_zero=-BANK),
+    "wind of 5 m/s to the left": Condition({"wind.mean_y": 5.0}),
+    "wind of 5 m/s to the right": Condition({"wind.mean_y": -5.0}),
+    "both motors limp": Condition(breaks="motors"),
+    "roll motor limp, pitch held": Condition(breaks="roll motor"),
+    "IMU invalid": Condition(breaks="IMU invalid"),
+    "IMU frozen": Condition(breaks="IMU frozen"),
+    "friction x 0.8": Condition(factors={"car.tyre_friction": 0.8}),
+    "torque limit of 30 %": Condition(factors={"tail_motor.torque_limit": 0.3}),
+    "torque 30 % low": Condition({"tail_motor.torque_error": -0.3}),
+    "sail 20 % narrower": Condition(factors={"tail.sail_width": 0.8}),
+    "noise of the IMU x 4": Condition(
+        factors=dict.fromkeys(("imu.attitude_noise", "imu.gyro_noise", "imu.gyro_bias"), 4.0)
+    ),
+    "10 % more mass, centre of mass 5 % higher": Condition(
+        factors={"car.mass": 1.1, "car.com_height": 1.05}
+    ),
+    "contact approximation similar": Condition(contact="kSimilar"),
+    "contact approximation SAP": Condition(contact="kSap"),
+}
+
+
+class BentLaw:
+    """The law of a scenario with an error of the roll, and a fault in mid-swerve; for one run."""
+
+    def __init__(self, scenario: Scenario, condition: Condition) -> None:
+        self._law = law_of_scenario(scenario)
+        self._condition = condition
+        self._fault_time = scenario.manoeuvre.turn_start + BREAKS
+        self._imu: tuple[float, ...] = ()
+        self.rate = self._law.rate
+        self.memory_size = self._law.memory_size
+        self.start = self._law.start
+
+    def step(self, memory: Any, seen: Any) -> Any:
+        """Ticks the law with what is left of sensors and motors."""
+        breaks = self._condition.breaks if seen.time >= self._fault_time else ""
+        imu = np.array(seen.imu)
+        imu[ROLL] += self._condition.roll_zero
+        if breaks != "IMU frozen":
+            self._imu = tuple(imu.tolist())
+        valid = seen.imu_valid and breaks != "IMU invalid"
+        bent = replace(seen, imu=self._imu, imu_valid=valid)
+        memory, pitch, roll, state = self._law.step(memory, bent)
+        if breaks == "motors":
+            pitch = NO_COMMAND
+        if breaks in {"motors", "roll motor"}:
+            roll = NO_COMMAND
+        return memory, pitch, roll, state
+
+
+def scenario_of(car: str, condition: Condition, share: float) -> Scenario:
+    """The swerve of a car in a condition, at a step of 1 ms."""
+    member = next(one for one in load_ensemble("physical").members if one.name == car)
+    settings = [*member.settings_on("swerve"), *FEEDBACK.settings, *best_steering(car, share)]
+    plain = load_scenario("swerve", [*settings, "manoeuvre.speed=6", "simulation.step=0.001"])
+    numbers = dict(LATE) | dict(condition.settings)
+    for key, factor in condition.factors.items():
+        part, name = key.split(".")
+        numbers[key] = factor * getattr(getattr(plain, part), name)
+    changes: dict[str, dict[str, float]] = {}
+    for key, value in numbers.items():
+        part, name = key.split(".")
+        changes.setdefault(part, {})[name] = value
+    return plain.varied(**changes)
+
+
+def banked(ground: Callable[..., Any], bank: float) -> Callable[..., Any]:
+    """A ground that falls to the right."""
+
+    def add(plant: Any, friction: float) -> None:
+        down = np.linalg.norm(plant.gravity_field().gravity_vector())
+        across = [0.0, -math.sin(bank), -math.cos(bank)]
+        plant.mutable_gravity_field().set_gravity_vector(down * np.array(across))
+        ground(plant, friction)
+
+    return add
+
+
+class OneContact:
+    """Drake's names of contact approximations, of which the usual one is another."""
+
+    def __init__(self, name: str) -> None:
+        self.kLagged = getattr(DiscreteContactApproximation, name)
+
+
+def drive(item: tuple[str, str, float]) -> tuple[bool, float]:
+    """Whether a car in a condition stays upright, and how far it goes aside, m."""
+    car, name, share = item
+    condition = CONDITIONS[name]
+    scenario = scenario_of(car, condition, share)
+    ground = banked(car_plant._add_ground, condition.bank)
+    contact = OneContact(condition.contact)
+    with (
+        patch.object(car_plant, "_add_ground", ground),
+        patch.object(car_plant, "DiscreteContactApproximation", contact),
+    ):
+        law = BentLaw(scenario, condition)
+        swerve = swerve_of(simulate(scenario, record="outcome", law=law))
+    return bool(is_upright(swerve)[0]), float(aside(swerve)[0])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--share", type=float, default=0.8, help="of the best steering's angles")
+    asked = parser.parse_args()
+    items = [(car, name, asked.share) for name, car in product(CONDITIONS, CARS)]
+    print("| condition | upright | aside |\n|---|---|---|")
+    with Pool(2) as workers:
+        runs = iter(workers.imap(drive, items))
+        for name in CONDITIONS:
+            upright, metres = zip(*(next(runs) for _ in CARS), strict=True)
+            tipped = ", ".join(c for c, stays in zip(CARS, upright, strict=True) if not stays)
+            median = f"{np.median(metres):.3f} m"
+            print(f"| {name} | {sum(upright)} of {len(CARS)} | {median} | {tipped}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
