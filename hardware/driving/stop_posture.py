@@ -1,7 +1,7 @@
 """Causes of a stop, and the posture of the tail between a stop and the exit of its motors.
 
-A tail that goes limp in mid-swerve turns the car over, and so may a tail that stands still. While
-the car moves, most causes therefore leave the pitch motor on until the car is at rest or
+A tail that stays where it is in mid-swerve may turn the car over, and so may one that goes limp.
+While the car moves, most causes therefore leave the pitch motor on until the car is at rest or
 `max_tail_hold` has passed: the drive holds pitch and moves roll to the middle, unless the roll
 motor has failed. A fault of the pitch motor or of the Teensy, a fall, an emergency stop or a signal
 switches the motors off at once. The pilot's commands no longer reach the car: its schedule or its

@@ -7,10 +7,10 @@ asks for a share of the grip of the floor, to the left positive:
 
 with speed v, steering command delta and wheelbase L. A demand of at least `min_demand` releases a
 swing; below half of it the wheels are straight. For `kick_time` the tail goes `kick_roll` to the
-inside of the turn, then for `counter_time` `counter_roll` to the outside. The next swing is
-released as the wheels are turned to the other side, or to either side when this one is over and
-they were straight. Both angles are multiplied by the `level`: the largest demand of the swing,
-later the demand of the moment. Beside the swing the tail leans:
+inside of the turn, then for `counter_time` `counter_roll` to the outside, below 0 to the inside.
+The next swing is released as the wheels are turned to the other side, or to either side when this
+one is over and they were straight. Both angles are multiplied by the `level`: the largest demand of
+the swing, later the demand of the moment. Beside the swing the tail leans:
 
     lean = lean_gain demand
            + level (roll_gain (phi - phi_0) + roll_rate_gain dphi/dt + yaw_rate_gain (r - r_d))

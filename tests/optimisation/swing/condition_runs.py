@@ -44,7 +44,7 @@ class Condition:
         factors: factors on numbers of the car.
         roll_zero: error of the IMU's roll, rad.
         bank: slope of the road, which falls to the outside of the turn, rad.
-        breaks: what the law's step becomes from the fault on: of what it sees and of its commands.
+        breaks: which of the law's inputs or commands fails from the fault on; empty for none.
         contact: Drake's approximation of the contact.
     """
 
@@ -145,7 +145,7 @@ def banked(ground: Callable[..., Any], bank: float) -> Callable[..., Any]:
 
 
 class OneContact:
-    """Drake's names of contact approximations, of which the usual one is another."""
+    """Stands in for Drake's enumeration: its usual name gives another approximation."""
 
     def __init__(self, name: str) -> None:
         self.kLagged = getattr(DiscreteContactApproximation, name)
