@@ -29,10 +29,13 @@ from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 from tests.hardware.emulator.swerve_runs import best_steering
 
 CARS = ("car035", "car016", "car011", "car033")
+"""Test cars of `physical.yaml`."""
 LATE = {"imu.delay": 0.024}
+"""Delay of the IMU unless the condition has another, s."""
 BREAKS = 0.2
 """Time of a fault, s after the start of the steering."""
 BANK = math.radians(3.0)
+"""Slope of a banked road, rad."""
 
 
 @dataclass(frozen=True)
