@@ -31,6 +31,7 @@ from aerodima.workbench.control.swing_player import RollTrajectory
 from aerodima.workbench.core.array_types import FloatArray
 from aerodima.workbench.core.errors import SweepError
 from aerodima.workbench.core.file_reading import Settings
+from aerodima.workbench.core.key_errors import require_unique
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 from aerodima.workbench.scenario.swing_file import SwingFile
 
@@ -118,8 +119,9 @@ def check_aims(names: Sequence[str]) -> None:
     """Tries aims on two cars that swerve gently, their tails folded back.
 
     Raises:
-        UserError: no such aim; an aim without a finite value for each car.
+        UserError: no such aim, or one named twice; an aim without a finite value for each car.
     """
+    require_unique(names, "aim", SweepError)
     car = ReducedSwerve(load_scenario(SWERVE, FOLDED.settings))
     swerve = car.drive(constant_steering(GENTLE, 2))
     for name in names:

@@ -152,9 +152,9 @@ class DaskEngine(Engine):
                 self._poll()
                 self._assign(work, items, waiting or suspects, alone=not waiting)
                 for future in self._finished():
-                    index, result = self._collect(future)
-                    if index is not None:
-                        keep(index, result)
+                    piece = self._collect(future)
+                    if piece is not None:
+                        keep(*piece)
                 waiting.extendleft(self._withdrawn)
                 for index in self._orphans:
                     if index not in orphaned:
@@ -226,12 +226,12 @@ class DaskEngine(Engine):
             wait(list(self._pending), timeout=POLL_PERIOD, return_when="FIRST_COMPLETED")
         return [future for future in self._pending if future.done()]
 
-    def _collect(self, future: Future) -> tuple[int | None, Any]:
-        """Return index and result of a piece that has ended; no index if there is no result."""
+    def _collect(self, future: Future) -> tuple[int, Any] | None:
+        """Return index and result of a piece that has ended; None if there is no result."""
         from distributed import KilledWorker
 
         if future not in self._pending:
-            return None, None
+            return None
         address, index = self._pending[future]
         outcome = None
         try:
@@ -243,7 +243,7 @@ class DaskEngine(Engine):
             self._record.event("taken_back", f"Dask took a run back ({error}): it is made again")
             self._withdraw(future, self._withdrawn)
         if outcome is None:
-            return None, None
+            return None
         result, seconds, pid, memory = outcome
         del self._pending[future]
         future.release()
@@ -251,7 +251,7 @@ class DaskEngine(Engine):
         if worker is not None:
             worker.pid = pid
         if index is None:
-            return None, None
+            return None
         if worker is not None:
             worker.pieces += 1
             worker.memory = memory

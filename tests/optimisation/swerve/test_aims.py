@@ -114,3 +114,9 @@ def test_results_of_an_aim_are_made_again_when_its_file_has_changed(file):
     file.write_text(AIMS.replace("0.1", "0.25"))
     assert runs.map(size_of_file, items) == [before + 1]
     assert runs.ran == 2
+
+
+def test_an_aim_that_is_named_twice_is_refused_and_does_not_count_twice(tmp_path):
+    twice = ("--aim", "course", "--aim", "course", "--out", tmp_path / "out")
+    for command in ("judge", "train"):
+        assert "aim 'course': duplicate" in refused("swing", command, *twice)
