@@ -128,6 +128,18 @@ def test_a_swing_goes_inside_as_the_steering_starts_then_outside_and_back():
     assert mirrored == pytest.approx(-references)
 
 
+def test_a_counter_roll_below_zero_keeps_the_tail_on_the_inside():
+    """The shipped numbers have one: in a left turn the tail stays at the left (negative)."""
+    numbers = load_scenario("entry_turn").feedback.model_dump() | NO_STATE | {"lean_gain": 0.0}
+    shipped = replace(LAW, gains=GAINS.model_copy(update=numbers))
+    assert shipped.gains.counter_roll < 0.0 < shipped.gains.kick_roll
+    for steering in (0.5, -0.5):
+        references, memory = follow([seen(steering=steering)] * 70, shipped)
+        inside = -np.sign(steering) * memory.level
+        assert references[20] == pytest.approx(inside * shipped.gains.kick_roll)
+        assert references[-1] == pytest.approx(inside * -shipped.gains.counter_roll)
+
+
 def test_a_swing_goes_on_when_the_wheels_are_straight_again_and_the_next_needs_them_straight():
     pulse = [seen(steering=0.5)] * 5 + [seen()] * 45
     references, memory = follow(pulse, KICK)
