@@ -56,8 +56,9 @@ Candidates = Annotated[
     list[str] | None,
     typer.Option(
         help="none, low-ballast, folded, held, published, feedback, bound, rollover-control, "
-        "feedback-rollover-control, bound-announced, a swing, or a file of candidates; may be "
-        "repeated; by default the first nine. The car without tail always takes part.",
+        "feedback-rollover-control, careful-control, feedback-careful-control, bound-announced, a "
+        "swing, or a file of candidates; may be repeated; by default the first nine. The car "
+        "without tail always takes part.",
         autocompletion=_candidate_names,
     ),
 ]

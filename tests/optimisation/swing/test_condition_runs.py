@@ -1,0 +1,84 @@
+"""Directions of the conditions of `condition_runs`: which way the road falls, and what law and
+driver see of the roll, and of an IMU that fails.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.multibody.plant import MultibodyPlant
+
+from aerodima.workbench.control.driver_law import DriverView
+from aerodima.workbench.control.feedback_law import ROLL
+from aerodima.workbench.control.tail_law import NO_COMMAND, Observation
+from aerodima.workbench.scenario.scenario import load_scenario
+from aerodima.workbench.scenario.signal_table import IMU
+from tests.optimisation.swing.condition_runs import (
+    BANK,
+    CONDITIONS,
+    BentDriver,
+    BentLaw,
+    banked,
+)
+
+SWERVE = load_scenario("swerve", ["controller.law=feedback", "tail.mode=swing"])
+FAULT_TIME = SWERVE.manoeuvre.turn_start + 0.2
+
+
+class Repeats:
+    """A law and a driver in one that returns what it sees."""
+
+    sources = ()
+    rate = 100.0
+    memory_size = 1
+
+    def start(self):
+        return np.zeros(1)
+
+    def step(self, memory, seen):
+        return memory, seen, seen, 0
+
+
+def test_a_road_that_falls_to_the_outside_of_a_left_turn_pulls_and_seems_to_roll_to_the_right():
+    plant = MultibodyPlant(0.001)
+    banked(lambda plant, friction: None, BANK)(plant, 1.0)
+    pull = plant.gravity_field().gravity_vector()
+    assert math.atan2(pull[1], -pull[2]) == pytest.approx(-math.radians(3.0))
+    outside = CONDITIONS["bank of 3 degrees to the outside"]
+    assert outside.bank == outside.roll_zero == BANK > 0.0
+    assert CONDITIONS["bank of 3 degrees to the inside"].bank == -BANK
+
+
+@pytest.mark.parametrize(
+    ("name", "before", "after"),
+    [
+        ("zero error of roll of 2 degrees", 0.1 + math.radians(2.0), 0.3 + math.radians(2.0)),
+        ("IMU frozen", 0.1, 0.1),
+        ("IMU invalid", 0.1, math.nan),
+    ],
+)
+def test_law_and_driver_see_the_same_wrong_roll(name, before, after):
+    law = BentLaw(SWERVE, CONDITIONS[name])
+    law._law = Repeats()
+    driver = BentDriver(Repeats(), SWERVE, CONDITIONS[name])
+    found = []
+    for time, roll in ((FAULT_TIME - 0.1, 0.1), (FAULT_TIME + 0.1, 0.3)):
+        imu = np.zeros(IMU.size)
+        imu[ROLL] = roll
+        _, seen, _, _ = law.step(law.start(), Observation(time, 0, 0, 0, 0, True, imu=tuple(imu)))
+        _, view, _, _ = driver.step(driver.start(), DriverView(time, roll=roll, roll_rate=0.0))
+        assert seen.imu_valid == math.isfinite(view.roll)
+        found.append(view.roll)
+        if seen.imu_valid:
+            assert seen.imu[ROLL] == pytest.approx(view.roll)
+    assert found == pytest.approx([before, after], nan_ok=True)
+
+
+def test_broken_motors_get_no_command_from_the_fault_on():
+    for name, limp in (("both motors limp", (0, 1)), ("roll motor limp, pitch held", (1,))):
+        law = BentLaw(SWERVE, CONDITIONS[name])
+        for time in (FAULT_TIME - 0.1, FAULT_TIME + 0.1):
+            seen = Observation(time, 0.0, 0.0, 0.0, 0.0, True, imu=(0.0,) * IMU.size)
+            _, *commands, _ = law.step(law.start(), seen)
+            silent = [n for n, one in enumerate(commands) if np.array_equal(one, NO_COMMAND)]
+            assert silent == (list(limp) if time > FAULT_TIME else [])
