@@ -48,7 +48,7 @@ LATE = {"imu.delay": 0.024}
 BREAKS = 0.2
 """Time of a fault, s after the start of the steering."""
 ACTS = 0.1
-"""Time that the drive takes to see a fault of the IMU, the longest of these faults, s
+"""Time that the drive takes to see a fault of the IMU, about the longest of these faults, s
 (hardware/emulator/fault_table.csv)."""
 BANK = math.radians(3.0)
 """Slope of a banked road, rad."""
@@ -121,6 +121,7 @@ class BentLaw:
         self._condition = condition
         self._fault_time = scenario.manoeuvre.turn_start + BREAKS
         self._hold = [0.0, scenario.controller.hold_kp, scenario.controller.hold_kd, 0.0]
+        self._pitch = math.nan
         self._imu: tuple[float, ...] = ()
         self.rate = self._law.rate
         self.memory_size = self._law.memory_size
@@ -136,13 +137,13 @@ class BentLaw:
         valid = seen.imu_valid and breaks != "IMU invalid"
         bent = replace(seen, imu=self._imu, imu_valid=valid)
         memory, pitch, roll, state = self._law.step(memory, bent)
-        if breaks == "motors":
-            pitch = NO_COMMAND
         if seen.time < self._fault_time:
             self._pitch = seen.pitch_angle
         if seen.time >= self._fault_time + self._condition.acts:
             pitch = np.array([self._pitch, *self._hold])
             roll = np.array([0.0, *self._hold])
+        if breaks == "motors":
+            pitch = NO_COMMAND
         if breaks in {"motors", "roll motor"}:
             roll = NO_COMMAND
         return memory, pitch, roll, state
