@@ -37,6 +37,7 @@ from aerodima.workbench.control.driver_law import LimitedDriver, ScheduledDriver
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
 from aerodima.workbench.control.manoeuvre import DriverInput, make_schedule
 from aerodima.workbench.control.tail_law import NO_COMMAND
+from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.metrics.turn_metrics import outcome_from
 from aerodima.workbench.scenario.ensemble import load_ensemble
@@ -163,6 +164,8 @@ def best_steering(car: str, share: float) -> list[str]:
     table = pd.read_csv(ROOT / "models" / "swerve" / "swerves.csv")
     is_own = (table["car"] == car) & (table["plant"] == "full") & (table["floor"] == "x 1")
     is_own &= (table["candidate"] == FEEDBACK.name) & (table["aim"] == "aside-0.5")
+    if not is_own.any():
+        raise UserError(f"{car}: has no best steering in swerves.csv; must be a test car")
     (stored,) = table.loc[is_own, "settings"]
     best = load_scenario("swerve", json.loads(stored)).manoeuvre
     levels = [f"manoeuvre.level_{n}={share * getattr(best, f'level_{n}'):.6f}" for n in (1, 2, 3)]

@@ -29,6 +29,7 @@ from aerodima.workbench.control.feedback_law import ROLL
 from aerodima.workbench.control.law_of_scenario import law_of_scenario
 from aerodima.workbench.control.manoeuvre import DriverInput, make_schedule
 from aerodima.workbench.control.tail_law import NO_COMMAND
+from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.ensemble import load_ensemble
 from aerodima.workbench.scenario.scenario import Scenario, load_scenario
 from tests.hardware.emulator.swerve_runs import best_steering
@@ -271,14 +272,20 @@ def drive(item: tuple[str, Condition, Asked]) -> tuple[bool, float, float]:
 
 
 def main() -> None:
+    names = [one.name for one in load_ensemble("physical").members]
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--candidate", default="feedback", choices=CANDIDATES)
     parser.add_argument("--share", type=float, default=0.8, help="of the best steering's angles")
-    parser.add_argument("--car", action="append", help="of `physical.yaml`")
+    parser.add_argument("--car", action="append", choices=names, help="of `physical.yaml`")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     given = parser.parse_args()
     cars = given.car or CARS
     asked = Asked(given.candidate, given.share, tuple(given.set))
+    try:
+        for car in cars:
+            scenario_of(car, Condition(), asked)
+    except UserError as error:
+        parser.error(str(error))
     items = [(car, condition, asked) for condition, car in product(CONDITIONS.values(), cars)]
     print("| condition | upright | aside |\n|---|---|---|")
     with Pool(2) as workers:

@@ -20,6 +20,7 @@ from aerodima.optimisation.swerve.suite import NAMED_CANDIDATES
 from aerodima.optimisation.swing.control_training import CONTROL_RANGES
 from aerodima.optimisation.swing.feedback_training import score
 from aerodima.workbench.core.array_types import FloatArray
+from aerodima.workbench.core.errors import UserError
 from aerodima.workbench.scenario.scenario import load_scenario
 from tests.optimisation.swing.condition_runs import (
     CANDIDATES,
@@ -33,7 +34,7 @@ CONTROL_NUMBERS = tuple(key.split(".")[1] for key in CONTROL_RANGES)
 """Numbers of the control that may be varied."""
 CARS = ("car013", "car001", "car010", "car036", "car005", "car024")
 """The half of twelve training cars of `physical.yaml` that tip most in these conditions with the
-numbers of `feedback-rollover-control`; five more cars tip as often as the second."""
+numbers of `feedback-rollover-control`; four more cars tip as often as the second."""
 SHARES = (0.4, 0.5, 0.6, 0.7, 0.85, 1.0)
 """Usual shares of the number that is varied."""
 STEP = "simulation.step=0.002"
@@ -78,7 +79,10 @@ def main() -> None:
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     given = parser.parse_args()
     numbers = (*NAMED_CANDIDATES[given.candidate].settings, *given.set)
-    control = load_scenario("swerve", numbers).rollover_control
+    try:
+        control = load_scenario("swerve", numbers).rollover_control
+    except UserError as error:
+        parser.error(str(error))
     value = getattr(control, given.number)
     conditions = [heavier(CONDITIONS[name]) for name in WORST]
     print(f"| {given.number} | upright | aside | score |\n|---|---|---|---|")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from pydrake.multibody.plant import MultibodyPlant
 
+from aerodima.optimisation.swerve.suite import NAMED_CANDIDATES
 from aerodima.workbench.control.driver_law import DriverView
 from aerodima.workbench.control.feedback_law import ROLL
 from aerodima.workbench.control.manoeuvre import DriverInput
@@ -132,3 +133,19 @@ def test_a_run_that_tips_is_worth_nothing_and_a_heavier_car_keeps_the_factors_of
     assert heavier(CONDITIONS[WORST[0]]).factors == HEAVIER
     names = {one.name for one in load_ensemble("physical").split(1).training}
     assert names.issuperset(TRAINED)
+
+
+@pytest.mark.parametrize(
+    ("careful", "trained", "number"),
+    [
+        ("feedback-careful-control", "feedback-rollover-control", "rollover_control.start"),
+        ("careful-control", "rollover-control", "rollover_control.acceleration"),
+    ],
+)
+def test_a_careful_control_differs_from_the_trained_one_in_one_number(careful, trained, number):
+    found, base = (
+        dict(one.split("=") for one in NAMED_CANDIDATES[name].settings)
+        for name in (careful, trained)
+    )
+    assert float(found.pop(number)) < float(base.pop(number))
+    assert found == base
